@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Package ppo_agent_node: pilots, learning, evaluation and their nodes."""
+from setuptools import find_packages
+from setuptools import setup
+
+package_name = 'ppo_agent_node'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(include=[package_name, package_name + '.*']),
+    package_data={package_name: ['py.typed', 'presets/*.yaml', 'policies/*.safetensors']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+    ],
+    install_requires=['setuptools', 'numpy'],
+    zip_safe=False,
+    maintainer='Hoverslam maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-fcf8f54c.example',
+    description='Expert pilot, behavioural cloning, PPO, curriculum and evaluation over ROS 2.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'ppo_agent = ppo_agent_node.nodes.ppo_agent:main',
+            'expert_pilot = ppo_agent_node.nodes.expert_pilot:main',
+            'evaluate = ppo_agent_node.nodes.evaluate:main',
+        ],
+    },
+)

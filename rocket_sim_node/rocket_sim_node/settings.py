@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings: frozen dataclasses whose fields know their unit, range and meaning.
+
+One declaration serves the core, the ROS parameters (with description and range) and the docs.
+"""
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from typing import TypeVar
+from typing import cast
+
+S = TypeVar('S')
+Value = bool | int | float | str | tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SettingInfo:
+    """What there is to know about one setting; its kind is that of `default`.
+
+    `low` and `high` are inclusive and bound numbers (and each number of a list); `choices`, when
+    not empty, are the strings allowed.
+    """
+
+    name: str
+    default: Value
+    unit: str
+    description: str
+    low: float
+    high: float
+    choices: tuple[str, ...]
+
+
+def setting(
+    default: Value,
+    unit: str,
+    description: str,
+    low: float = 0.0,
+    high: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:  # noqa: ANN401 - dataclasses.field is typed as the field's own type
+    """Declare a dataclass field that is a setting with a unit, a range and a description."""
+    return dataclasses.field(default=default, metadata={
+        'unit': unit, 'description': description, 'low': low, 'high': high, 'choices': choices,
+    })
+
+
+def describe(cls: type) -> tuple[SettingInfo, ...]:
+    """Return the settings of a dataclass in order of declaration."""
+    return tuple(
+        SettingInfo(field.name, cast(Value, field.default), **field.metadata)
+        for field in dataclasses.fields(cls)
+    )
+
+
+def check(info: SettingInfo, value: object) -> Value:
+    """Return `value` as what the setting `info` holds.
+
+    :raises TypeError: when it is of another kind.
+    :raises ValueError: when it is not finite, outside the range or not one of the choices.
+    """
+    if isinstance(info.default, tuple):
+        if isinstance(value, str) or not hasattr(value, '__iter__'):
+            raise TypeError(f'{info.name}: got {value!r}, expected a list of whole numbers')
+        return tuple(int(_number(info, item, whole=True)) for item in value)
+    if isinstance(info.default, bool | str):
+        if not isinstance(value, type(info.default)):
+            kind = 'true or false' if isinstance(info.default, bool) else 'a string'
+            raise TypeError(f'{info.name}: got {value!r}, expected {kind}')
+        if info.choices and value not in info.choices:
+            raise ValueError(
+                f'{info.name}: got {value!r}, expected one of {", ".join(info.choices)}')
+        return value
+    number = _number(info, value, whole=isinstance(info.default, int))
+    return int(number) if isinstance(info.default, int) else number
+
+
+def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
+    if isinstance(value, bool | str) or not hasattr(value, '__float__'):
+        raise TypeError(f'{info.name}: got {value!r}, expected a number')
+    number = float(value)
+    if not math.isfinite(number) or not info.low <= number <= info.high:
+        raise ValueError(
+            f'{info.name}: got {value!r}, '
+            f'expected {info.low:g} to {info.high:g} {info.unit}'.rstrip()
+        )
+    if whole and number != math.floor(number):
+        raise TypeError(f'{info.name}: got {value!r}, expected a whole number')
+    return number
+
+
+def build(cls: type[S], values: Mapping[str, object]) -> S:
+    """Make a settings dataclass from names and values, the rest by default.
+
+    :raises ValueError: for an unknown name or a value out of range.
+    :raises TypeError: for a value of another kind.
+    """
+    infos = {info.name: info for info in describe(cls)}
+    unknown = sorted(set(values) - set(infos))
+    if unknown:
+        raise ValueError(
+            f'unknown setting {", ".join(map(repr, unknown))}, expected {", ".join(infos)}')
+    return cls(**{name: check(infos[name], value) for name, value in values.items()})
+
+
+def as_dict(settings: object) -> dict[str, Any]:
+    """Return all settings by name."""
+    return dataclasses.asdict(settings)  # type: ignore[call-overload,no-any-return]

@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds: vectorised simulations of landing rockets. No ROS in here.
+
+>>> world = make('rocket', num_envs=256, seed=1, level=7)
+>>> observation = world.reset()
+"""
+from __future__ import annotations
+
+from rocket_sim_node.worlds.base import EnvironmentRestarted
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import VectorEnv
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.registry import make
+from rocket_sim_node.worlds.registry import names
+from rocket_sim_node.worlds.registry import reset_settings
+from rocket_sim_node.worlds.registry import settings
+
+__all__ = [
+    'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make', 'names',
+    'reset_settings', 'settings',
+]

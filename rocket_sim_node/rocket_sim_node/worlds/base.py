@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What every world is to those who use it, in this process or at the far end of the wire."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import fields
+from typing import Any
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+NO_OUTCOME = 255
+"""The outcome of an episode that still goes on."""
+
+
+@dataclass(frozen=True)
+class WorldSpec:
+    """The shape of a world: enough to build a policy for it and to speak to it.
+
+    Continuous actions are `(N, A)` float32 within `action_low` and `action_high`; discrete ones
+    `(N,)` whole numbers from 0 to `action_count` - 1.
+    """
+
+    name: str
+    num_envs: int
+    dt: float
+    observation_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    continuous: bool
+    action_low: tuple[float, ...]
+    action_high: tuple[float, ...]
+    action_count: int
+    outcomes: tuple[str, ...]
+    settings: dict[str, float]
+
+    @property
+    def observation_size(self) -> int:
+        """D, numbers in an observation."""
+        return len(self.observation_names)
+
+    @property
+    def action_size(self) -> int:
+        """A, numbers in an action (1 when discrete)."""
+        return len(self.action_names) if self.continuous else 1
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Episodes that ended at a step, one entry each; all arrays `(K,)`.
+
+    Speed (m/s), tilt (deg) and distance (m, horizontally from the pad) are those of the last
+    step, which for a touchdown is the first step at or below touchdown height.
+    """
+
+    row: NDArray[np.int64]
+    episode: NDArray[np.int64]
+    episode_return: F64
+    length: NDArray[np.int64]
+    outcome: NDArray[np.uint8]
+    touchdown_speed: F64
+    tilt: F64
+    distance: F64
+    fuel_used: F64
+
+    def __len__(self) -> int:
+        """Return K."""
+        return len(self.row)
+
+    @classmethod
+    def concatenate(cls, parts: list[Episodes]) -> Episodes:
+        """Join the episodes of several steps, in order."""
+        parts = parts or [NO_EPISODES]
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+    def take(self, index: NDArray[Any] | slice) -> Episodes:
+        """Return the chosen entries."""
+        return Episodes(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+_I64 = np.zeros(0, np.int64)
+_F64 = np.zeros(0)
+NO_EPISODES = Episodes(
+    _I64, _I64, _F64, _I64, np.zeros(0, np.uint8), _F64, _F64, _F64, _F64,
+)
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """Physical state of S rockets, world frame with y up; see RocketState.msg for the meaning.
+
+    Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w, the rest `(S,)`.
+    """
+
+    row: NDArray[np.int64]
+    episode: NDArray[np.int64]
+    time: F64
+    position: F64
+    orientation: F64
+    linear_velocity: F64
+    angular_velocity: F64
+    mass: F64
+    fuel: F64
+    throttle: F64
+    thrust: F64
+    torque: F64
+    reward: F64
+    outcome: NDArray[np.uint8]
+
+
+class VectorEnv(Protocol):
+    """N rockets stepped as one batch: a world in this process, or a client of a simulator.
+
+    `step` answers `(observation, reward, terminated, truncated, info)`: `(N, D)` float32, `(N,)`
+    float32, two `(N,)` bool. Rockets that finish begin their next episode in the same step, so
+    that the observation is the new episode's first. `info` has
+
+    - `final_rows` `(K,)`: the rows that finished;
+    - `final_observation` `(K, D)`: the last observation of the episode that ended;
+    - `episodes`: an :class:`Episodes` with one entry for each.
+    """
+
+    @property
+    def spec(self) -> WorldSpec:
+        """The shape of the world."""
+        ...
+
+    def reset(self, seed: int | None = None, **settings: float) -> F32:
+        """Begin new episodes and return the first observation `(N, D)`.
+
+        :param seed: where the random streams start; None begins the next episodes of the seed in
+            force.
+        :param settings: curriculum settings, on top of those the world was made with, until the
+            next reset.
+        :raises ValueError: for an unknown setting or one out of range; nothing changes.
+        """
+        ...
+
+    def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
+        """Advance all rockets by one step.
+
+        :raises ValueError: for actions of the wrong shape or kind, or that are not finite;
+            nothing changes.
+        """
+        ...
+
+    def snapshot(self) -> bytes:
+        """Return the exact state of all rockets, to be given to `restore`."""
+        ...
+
+    def restore(self, state: bytes) -> F32:
+        """Put all rockets back into a snapshot and return their observation `(N, D)`.
+
+        :raises ValueError: when it is damaged or of another world or size; nothing changes.
+        """
+        ...
+
+
+class EnvironmentRestarted(RuntimeError):
+    """The simulator came back with a new session: what was not finished is lost.
+
+    Whoever catches it puts the environment back with `restore` or `reset` and begins the
+    unfinished piece of work again.
+    """

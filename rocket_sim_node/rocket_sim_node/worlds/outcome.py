@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How an episode of the rocket worlds ends, and what it is worth."""
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.worlds.base import NO_OUTCOME
+from rocket_sim_node.worlds.vehicle import TaskSettings
+
+F64 = NDArray[np.float64]
+
+OUTCOMES = (
+    'landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds',
+)
+LANDED, TOO_FAST, TIPPED, OFF_PAD, TILT_LIMIT, TIMEOUT, OUT_OF_BOUNDS = range(7)
+TOUCHDOWNS = (LANDED, TOO_FAST, TIPPED, OFF_PAD)
+
+
+def step_limit(task: TaskSettings, dt: float) -> int:
+    """Return how many steps an episode may take: one more is more than the time limit."""
+    return int(np.floor(task.time_limit / dt + 1e-9))
+
+
+def judge_touchdown(speed: F64, tilt: F64, distance: F64, task: TaskSettings) -> NDArray[np.uint8]:
+    """Return the outcomes of touchdowns, `(K,)`: the first that holds, in the order of OUTCOMES.
+
+    :param speed: `(K,)` m/s.
+    :param tilt: `(K,)` deg from vertical.
+    :param distance: `(K,)` m from the pad's centre.
+    """
+    return np.select(
+        (speed >= task.landed_speed, tilt >= task.landed_tilt, distance >= task.landed_distance),
+        (TOO_FAST, TIPPED, OFF_PAD), LANDED,
+    ).astype(np.uint8)
+
+
+def judge_flight(
+    tilted: NDArray[np.bool_], late: NDArray[np.bool_], outside: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """Return the outcomes of rockets in flight, `(K,)`; NO_OUTCOME for those that fly on."""
+    return np.select(
+        (tilted, late, outside), (TILT_LIMIT, TIMEOUT, OUT_OF_BOUNDS), NO_OUTCOME,
+    ).astype(np.uint8)
+
+
+def terminal_reward(
+    outcome: NDArray[np.uint8], speed: F64, tilt: F64, distance: F64, task: TaskSettings,
+) -> F64:
+    """Return what the ends of episodes are worth, `(K,)`, the cost of the step left out.
+
+    A landing earns more the slower, the more upright and the nearer to the centre it is.
+    """
+    landed = (
+        task.reward_landed
+        + (1 - speed / task.landed_speed) * task.reward_speed
+        + (1 - tilt / task.landed_tilt) * task.reward_tilt
+        + (1 - distance / task.landed_distance) * task.reward_distance
+    )
+    return np.where(outcome == LANDED, landed, task.reward_crash)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds by name."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
+from rocket_sim_node.worlds.vehicle import RocketSettings
+
+
+@dataclass(frozen=True)
+class _Entry:
+    world: type[RocketWorld]
+    settings: type
+    reset_settings: tuple[str, ...]
+
+
+_WORLDS = {
+    'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
+}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all worlds."""
+    return tuple(_WORLDS)
+
+
+def _entry(name: str) -> _Entry:
+    if name not in _WORLDS:
+        raise ValueError(f'unknown world {name!r}, expected one of {", ".join(_WORLDS)}')
+    return _WORLDS[name]
+
+
+def settings(name: str) -> tuple[SettingInfo, ...]:
+    """Return what can be set in a world.
+
+    :raises ValueError: for an unknown world.
+    """
+    return settings_module.describe(_entry(name).settings)
+
+
+def reset_settings(name: str) -> tuple[str, ...]:
+    """Return the names of the settings that a reset may change.
+
+    :raises ValueError: for an unknown world.
+    """
+    return _entry(name).reset_settings
+
+
+def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> RocketWorld:
+    """Make a world of `num_envs` rockets.
+
+    :param name: one of `names()`.
+    :param seed: where the random streams start, 0 to 2**63 - 1.
+    :param values: settings by name, the rest by default; see `settings(name)`.
+    :raises ValueError: for an unknown world or setting, or a value out of range.
+    """
+    entry = _entry(name)
+    if not isinstance(num_envs, int) or not 1 <= num_envs <= 1_000_000:
+        raise ValueError(f'num_envs: got {num_envs!r}, expected a whole number from 1 to 1000000')
+    if not isinstance(seed, int) or not 0 <= seed < 2**63:
+        raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')
+    return entry.world(num_envs=num_envs, seed=seed, **values)

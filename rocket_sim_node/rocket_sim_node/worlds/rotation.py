@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Unit quaternions as structure of arrays: shape (4, N), order x y z w, body to world."""
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+
+def from_pitch_roll(pitch: F64, roll: F64) -> F64:
+    """Return the attitudes `(4, N)` that turn by `roll` about Z, then by `pitch` about X (rad)."""
+    sin_p, cos_p = np.sin(pitch / 2), np.cos(pitch / 2)
+    sin_r, cos_r = np.sin(roll / 2), np.cos(roll / 2)
+    return np.stack((sin_p * cos_r, -sin_p * sin_r, cos_p * sin_r, cos_p * cos_r))
+
+
+def up_vector(quaternion: F64) -> F64:
+    """Return the body's up axis (Y) in the world, `(3, N)`."""
+    x, y, z, w = quaternion
+    return np.stack((2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)))
+
+
+def multiply(left: F64, right: F64) -> F64:
+    """Return the Hamilton product `(4, N)`: first `right`, then `left`."""
+    lx, ly, lz, lw = left
+    rx, ry, rz, rw = right
+    return np.stack((
+        lw * rx + lx * rw + ly * rz - lz * ry,
+        lw * ry - lx * rz + ly * rw + lz * rx,
+        lw * rz + lx * ry - ly * rx + lz * rw,
+        lw * rw - lx * rx - ly * ry - lz * rz,
+    ))
+
+
+def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
+    """Turn attitudes by a constant world-frame angular velocity for `dt` seconds.
+
+    The exponential map: exact for constant rates (Sola, 'Quaternion kinematics for the
+    error-state Kalman filter', 2017, equation 214), then normalised against rounding.
+
+    :param quaternion: `(4, N)`.
+    :param angular_velocity: `(3, N)`, rad/s.
+    :return: `(4, N)`.
+    """
+    half = np.sqrt(np.einsum('ij,ij->j', angular_velocity, angular_velocity)) * (0.5 * dt)
+    delta = np.empty_like(quaternion)
+    # np.sinc(x) is sin(pi x) / (pi x): one and smooth at rest, where sin(a) / a would be 0 / 0.
+    delta[:3] = angular_velocity * (np.sinc(half / np.pi) * (0.5 * dt))
+    delta[3] = np.cos(half)
+    turned = multiply(delta, quaternion)
+    turned /= np.sqrt(np.einsum('ij,ij->j', turned, turned))
+    return turned

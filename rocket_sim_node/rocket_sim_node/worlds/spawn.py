@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where episodes of the rocket worlds begin: curriculum levels and the draw."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import rotation
+from rocket_sim_node.worlds.vehicle import TaskSettings
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SpawnRange:
+    """Half-widths of the uniform draws of one curriculum level."""
+
+    angle: float
+    """deg, pitch and roll"""
+    position: float
+    """m, x and z"""
+    speed: float
+    """m/s, x and z; y is from minus twice that to 0"""
+    spin: float
+    """rad/s, about each axis"""
+
+
+LEVELS: dict[int, SpawnRange] = {
+    1: SpawnRange(5.0, 0.0, 0.0, 0.0),
+    2: SpawnRange(10.0, 0.0, 0.0, 0.0),
+    3: SpawnRange(20.0, 0.0, 0.0, 0.0),
+    4: SpawnRange(35.0, 0.0, 0.0, 0.0),
+    5: SpawnRange(35.0, 3.0, 0.0, 0.0),
+    6: SpawnRange(35.0, 5.0, 0.0, 0.0),
+    7: SpawnRange(35.0, 5.0, 2.0, 0.0),
+    8: SpawnRange(35.0, 50.0, 15.0, 0.3),
+}
+
+SPAWN_SETTINGS = ('spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin')
+CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS)
+"""Settings that a reset may change."""
+
+_MAX_ATTEMPTS = 1000
+
+
+class Spawn(NamedTuple):
+    """First states of K episodes."""
+
+    position: F64
+    """`(3, K)` m"""
+    velocity: F64
+    """`(3, K)` m/s"""
+    attitude: F64
+    """`(4, K)` quaternion"""
+    spin: F64
+    """`(3, K)` rad/s"""
+
+
+def spawn_range(task: TaskSettings) -> SpawnRange:
+    """Return the ranges in force: those of the level, save what is set by itself.
+
+    :raises ValueError: when no attitude in range would be within the tilt limit, or when the
+        spawn lies outside the field.
+    """
+    level = LEVELS[task.level]
+    chosen = {
+        name.removeprefix('spawn_'): getattr(task, name)
+        for name in SPAWN_SETTINGS
+        if getattr(task, name) >= 0
+    }
+    merged = SpawnRange(**{**level.__dict__, **chosen})
+    if task.tilt_limit <= 0:
+        raise ValueError(f"setting 'tilt_limit': got {task.tilt_limit}, expected more than 0 deg")
+    if merged.position > task.range_limit:
+        raise ValueError(
+            f"setting 'spawn_position': got {merged.position}, "
+            f'expected at most range_limit, {task.range_limit} m'
+        )
+    if not task.touchdown_height < task.spawn_height <= task.height_limit:
+        raise ValueError(
+            f"setting 'spawn_height': got {task.spawn_height}, expected more than "
+            f'touchdown_height, {task.touchdown_height} m, to height_limit, '
+            f'{task.height_limit} m'
+        )
+    return merged
+
+
+def draw(
+    seed: int,
+    row: NDArray[np.integer],
+    episode: NDArray[np.integer],
+    ranges: SpawnRange,
+    task: TaskSettings,
+) -> Spawn:
+    """Draw the first states of episodes, each from its own random stream.
+
+    An attitude beyond the tilt limit is drawn again, so that no episode starts terminated.
+
+    :param row: `(K,)` rockets.
+    :param episode: `(K,)` their episodes.
+    :raises ValueError: when no allowed attitude turns up in 1 000 draws.
+    """
+    unit = random_streams.uniform(seed, row, episode, 10)
+    position = np.stack((unit[0] * ranges.position, np.full(len(row), task.spawn_height),
+                         unit[1] * ranges.position))
+    velocity = np.stack((unit[2] * ranges.speed, (unit[3] - 1.0) * ranges.speed,
+                         unit[4] * ranges.speed))
+    spin = unit[5:8] * ranges.spin
+    angles = unit[8:10]
+    half_width = np.deg2rad(ranges.angle)
+    attitude = rotation.from_pitch_roll(angles[0] * half_width, angles[1] * half_width)
+    cos_limit = np.cos(np.deg2rad(task.tilt_limit))
+    for attempt in range(1, _MAX_ATTEMPTS):
+        again = np.flatnonzero(rotation.up_vector(attitude)[1] < cos_limit)
+        if not again.size:
+            return Spawn(position, velocity, attitude, spin)
+        angles = random_streams.uniform(seed, row[again], episode[again], 2, attempt)
+        attitude[:, again] = rotation.from_pitch_roll(
+            angles[0] * half_width, angles[1] * half_width)
+    raise ValueError(
+        f"setting 'spawn_angle': no attitude within tilt_limit, {task.tilt_limit} deg, "
+        f'in {_MAX_ATTEMPTS} draws of plus or minus {ranges.angle} deg'
+    )
