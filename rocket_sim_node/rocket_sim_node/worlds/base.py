@@ -23,7 +23,8 @@ class WorldSpec:
     """The shape of a world: enough to build a policy for it and to speak to it.
 
     Continuous actions are `(N, A)` float32 within `action_low` and `action_high`; discrete ones
-    `(N,)` whole numbers from 0 to `action_count` - 1.
+    `(N,)` whole numbers from 0 to `action_count` - 1. `action_idle` is what a rocket flies when
+    nobody steers it: engine off, no torque (for a discrete world, one number).
     """
 
     name: str
@@ -34,6 +35,7 @@ class WorldSpec:
     continuous: bool
     action_low: tuple[float, ...]
     action_high: tuple[float, ...]
+    action_idle: tuple[float, ...]
     action_count: int
     outcomes: tuple[str, ...]
     settings: dict[str, float]
@@ -110,6 +112,10 @@ class Telemetry:
     torque: F64
     reward: F64
     outcome: NDArray[np.uint8]
+
+    def take(self, index: NDArray[Any] | slice) -> Telemetry:
+        """Return the chosen samples."""
+        return Telemetry(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 class VectorEnv(Protocol):

@@ -67,7 +67,8 @@ class RocketWorld:
         self.spec = WorldSpec(
             name='rocket', num_envs=num_envs, dt=self.settings.dt,
             observation_names=OBSERVATION_NAMES, action_names=ACTION_NAMES,
-            continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3, action_count=0,
+            continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3,
+            action_idle=(-1.0, 0.0, 0.0), action_count=0,
             outcomes=outcomes.OUTCOMES, settings=settings_module.as_dict(self._made_with),
         )
         self.reset(seed)

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who flies a simulator: one agent at a time, until it lets go or falls silent."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+NOBODY = 0
+
+
+class ControlLease:
+    """The one agent that is obeyed.
+
+    An agent takes control by a reset or a restore. It keeps it while it is heard of at least
+    every `seconds`; another one is refused meanwhile. An agent that comes back under the same
+    identity is the same agent.
+    """
+
+    def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin with nobody in control."""
+        self._seconds = seconds
+        self._clock = clock
+        self._heard = 0.0
+        self.owner = NOBODY
+
+    def refusal(self, agent: int) -> str:
+        """Return why `agent` may not take control now; empty when it may."""
+        silent = self._clock() - self._heard
+        if self.owner in (NOBODY, agent) or silent >= self._seconds:
+            return ''
+        return (
+            f'agent: {agent:016x}, but agent {self.owner:016x} flies this simulator '
+            f'(heard {silent:.1f} s ago; free after {self._seconds:g} s of silence)'
+        )
+
+    def take(self, agent: int) -> None:
+        """Give control to `agent`."""
+        self.owner = agent
+        self.heard()
+
+    def now(self) -> float:
+        """Return the time of the lease's clock, s."""
+        return self._clock()
+
+    def heard(self) -> None:
+        """Note that the agent in control has been heard of."""
+        self._heard = self._clock()
+
+    def release(self, agent: int) -> bool:
+        """Let go; false when `agent` did not have control."""
+        if agent != self.owner:
+            return False
+        self.owner = NOBODY
+        return True

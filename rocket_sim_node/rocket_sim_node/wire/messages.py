@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to arrays and back, without a copy per element.
+
+rosidl keeps a numeric sequence as an `array.array` and copies one in a single move; a NumPy array
+assigned to the same field is taken number by number, hundreds of times slower.
+"""
+from __future__ import annotations
+
+from array import array
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rocket_msgs.msg import Action
+from rocket_msgs.msg import Episodes as EpisodesMessage
+from rocket_msgs.msg import RocketState
+from rocket_msgs.msg import Setting
+from rocket_msgs.msg import World
+
+from rocket_sim_node.wire import frames
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.base import WorldSpec
+
+_CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
+
+
+def to_sequence(values: NDArray[Any], kind: str) -> array[Any]:
+    """Return `values`, flattened, as what a message field holds; `kind` is a NumPy type code."""
+    return array(_CODES[kind], np.ascontiguousarray(values, dtype=kind).tobytes())
+
+
+def shared_view(message: Any, field: str, size: int, kind: str) -> NDArray[Any]:
+    """Give a message's field `size` numbers and return a NumPy view of them, to be refilled.
+
+    The view is taken from the field after assignment: the setter copies what it is given.
+    It must not outlive an assignment to the field.
+    """
+    setattr(message, field, array(_CODES[kind], bytes(size * np.dtype(kind).itemsize)))
+    return np.frombuffer(getattr(message, field), dtype=kind)
+
+
+def from_sequence(sequence: array[Any], kind: str) -> NDArray[Any]:
+    """Return a message field as a NumPy array that shares its memory."""
+    return np.frombuffer(sequence, dtype=kind)
+
+
+def settings_to_message(settings: dict[str, float]) -> list[Setting]:
+    """Return settings as they travel."""
+    return [Setting(name=name, value=float(value)) for name, value in settings.items()]
+
+
+def settings_from_message(settings: list[Setting]) -> dict[str, float]:
+    """Return settings by name.
+
+    :raises ValueError: when a name stands there twice.
+    """
+    values = {item.name: item.value for item in settings}
+    if len(values) != len(settings):
+        raise ValueError(f'settings: a name is given twice in {[s.name for s in settings]}')
+    return values
+
+
+def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> World:
+    """Return the description of a simulator."""
+    return World(
+        world=spec.name, session=session, step=step, mode=mode, num_envs=spec.num_envs,
+        dt=spec.dt, observation_names=list(spec.observation_names),
+        action_names=list(spec.action_names),
+        action_kind=World.CONTINUOUS if spec.continuous else World.DISCRETE,
+        action_low=list(spec.action_low), action_high=list(spec.action_high),
+        action_idle=list(spec.action_idle), action_count=spec.action_count,
+        outcomes=list(spec.outcomes), settings=settings_to_message(spec.settings),
+    )
+
+
+def world_from_message(message: World) -> WorldSpec:
+    """Return the shape of the world at the far end."""
+    return WorldSpec(
+        name=message.world, num_envs=message.num_envs, dt=message.dt,
+        observation_names=tuple(message.observation_names),
+        action_names=tuple(message.action_names),
+        continuous=message.action_kind == World.CONTINUOUS,
+        action_low=tuple(message.action_low), action_high=tuple(message.action_high),
+        action_idle=tuple(message.action_idle), action_count=message.action_count,
+        outcomes=tuple(message.outcomes), settings=settings_from_message(message.settings),
+    )
+
+
+def action_from_message(message: Action, spec: WorldSpec) -> NDArray[Any]:
+    """Return the actions in a message, `(N, A)` float32 or `(N,)` int32.
+
+    :raises ValueError: when the kind or the number of values is not that of the world.
+    """
+    expected, other = ('continuous', 'discrete')[:: 1 if spec.continuous else -1]
+    if len(getattr(message, other)):
+        raise ValueError(
+            f'{other}: {len(getattr(message, other))} values, expected none: '
+            f'the actions of world {spec.name!r} are {expected}'
+        )
+    values = from_sequence(getattr(message, expected), 'f4' if spec.continuous else 'i4')
+    size = spec.num_envs * spec.action_size
+    if len(values) != size:
+        raise ValueError(
+            f'{expected}: {len(values)} values, expected {size} '
+            f'({spec.num_envs} rockets x {spec.action_size})'
+        )
+    return values.reshape(spec.num_envs, -1) if spec.continuous else values
+
+
+_EPISODE_KINDS = {
+    'row': ('u4', np.int64), 'episode': ('u8', np.int64), 'episode_return': ('f8', np.float64),
+    'length': ('u4', np.int64), 'outcome': ('u1', np.uint8),
+    'touchdown_speed': ('f8', np.float64), 'tilt': ('f8', np.float64),
+    'distance': ('f8', np.float64), 'fuel_used': ('f8', np.float64),
+}
+
+
+def episodes_to_message(episodes: Episodes, session: int, step: int) -> EpisodesMessage:
+    """Return finished episodes as they travel."""
+    return EpisodesMessage(session=session, step=step, **{
+        name: to_sequence(getattr(episodes, name), kind)
+        for name, (kind, _) in _EPISODE_KINDS.items()
+    })
+
+
+def episodes_from_message(message: EpisodesMessage) -> Episodes:
+    """Return finished episodes as arrays, of the same types as in process."""
+    return Episodes(**{
+        name: from_sequence(getattr(message, name), kind).astype(dtype)
+        for name, (kind, dtype) in _EPISODE_KINDS.items()
+    })
+
+
+def state_to_message(parts: list[tuple[int, Telemetry]], session: int) -> RocketState:
+    """Return telemetry of several steps, `(step, telemetry)` each, as one message, z up."""
+    def join(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for _, part in parts])
+
+    step = np.concatenate([np.full(len(part.row), step, np.uint64) for step, part in parts])
+    message = RocketState(session=session, step=to_sequence(step, 'u8'))
+    for name in ('position', 'linear_velocity', 'angular_velocity', 'torque'):
+        setattr(message, name, to_sequence(frames.vector_to_ros(join(name)), 'f8'))
+    message.orientation = to_sequence(frames.quaternion_to_ros(join('orientation')), 'f8')
+    for name in ('time', 'mass', 'fuel', 'throttle', 'thrust', 'reward'):
+        setattr(message, name, to_sequence(join(name), 'f8'))
+    message.row = to_sequence(join('row'), 'u4')
+    message.episode = to_sequence(join('episode'), 'u8')
+    message.outcome = to_sequence(join('outcome'), 'u1')
+    return message

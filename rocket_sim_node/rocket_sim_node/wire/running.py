@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the nodes of this system start and end."""
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor
+from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+USAGE_ERROR = 2
+
+
+def make_executor(context: Context | None = None) -> Executor:
+    """Return the quickest executor that this ROS 2 has, for `spin_once` with a finite time-out.
+
+    The events executor does not rebuild a wait set for each message; older releases lack it.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    executor: Executor = EventsExecutor(context=context)
+    return executor
+
+
+def run(
+    name: str,
+    body: Callable[[Node, Executor], int | None],
+    expected: tuple[type[Exception], ...] = (),
+    args: list[str] | None = None,
+) -> int:
+    """Run a node until `body` returns or ROS shuts down; return the exit status.
+
+    :param body: gets the node and its executor.
+    :param expected: errors that are told in one line, without a traceback, with status 2.
+    """
+    def fail(node: Any, error: Exception) -> int:
+        if node is not None:
+            node.get_logger().fatal(str(error))
+        else:
+            sys.stderr.write(f'{name}: {error}\n')
+        return USAGE_ERROR
+
+    node = None
+    try:
+        with rclpy.init(args=args):
+            node = Node(name, automatically_declare_parameters_from_overrides=True)
+            executor = make_executor()
+            executor.add_node(node)
+            return body(node, executor) or 0
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    except expected as error:
+        return fail(node, error)

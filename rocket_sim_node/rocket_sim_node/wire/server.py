@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulator's end of the wire: one world, stepped by the actions of one agent."""
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rocket_msgs import msg
+from rocket_msgs import srv
+
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.control import NOBODY
+from rocket_sim_node.wire.control import ControlLease
+from rocket_sim_node.wire.health import Health
+from rocket_sim_node.wire.results import ResultPublisher
+from rocket_sim_node.wire.state_stream import StateStream
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.rocket import RocketWorld
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """How a world is served."""
+
+    mode: int = msg.World.LOCKSTEP
+    realtime_factor: float = 1.0
+    """simulated seconds per second, real-time mode only"""
+    action_timeout: float = 0.5
+    """s without an action after which the engine is cut, real-time mode only"""
+    agent_lease: float = 10.0
+    """s of silence after which another agent may take over"""
+    state_rows: int = 4
+    """rockets, from row 0, whose state is published"""
+    state_batch: int = 25
+    """steps gathered into one message of `state`"""
+
+
+class Server:
+    """Serves a world on the topics and services of the wire, on `node`.
+
+    Lock-step: the world advances once for each action that names the session and the step it
+    answers, and by nothing else. An action for the step just taken is answered with the same
+    result again; any other stale, early, foreign or malformed one is refused, counted and
+    logged, and changes nothing. Real time: the world advances by a timer and holds the last
+    action.
+    """
+
+    def __init__(self, node: Node, world: RocketWorld, options: ServerOptions) -> None:
+        """Publish the world and wait for an agent."""
+        self._node = node
+        self._world = world
+        self._options = options
+        self._lease = ControlLease(options.agent_lease)
+        self._session = 0
+        self._step = 0
+        self._action: NDArray[Any] | None = None
+        self._action_time = 0.0
+        self._health = Health(node)
+        spec = world.spec
+        self._idle = np.broadcast_to(
+            np.array(spec.action_idle, np.float32), (spec.num_envs, spec.action_size)
+        ) if spec.continuous else np.full(spec.num_envs, int(spec.action_idle[0]))
+        self._result = ResultPublisher(node, spec)
+        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
+        self._state = StateStream(
+            node, world, options.state_rows,
+            options.state_batch if options.mode == msg.World.LOCKSTEP else 1)
+        node.create_subscription(msg.Action, 'action', self._on_action, qos.STREAM)
+        node.create_service(srv.Reset, 'reset', self._on_reset)
+        node.create_service(srv.Snapshot, 'snapshot', self._on_snapshot)
+        node.create_service(srv.Restore, 'restore', self._on_restore)
+        node.create_service(srv.Release, 'release', self._on_release)
+        self._begin_session(world.observe())
+        if options.mode == msg.World.REALTIME:
+            node.create_timer(
+                world.spec.dt / options.realtime_factor, self._on_tick)
+
+    @property
+    def session(self) -> int:
+        """The present session."""
+        return self._session
+
+    @property
+    def step(self) -> int:
+        """Batch steps taken in the present session."""
+        return self._step
+
+    # Actions
+
+    def _on_action(self, message: msg.Action) -> None:
+        """Step the world, repeat the last answer, or refuse."""
+        refusal = self._action_refusal(message)
+        if refusal:
+            self._health.refuse('action', refusal)
+            return
+        self._lease.heard()
+        if self._options.mode == msg.World.LOCKSTEP and message.step == self._step - 1:
+            self._health.count('repeated answers')
+            self._result.publish()
+            return
+        try:
+            action = checked_action(
+                self._world.spec, messages.action_from_message(message, self._world.spec))
+        except ValueError as error:
+            self._health.refuse('action', str(error))
+            return
+        if self._options.mode == msg.World.REALTIME:
+            self._action = action
+            self._action_time = self._now()
+            return
+        self._advance(action)
+
+    def _action_refusal(self, message: msg.Action) -> str:
+        """Return why an action is not for this moment; empty when it is."""
+        if self._lease.owner == NOBODY:
+            return f'agent: {message.agent:016x}, but nobody has control; call reset first'
+        if message.agent != self._lease.owner:
+            return (
+                f'agent: {message.agent:016x}, expected {self._lease.owner:016x}, '
+                'which flies this simulator'
+            )
+        if message.session != self._session:
+            # The sender may have missed the change of session: tell it again.
+            self._publish_world()
+            return f'session: {message.session:016x}, expected {self._session:016x}'
+        early = message.step > self._step
+        stale = message.step < self._step - 1 and self._options.mode == msg.World.LOCKSTEP
+        if early or stale:
+            return f'step: {message.step}, expected {self._step} (or {self._step - 1} again)'
+        return ''
+
+    def _advance(self, action: NDArray[Any]) -> None:
+        observation, reward, terminated, truncated, info = self._world.step(action)
+        self._step += 1
+        self._result.fill(
+            self._session, self._step, observation, reward, terminated, truncated, info)
+        self._result.publish()
+        self._state.add(self._session, self._step)
+
+    # Real time
+
+    def _now(self) -> float:
+        """Return a steady time in s: real-time mode only, lock-step never looks at a clock."""
+        return self._lease.now()
+
+    def _on_tick(self) -> None:
+        """Advance by dt with the last action, or with the engine off when that is too old."""
+        if self._action is not None and (
+                self._now() - self._action_time > self._options.action_timeout):
+            self._action = None
+            self._health.refuse(
+                'action', f'none for {self._options.action_timeout:g} s: engine cut')
+        self._advance(self._idle if self._action is None else self._action)
+
+    # Services
+
+    def _on_reset(self, request: srv.Reset.Request, response: Any) -> Any:
+        def begin() -> F32:
+            settings = messages.settings_from_message(request.settings)
+            if request.seed < -1:
+                raise ValueError(f'seed: got {request.seed}, expected 0 or more, or -1')
+            return self._world.reset(None if request.seed == -1 else request.seed, **settings)
+        return self._take_control('reset', request.agent, begin, response)
+
+    def _on_restore(self, request: srv.Restore.Request, response: Any) -> Any:
+        def begin() -> F32:
+            return self._world.restore(bytes(request.state))
+        return self._take_control('restore', request.agent, begin, response)
+
+    def _take_control(
+        self, name: str, agent: int, begin: Callable[[], F32], response: Any,
+    ) -> Any:
+        """Answer a service that gives an agent control and draws a new session."""
+        response.message = self._lease.refusal(agent)
+        if response.message:
+            response.code = response.BUSY
+            self._health.refuse(name, response.message)
+            return response
+        try:
+            observation = begin()
+        except (ValueError, TypeError) as error:
+            response.code = response.INVALID
+            response.message = str(error)
+            self._health.refuse(name, response.message)
+            return response
+        self._lease.take(agent)
+        self._begin_session(observation)
+        response.code = response.OK
+        response.session = self._session
+        response.step = self._step
+        response.observation = messages.to_sequence(observation, 'f4')
+        return response
+
+    def _on_snapshot(self, request: srv.Snapshot.Request, response: Any) -> Any:
+        if request.agent != self._lease.owner:
+            response.code = response.BUSY
+            response.message = (
+                f'agent: {request.agent:016x}, expected {self._lease.owner:016x}, '
+                'which flies this simulator')
+        elif (request.session, request.step) != (self._session, self._step):
+            response.code = response.INVALID
+            response.message = (
+                f'session and step: {request.session:016x}, {request.step}, '
+                f'expected {self._session:016x}, {self._step}')
+        else:
+            self._lease.heard()
+            response.code = response.OK
+            response.state = messages.to_sequence(
+                np.frombuffer(self._world.snapshot(), np.uint8), 'u1')
+            return response
+        self._health.refuse('snapshot', response.message)
+        return response
+
+    def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
+        if self._lease.release(request.agent):
+            response.code = response.OK
+            self._state.flush()
+        else:
+            response.code = response.BUSY
+            response.message = f'agent: {request.agent:016x} does not fly this simulator'
+        return response
+
+    def _begin_session(self, observation: F32) -> None:
+        """Draw a new session and publish its first observation."""
+        self._state.flush()
+        self._session = secrets.randbits(63) + 1
+        self._step = 0
+        self._action = None
+        self._result.fill_first(self._session, observation)
+        self._publish_world()
+        self._result.publish()
+        self._state.add(self._session, self._step)
+
+    def _publish_world(self) -> None:
+        self._world_publisher.publish(messages.world_to_message(
+            self._world.spec, self._session, self._step, self._options.mode))
+
+    def close(self) -> None:
+        """Publish what was gathered."""
+        self._state.flush()

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures for tests that start processes or speak over DDS."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import Processes
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Any:
+    """Keep the outcome where fixtures can see it, and show the nodes' logs when a test fails."""
+    report = yield
+    processes = getattr(item, 'funcargs', {}).get('processes')
+    if report.failed and processes is not None:
+        report.sections.append(('logs of the nodes', processes.logs()))
+    return report
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    """Processes that end with the test."""
+    group = Processes(tmp_path)
+    yield group
+    group.end()
+
+
+@pytest.fixture
+def make_client(
+    processes: Processes, monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Callable[..., Any]]:
+    """Clients of the simulators of this test, each with a node and a context of its own."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+    from rocket_sim_node.wire.client import Client
+    from rocket_sim_node.wire.client import ClientOptions
+    from rocket_sim_node.wire.running import make_executor
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    contexts = []
+
+    def make(agent: int | None = None, namespace: str = '', **options: float) -> Client:
+        context = Context()
+        rclpy.init(context=context, domain_id=processes.domain)
+        contexts.append(context)
+        node = Node('tester', context=context, namespace=namespace)
+        executor = make_executor(context)
+        executor.add_node(node)
+        options = {'resend_after': 0.1, 'patience': 15.0, **options}
+        return Client(node, executor, ClientOptions(**options), agent)
+
+    yield make
+    for context in contexts:
+        rclpy.shutdown(context=context)

@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The wire keeps its promises: a client in this process, a simulator in another one."""
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from processes import Process
+from processes import Processes
+from processes import wait_until
+from rocket_msgs import msg
+from rocket_msgs import srv
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import make
+
+N = 8
+MakeClient = Callable[..., Client]
+
+
+@pytest.fixture
+def simulator(processes: Processes) -> Process:
+    """A simulator of N rockets, level 7."""
+    return processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+
+
+def actions(steps: int, seed: int = 0) -> np.ndarray:
+    """Random actions `(steps, N, 3)`."""
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
+
+
+def assert_same(ours: tuple, theirs: tuple) -> None:
+    """Assert that two answers of `step` are the same, bit for bit and kind for kind."""
+    for a, b in zip(ours[:4], theirs[:4], strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+    for name in ('final_rows', 'final_observation'):
+        np.testing.assert_array_equal(ours[4][name], theirs[4][name])
+    for name in ('row', 'episode', 'episode_return', 'length', 'outcome', 'tilt', 'fuel_used'):
+        np.testing.assert_array_equal(
+            getattr(ours[4]['episodes'], name), getattr(theirs[4]['episodes'], name))
+
+
+class Speaker:
+    """Publishes what no client would, and hears what the simulator says."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        node = client._node
+        self.publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
+        self.heard: list[tuple[int, int]] = []
+        self.diagnostics: list[str] = []
+        from diagnostic_msgs.msg import DiagnosticArray
+        self.subscriptions = [
+            node.create_subscription(
+                msg.Observation, 'observation',
+                lambda m: self.heard.append((m.session, m.step)), qos.STREAM),
+            node.create_subscription(
+                DiagnosticArray, '/diagnostics',
+                lambda m: self.diagnostics.append(m.status[0].message), qos.EVENTS),
+        ]
+        assert client._waiter.until(
+            lambda: self.publisher.get_subscription_count() > 0
+            and node.count_publishers('/diagnostics') > 0, 10.0)
+
+    def say(self, values: np.ndarray, **fields: int) -> None:
+        """Publish an action, by default a good one for the present step."""
+        client = self.client
+        message = msg.Action(**{
+            'session': client._session, 'step': client._step, 'agent': client._agent, **fields})
+        message.continuous = messages.to_sequence(values, 'f4')
+        self.publisher.publish(message)
+
+    def expect_refusal(self, *words: str) -> None:
+        """Wait for diagnostics that name all of the words."""
+        assert self.client._waiter.until(
+            lambda: any(all(w in text for w in words) for text in self.diagnostics), 10.0), (
+                f'no refusal with {words} in {self.diagnostics}')
+
+
+def test_same_rollout_in_process_and_over_dds(
+        simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    world = make('rocket', num_envs=N, seed=3)
+    np.testing.assert_array_equal(client.reset(11, level=5), world.reset(11, level=5))
+    episodes = 0
+    for action in actions(700):
+        ours, theirs = client.step(action), world.step(action)
+        assert_same(ours, theirs)
+        episodes += len(ours[4]['episodes'])
+    assert episodes > 10
+    state = client.snapshot()
+    assert state == world.snapshot()
+    first = client.step(actions(1)[0])
+    client.restore(state)
+    assert_same(client.step(actions(1)[0]), first)
+    assert client.spec == world.spec
+
+
+def test_repeated_action_is_answered_again_and_steps_once(
+        simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    client.reset(1)
+    speaker = Speaker(client)
+    values = actions(1)[0]
+    world = make('rocket', num_envs=N)
+    world.reset(1)
+    for expected in (1, 2, 3):
+        speaker.say(values, step=0)
+        assert client._waiter.until(lambda: len(speaker.heard) >= expected, 10.0)  # noqa: B023
+    assert {step for _, step in speaker.heard} == {1}
+    client._step = 1
+    client._observation = client._reward = None
+    world.step(values)
+    assert_same(client.step(values), world.step(values))
+
+
+@pytest.mark.parametrize(('fields', 'words'), [
+    ({'session': 12345}, ('action: session', '3039')),
+    ({'step': 7}, ('action: step: 7', 'expected 0')),
+    ({'agent': 99}, ('action: agent', '63')),
+])
+def test_foreign_early_and_stale_actions_change_nothing(
+        simulator: Process, make_client: MakeClient, fields: dict, words: tuple) -> None:
+    client = make_client()
+    client.reset(1)
+    speaker = Speaker(client)
+    speaker.say(actions(1)[0], **fields)
+    speaker.expect_refusal(*words)
+    world = make('rocket', num_envs=N)
+    world.reset(1)
+    assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
+
+
+@pytest.mark.parametrize(('values', 'words'), [
+    (np.full((N, 3), np.nan), ('action: row 0', "'throttle' is nan")),
+    (np.where(np.arange(3 * N).reshape(N, 3) == 16, np.inf, 0.0), ('row 5', "'rcs_x' is inf")),
+    (np.zeros((N - 1, 3)), ('continuous: 21 values', 'expected 24')),
+    (np.zeros(0), ('continuous: 0 values', 'expected 24')),
+])
+def test_bad_actions_are_named_and_change_nothing(
+        simulator: Process, make_client: MakeClient, values: np.ndarray, words: tuple) -> None:
+    client = make_client()
+    client.reset(1)
+    speaker = Speaker(client)
+    speaker.say(values)
+    speaker.expect_refusal(*words)
+    assert not speaker.heard
+    world = make('rocket', num_envs=N)
+    world.reset(1)
+    assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
+
+
+def test_client_refuses_bad_actions_itself(
+        simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    client.reset(1)
+    with pytest.raises(ValueError, match="row 2, 'rcs_z' is nan"):
+        client.step(np.where(np.arange(3 * N).reshape(N, 3) == 8, np.nan, 0.0))
+    with pytest.raises(ValueError, match='shape'):
+        client.step(np.zeros((N, 2)))
+    client.step(np.zeros((N, 3)))
+
+
+@pytest.mark.parametrize(('seed', 'settings', 'words'), [
+    (-5, {}, 'seed: got -5'),
+    (0, {'level': 9}, 'level: got 9.0, expected 1 to 8'),
+    (0, {'gravity': 1.0}, "unknown setting 'gravity'"),
+    (0, {'spawn_speed': float('nan')}, 'spawn_speed: got nan'),
+])
+def test_bad_resets_are_named_and_change_nothing(
+        simulator: Process, make_client: MakeClient, seed: int, settings: dict,
+        words: str) -> None:
+    client = make_client()
+    client.reset(4, level=3)
+    session = client._session
+    with pytest.raises(ValueError, match=words):
+        client.reset(seed, **settings)
+    world = make('rocket', num_envs=N)
+    world.reset(4, level=3)
+    assert client._session == session
+    assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
+
+
+def test_damaged_snapshot_is_refused(simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    client.reset(4)
+    state = client.snapshot()
+    for damaged in (b'', b'nonsense', state[:-20], make('rocket', num_envs=3).snapshot()):
+        with pytest.raises(ValueError, match='snapshot'):
+            client.restore(damaged)
+    client.step(actions(1)[0])
+
+
+def test_second_agent_is_refused_until_the_first_lets_go(
+        simulator: Process, make_client: MakeClient) -> None:
+    first = make_client()
+    second = make_client(patience=1.0)
+    first.reset(1)
+    with pytest.raises(SimulatorBusy, match='flies this simulator'):
+        second.reset(2)
+    world = make('rocket', num_envs=N)
+    world.reset(1)
+    assert_same(first.step(actions(1)[0]), world.step(actions(1)[0]))
+    first.close()
+    second.reset(2)
+    second.step(actions(1)[0])
+    second.close()
+
+
+def test_same_agent_comes_back_at_once(simulator: Process, make_client: MakeClient) -> None:
+    first = make_client(agent=42)
+    first.reset(1)
+    state = first.snapshot()
+    again = make_client(agent=42, patience=3.0)
+    again.restore(state)
+    again.step(actions(1)[0])
+
+
+def test_silent_agent_loses_control(processes: Processes, make_client: MakeClient) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=0.5)
+    first = make_client()
+    first.reset(1)
+    second = make_client()
+    second.reset(2)
+    with pytest.raises(EnvironmentRestarted):
+        first.step(actions(1)[0])
+
+
+def test_restarted_simulator_is_noticed_and_restored(
+        simulator: Process, processes: Processes, make_client: MakeClient) -> None:
+    client = make_client(patience=30.0)
+    client.reset(9)
+    for action in actions(5):
+        client.step(action)
+    state = client.snapshot()
+    expected = client.step(actions(1)[0])
+    simulator.signal(signal.SIGKILL)
+    simulator.wait(5.0)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    with pytest.raises(EnvironmentRestarted):
+        client.step(actions(1)[0])
+    client.restore(state)
+    assert_same(client.step(actions(1)[0]), expected)
+
+
+def test_stopped_simulator_costs_time_and_no_step(
+        simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    world = make('rocket', num_envs=N)
+    client.reset(1)
+    world.reset(1)
+    assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
+    import threading
+    simulator.signal(signal.SIGSTOP)
+    timer = threading.Timer(1.0, lambda: simulator.signal(signal.SIGCONT))
+    timer.start()
+    for action in actions(20, seed=1):
+        assert_same(client.step(action), world.step(action))
+    timer.join()
+    assert client.resent > 0
+
+
+def test_nobody_there_is_an_error_and_not_a_hang(make_client: MakeClient) -> None:
+    with pytest.raises(WireTimeout, match='is it running'):
+        make_client(patience=0.5).connect()
+
+
+def test_client_may_start_first(processes: Processes, make_client: MakeClient) -> None:
+    client = make_client()
+    with pytest.raises(WireTimeout):
+        Client(client._node, client._waiter._executor, None)._waiter.__class__(
+            client._node, client._waiter._executor, 0.3).wait(lambda: False, 'nothing')
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    client.reset(1)
+    client.step(actions(1)[0])
+
+
+def test_realtime_holds_the_action_and_cuts_the_engine(
+        processes: Processes, make_client: MakeClient) -> None:
+    process = processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
+        realtime_factor=2.0)
+    client = make_client()
+    client.reset(1)
+    states: list[msg.RocketState] = []
+    client._node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    full = np.tile(np.float32([1, 0, 0]), (N, 1))
+    client.step(full)
+    assert client._waiter.until(lambda: any(s.throttle[0] == 1.0 for s in states), 10.0)
+    assert client._waiter.until(lambda: states[-1].throttle[-1] == 0.0, 10.0)
+    process.wait_for('engine cut', 10.0)
+    steps = client._step
+    client.step(full)
+    assert client._step > steps + 1
+    assert client._waiter.until(lambda: states[-1].throttle[0] == 1.0, 10.0)
+
+
+def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    client.connect()
+    node = client._node
+    reset = node.create_client(srv.Reset, 'reset')
+    response = client._waiter.call(reset, srv.Reset.Request(seed=3))
+    assert response.code == response.OK
+    assert len(response.observation) == N * 15
+
+
+def test_state_tells_last_and_first_samples_of_episodes(
+        simulator: Process, make_client: MakeClient) -> None:
+    client = make_client()
+    states: list[msg.RocketState] = []
+    client._node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    client.connect()
+    client._waiter.until(lambda: client._node.count_publishers('state') > 0, 10.0)
+    world = make('rocket', num_envs=N)
+    wait_until(lambda: True, 1.0)
+    client.reset(2)
+    world.reset(2)
+    ended: list[int] = []
+    heights = []
+    for _ in range(450):
+        info = client.step(np.tile(np.float32([-1, 0, 0]), (N, 1)))[4]
+        ended += info['episodes'].row.tolist()
+        world.step(np.tile(np.float32([-1, 0, 0]), (N, 1)))
+        heights.append(world.position[1, 0])
+    client.close()
+    client._waiter.until(lambda: False, 0.5)
+    row = np.concatenate([s.row for s in states])
+    step = np.concatenate([s.step for s in states])
+    outcome = np.concatenate([s.outcome for s in states])
+    z = np.concatenate([np.reshape(s.position, (-1, 3))[:, 2] for s in states])
+    assert set(row.tolist()) == {0, 1, 2, 3}
+    assert (outcome != msg.RocketState.NONE).sum() == sum(r < 4 for r in ended) > 0
+    last = np.flatnonzero((row == 0) & (outcome != msg.RocketState.NONE))[0]
+    assert z[last] <= 5.2
+    again = np.flatnonzero((row == 0) & (step == step[last]))
+    assert len(again) == 2
+    assert z[again[1]] == 200.0
+    flying = (row == 0) & (outcome == msg.RocketState.NONE) & (step > 0)
+    np.testing.assert_array_equal(z[flying], [heights[int(s) - 1] for s in step[flying]])
