@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 from typing import TypeVar
 
@@ -43,20 +44,25 @@ class Parameters:
         for name in self.given:
             node.undeclare_parameter(name)
 
-    def declare(self, cls: type[S], defaults: dict[str, Any] | None = None) -> S:
+    def declare(self, cls: type[S]) -> S:
         """Declare each field of a settings dataclass as a parameter and return the dataclass.
 
-        :param defaults: values instead of the fields' own defaults, e.g. of a preset.
         :raises ParameterError: for a value of another kind or out of range.
         """
-        values = {}
-        for info in settings.describe(cls):
-            values[info.name] = self._declare(info, (defaults or {}).get(info.name, info.default))
-        return settings.build(cls, values)
+        return settings.build(cls, self.declare_infos(settings.describe(cls)))
 
-    def declare_infos(self, infos: Iterable[SettingInfo]) -> dict[str, Any]:
-        """Declare settings one by one and return their values by name."""
-        return {info.name: self._declare(info, info.default) for info in infos}
+    def declare_infos(
+        self, infos: Iterable[SettingInfo], defaults: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        """Declare settings one by one and return their values by name.
+
+        :param defaults: values instead of the settings' own defaults, e.g. of a preset.
+        :raises ParameterError: for a value of another kind or out of range.
+        """
+        return {
+            info.name: self._declare(info, (defaults or {}).get(info.name, info.default))
+            for info in infos
+        }
 
     def _declare(self, info: SettingInfo, default: Any) -> Any:
         self._known.append(info.name)

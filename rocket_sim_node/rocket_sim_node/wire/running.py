@@ -13,6 +13,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from rocket_sim_node.worlds import EnvironmentClosed
+
 USAGE_ERROR = 2
 
 
@@ -54,7 +56,7 @@ def run(
             executor = make_executor()
             executor.add_node(node)
             return body(node, executor) or 0
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except (KeyboardInterrupt, ExternalShutdownException, EnvironmentClosed):
         return 0
     except expected as error:
         return fail(node, error)

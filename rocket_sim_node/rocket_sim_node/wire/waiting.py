@@ -11,6 +11,8 @@ from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from rocket_sim_node.worlds import EnvironmentClosed
+
 _NOTICE_PERIOD = 5.0
 """s between log lines while there is no answer"""
 _CALL_TIMEOUT = 2.0
@@ -33,11 +35,15 @@ class Waiter:
     def spin(self, seconds: float) -> None:
         """Serve callbacks until one was served or the time is over.
 
-        :raises ExternalShutdownException: when ROS was shut down.
+        :raises EnvironmentClosed: when ROS was shut down.
         """
-        if not self._node.context.ok():
-            raise ExternalShutdownException
-        self._executor.spin_once(timeout_sec=max(seconds, 0.0))
+        try:
+            if self._node.context.ok():
+                self._executor.spin_once(timeout_sec=max(seconds, 0.0))
+                return
+        except ExternalShutdownException:
+            pass
+        raise EnvironmentClosed('ROS was shut down')
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Spin until `done()`; false when the time was over first."""

@@ -6,6 +6,7 @@
 """
 from __future__ import annotations
 
+from rocket_sim_node.worlds.base import EnvironmentClosed
 from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
@@ -16,6 +17,6 @@ from rocket_sim_node.worlds.registry import reset_settings
 from rocket_sim_node.worlds.registry import settings
 
 __all__ = [
-    'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make', 'names',
-    'reset_settings', 'settings',
+    'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make',
+    'names', 'reset_settings', 'settings',
 ]

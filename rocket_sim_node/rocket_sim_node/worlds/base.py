@@ -172,3 +172,7 @@ class EnvironmentRestarted(RuntimeError):
     Whoever catches it puts the environment back with `restore` or `reset` and begins the
     unfinished piece of work again.
     """
+
+
+class EnvironmentClosed(RuntimeError):
+    """The environment is being shut down by whoever started this process: save and end."""

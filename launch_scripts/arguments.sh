@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# Arguments of the form NAME:=VALUE for the scripts beside this file. Sourced, not run.
+
+die() {
+  printf '%s: %s\n' "${0##*/}" "$1" >&2
+  exit 2
+}
+
+# launch_arguments FILE: names of the arguments that a launch file declares.
+launch_arguments() {
+  sed -n 's/^- arg: {name: \([a-z_]*\)[,}].*/\1/p' "$1"
+}
+
+# usage FILE TEXT: what a script does and which arguments it takes.
+usage() {
+  printf 'Usage: %s [NAME:=VALUE ...]\n\n%s\n\nArguments:\n' "$0" "$2"
+  sed -n -e '/^- arg: {/{' -e ':a' -e '/}$/!{N;ba' -e '}' -e 's/\n */ /g' \
+    -e "s/^- arg: {name: \([a-z_]*\),* *\(default: \([^,]*\),\)* *description: '\(.*\)'}/  \1\t\4\t\3/p" \
+    -e '}' "$1" | awk -F '\t' '{printf "  %-22s %s%s\n", $1, $2, ($3 == "" ? "" : " [" $3 "]")}'
+}
+
+# parse_arguments FILE ARGUMENT...: sets the arrays `values` (by name), `known` (those that the
+# launch file declares) and `others` (those that it does not). Values are not looked at here.
+declare -A values=()
+known=()
+others=()
+parse_arguments() {
+  local file=$1 argument
+  shift
+  for argument in "$@"; do
+    [[ $argument =~ ^([a-z_][a-z0-9_]*):=(.*)$ ]] ||
+      die "got '$argument', expected NAME:=VALUE, for example seed:=3 (see --help)"
+    values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2]}
+  done
+  local name declared
+  declared=" $(launch_arguments "$file" | tr '\n' ' ') "
+  for name in "${!values[@]}"; do
+    if [[ $declared == *" $name "* ]]; then known+=("$name"); else others+=("$name"); fi
+  done
+}
+
+# absolute NAME: makes the path in an argument absolute, so that it means the same to every node.
+absolute() {
+  if [[ -n ${values[$1]:-} && ${values[$1]} != /* ]]; then values[$1]=$PWD/${values[$1]}; fi
+}
+
+# refuse_others FILE: ends with an error when there are arguments that the launch file lacks.
+refuse_others() {
+  ((${#others[@]} == 0)) ||
+    die "unknown argument '${others[0]}', expected one of $(launch_arguments "$1" | paste -sd ' ')"
+}
+
+# known_arguments: prints the declared arguments again, one a line.
+known_arguments() {
+  local name
+  for name in "${known[@]}"; do printf '%s:=%s\n' "$name" "${values[$name]}"; done
+}

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the nodes of this package reach a simulator."""
+from __future__ import annotations
+
+import hashlib
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client import ClientOptions
+from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.parameters import ParameterError
+from rocket_sim_node.wire.waiting import WireTimeout
+
+EXPECTED_ERRORS = (ParameterError, WireTimeout, SimulatorBusy, ValueError, OSError)
+"""What can go wrong from outside: told in one line that names it, without a traceback."""
+
+
+@dataclass(frozen=True)
+class ConnectionParameters:
+    """How long to wait for the simulator."""
+
+    resend_after: float = setting(
+        0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
+    patience: float = setting(
+        60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
+
+
+def make_client(
+    node: Node, executor: Executor, parameters: ConnectionParameters, agent: int | None = None,
+) -> Client:
+    """Return a client of the simulator in the node's namespace."""
+    return Client(
+        node, executor, ClientOptions(parameters.resend_after, parameters.patience), agent)
+
+
+def agent_of_run(run: Path) -> int:
+    """Return the identity of a run: the same when it is resumed, so that it may go on at once."""
+    name = f'{socket.gethostname()}:{run.resolve()}'
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
+
+
+def level_setting(level: int) -> dict[str, float]:
+    """Return the curriculum setting of a level, none for 0."""
+    return {'level': level} if level else {}

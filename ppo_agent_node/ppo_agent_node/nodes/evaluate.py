@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `evaluate`: N deterministic episodes of a pilot, as a table, JSON and plots."""
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation import plots
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.connection import level_setting
+from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import run
+from rocket_sim_node.worlds import WorldSpec
+
+
+@dataclass(frozen=True)
+class EvaluationParameters:
+    """Parameters of the node, beside those of the connection."""
+
+    pilot: str = setting('policy', '', 'who flies', choices=('policy', 'expert', 'random'))
+    policy: str = setting(
+        '', '', 'policy file; empty: the newest below runs/, else the one that ships')
+    episodes: int = setting(2000, '', 'shared evenly over the rockets', 1, 10_000_000)
+    level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
+    seed: int = setting(20_000_000, '', 'where the spawns start', 0, 2**62)
+    output: str = setting('', '', 'folder for evaluation.json and plots/; empty: no files')
+
+
+def evaluation(node: Node, executor: Executor) -> None:
+    """Fly the episodes and report."""
+    parameters = Parameters(node)
+    options = parameters.declare(EvaluationParameters)
+    connection = parameters.declare(ConnectionParameters)
+    parameters.finish()
+    output = Path(options.output) if options.output else None
+    if output:
+        # Before the flight: an unwritable folder is told at once, not after minutes.
+        (output / 'plots').mkdir(parents=True, exist_ok=True)
+    client = make_client(node, executor, connection)
+    pilot = _pilot(options, client.connect())
+    start = time.monotonic()
+    with Terminal() as terminal:
+        result = evaluate(
+            client, pilot, options.episodes, options.seed,
+            progress=lambda done: terminal.show(Status(
+                stage='evaluate', iteration=done, iterations=options.episodes,
+                level=options.level, elapsed=time.monotonic() - start)),
+            **level_setting(options.level))
+        client.close()
+        summary = metrics.summary(result)
+        terminal.say(metrics.table(summary))
+        if output:
+            metrics.write_json(summary, output / 'evaluation.json')
+            plots.evaluation_plots(result, output / 'plots')
+            terminal.say(f'evaluation.json and plots are in {output}')
+
+
+def _pilot(options: EvaluationParameters, spec: WorldSpec) -> Pilot:
+    if options.pilot == 'expert':
+        return ExpertPilot(spec)
+    if options.pilot == 'random':
+        return RandomPilot(spec, options.seed)
+    return PolicyPilot(find_policy(options.policy, spec.name), spec)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run('evaluate', evaluation, EXPECTED_ERRORS))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flying a trained policy as a node."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.connection import level_setting
+from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.flying import fly
+from ppo_agent_node.nodes.flying import summary
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class InferenceParameters:
+    """Parameters of mode `infer`, beside those of the connection."""
+
+    policy: str = setting(
+        '', '', 'policy file; empty: the newest below runs/, else the one that ships')
+    seed: int = setting(0, '', 'where the spawns start', 0, 2**62)
+    level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
+    episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)
+
+
+def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
+    """Fly until enough episodes have ended or ROS shuts down; return the exit status."""
+    options = parameters.declare(InferenceParameters)
+    connection = parameters.declare(ConnectionParameters)
+    parameters.finish()
+    client = make_client(node, executor, connection)
+    spec = client.connect()
+    path = find_policy(options.policy, spec.name)
+    pilot = PolicyPilot(path, spec)
+    node.get_logger().info(f'flying {path}')
+    flown = fly(
+        node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
+    node.get_logger().info(summary(flown, spec.outcomes))
+    client.close()
+    return 0

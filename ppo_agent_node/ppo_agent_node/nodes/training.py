@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A training run as a node: settings from parameters, reports to the terminal and `training`."""
+from __future__ import annotations
+
+from dataclasses import asdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rocket_msgs.msg import TrainingStatus
+
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation import plots
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.learning import config as learning_config
+from ppo_agent_node.learning import curves
+from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.connection import agent_of_run
+from ppo_agent_node.nodes.connection import level_setting
+from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.parameters import ParameterError
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.worlds import EnvironmentClosed
+
+
+@dataclass(frozen=True)
+class TrainingParameters:
+    """Parameters of mode `train`, beside the settings of the run."""
+
+    run_dir: str = setting('', '', 'folder of the run; empty: runs/<world>, numbered')
+    resume: bool = setting(False, '', 'go on with the run in run_dir')
+    preset: str = setting(
+        'default', '', 'where the settings of the run begin',
+        choices=learning_config.preset_names())
+
+
+def train(node: Node, executor: Executor, parameters: Parameters) -> int:
+    """Train in the simulator of this namespace, evaluate, plot; return the exit status."""
+    options = parameters.declare(TrainingParameters)
+    connection = parameters.declare(ConnectionParameters)
+    folder = RunFolder(_run_path(options), options.resume)
+    config = _config(parameters, options, folder)
+    parameters.finish()
+    client = make_client(node, executor, connection, agent_of_run(folder.path))
+    publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
+    with Terminal() as terminal:
+        def report(status: Status) -> None:
+            terminal.show(status)
+            publisher.publish(TrainingStatus(**asdict(status)))
+
+        terminal.say(f'run {folder.path}')
+        spec = client.connect()
+        expert = ExpertPilot(spec) if config.demonstration.demonstration_episodes else None
+        try:
+            result = Trainer(
+                client, config, folder, report, expert,
+                stop_requested=lambda: not node.context.ok()).run()
+            if result.finished:
+                _evaluate(client, config, folder, report, terminal)
+                client.close()
+                return 0
+        except EnvironmentClosed:
+            pass
+        terminal.say(
+            'stopped; go on with: ros2 run ppo_agent_node ppo_agent --ros-args '
+            f'-p run_dir:={folder.path} -p resume:=true')
+    return 0
+
+
+def _run_path(options: TrainingParameters) -> Path:
+    if options.run_dir:
+        return Path(options.run_dir)
+    if options.resume:
+        raise ParameterError('parameter run_dir: empty, expected the folder of the run to resume')
+    number = 1
+    while (path := Path('runs') / f'run-{number:03d}').exists():
+        number += 1
+    return path
+
+
+def _config(parameters: Parameters, options: TrainingParameters, folder: RunFolder) -> Config:
+    """Return the settings: those given, else those of the run resumed, else the preset's."""
+    values = learning_config.preset_values(options.preset)
+    if options.resume:
+        values = {**values, **folder.read_config().get('training', {})}
+    return learning_config.make_config(
+        parameters.declare_infos(learning_config.describe(), values))
+
+
+def _evaluate(
+    client: Client, config: Config, folder: RunFolder, report: Any, terminal: Terminal,
+) -> None:
+    """Fly the best policy on fresh starts; write the figures and all plots."""
+    level = config.curriculum.curriculum_final_level
+    count = config.run.evaluation_episodes
+    pilot = PolicyPilot(folder.policy, client.spec)
+    result = evaluate(
+        client, pilot, count, config.run.evaluation_seed,
+        progress=lambda done: report(Status(
+            run=folder.name, stage='evaluate', iteration=done, iterations=count, level=level)),
+        **level_setting(level))
+    summary = metrics.summary(result)
+    metrics.write_json(summary, folder.evaluation)
+    plots.evaluation_plots(result, folder.plots)
+    curves.draw(folder.log, folder.plots)
+    terminal.say(metrics.table(summary))
+    report(Status(
+        run=folder.name, stage='done', level=level, landing_rate=summary['landing_rate'],
+        mean_return=summary['mean_return'], message=f'everything is in {folder.path}'))

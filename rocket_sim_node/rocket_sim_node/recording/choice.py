@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which flights are recorded."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rocket_sim_node.settings import setting
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is wanted of all that flies.
+
+    While an agent learns, flights are alike for hours: then every n-th is enough, and half of
+    the room is kept for the evaluation at the end. When none learns, every flight is recorded.
+    """
+
+    rows: tuple[int, ...] = setting(
+        (0, 1, 2, 3), '', 'rockets recorded, of those that the simulator publishes', 0, 1e9)
+    every_nth_episode: int = setting(
+        5, 'episodes', 'while an agent learns, record every n-th episode of a rocket', 1, 1e9)
+    crashes: bool = setting(
+        False, '', 'while an agent learns, record all crashes of those rockets too')
+    max_steps: int = setting(
+        200_000, 'steps', 'record no more than this (up to 150 KiB per 1000 steps); '
+        'half of it while an agent learns', 0, 1e12)
+
+    def wanted(self, episode: int, *, landed: bool, learning: bool) -> bool:
+        """Return whether a flight of a chosen rocket is recorded."""
+        return (
+            not learning or episode % self.every_nth_episode == 0
+            or (self.crashes and not landed))
+
+    def room(self, *, learning: bool) -> int:
+        """Return how many steps may be recorded in all, up to now."""
+        return self.max_steps // 2 if learning else self.max_steps

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as a file: written under another name, whole when it gets its own."""
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import rerun as rr
+
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.blueprint import blueprint
+
+APPLICATION = 'hoverslam'
+RESERVE = 32 * 2**20
+"""bytes of disk left free; below it the recording ends, whole"""
+
+Put = Callable[[rr.RecordingStream], None]
+Note = Callable[[str, str], None]
+"""Takes a level ('INFO', 'WARN', 'ERROR') and a text."""
+
+
+def partial_path(path: Path) -> Path:
+    """Return the name under which a recording is written."""
+    return path.with_name(f'{path.stem}.partial{path.suffix}')
+
+
+def publish(source: Path, path: Path) -> Path:
+    """Give a file its own name, or the next free one: recording.rrd, recording-2.rrd, …
+
+    :return: the name it got.
+    """
+    for number in itertools.count(1):
+        target = path if number == 1 else path.with_name(f'{path.stem}-{number}{path.suffix}')
+        try:
+            os.link(source, target)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without hard links
+            if target.exists():
+                continue
+            source.rename(target)
+            return target
+        source.unlink()
+        return target
+    raise AssertionError
+
+
+class FileSink:
+    """Writes a recording to a file.
+
+    The file appears under its name when the sink is closed; until then it is
+    `<name>.partial.rrd`. A partial file of a recorder that was killed is repaired first and
+    published. An existing file is never overwritten.
+    """
+
+    def __init__(self, path: Path, note: Note) -> None:
+        """Open the partial file.
+
+        :raises OSError: when the place cannot be written or another recorder is writing there.
+        """
+        self._path = path
+        self._note = note
+        self._partial = partial_path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._lock)
+            raise OSError(
+                error.errno, 'another recorder writes this file', str(self._partial)) from error
+        self._check_space()
+        if os.fstat(self._lock).st_size:
+            self._repair()
+        self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
+        self._stream.set_log_time_enabled(False)
+        self._stream.save(self._partial, default_blueprint=blueprint())
+
+    def _repair(self) -> None:
+        """Save what a recorder that was killed left behind."""
+        repaired = self._path.with_name(f'{self._path.stem}.repaired{self._path.suffix}')
+        try:
+            viewer.repair(self._partial, repaired)
+        except viewer.ViewerError as error:
+            repaired.unlink(missing_ok=True)
+            kept = publish(self._copy(), self._path.with_suffix('.damaged'))
+            self._note('WARN', f'a recorder was killed and its file cannot be repaired, kept as '
+                               f'{kept}: {error}')
+            return
+        where = publish(repaired, self._path)
+        self._note('WARN', f'a recorder was killed: its recording is repaired, {where}')
+
+    def _copy(self) -> Path:
+        copy = self._partial.with_suffix('.copy')
+        shutil.copyfile(self._partial, copy)
+        return copy
+
+    def _check_space(self) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < RESERVE:
+            raise OSError(
+                28, f'only {free / 2**20:.0f} MiB of disk left, {RESERVE / 2**20:.0f} MiB needed',
+                str(self._path.parent))
+
+    def begin(self, head: Put) -> None:
+        """Write what stands at the head of a recording."""
+        self.write(head)
+
+    def write(self, put: Put) -> None:
+        """Write now; when the disk is nearly full, close the file instead."""
+        if self._stream is None:
+            return
+        try:
+            self._check_space()
+        except OSError as error:
+            self._note('ERROR', f'the recording ends here: {error}')
+            self.close()
+            return
+        put(self._stream)
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        if self._stream is None:
+            return
+        stream, self._stream = self._stream, None
+        stream.flush(timeout_sec=10.0)
+        stream.disconnect()
+        where = publish(self._partial, self._path)
+        os.close(self._lock)
+        self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')

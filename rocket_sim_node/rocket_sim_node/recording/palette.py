@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colours that people with any colour vision tell apart (Okabe and Ito, 2008), sRGB."""
+from __future__ import annotations
+
+from typing import TypeAlias
+
+Colour: TypeAlias = tuple[int, int, int]
+
+GREEN: Colour = (0, 158, 115)
+VERMILION: Colour = (213, 94, 0)
+PURPLE: Colour = (204, 121, 167)
+ORANGE: Colour = (230, 159, 0)
+SKY: Colour = (86, 180, 233)
+YELLOW: Colour = (240, 228, 66)
+BLUE: Colour = (70, 130, 220)
+GREY: Colour = (150, 156, 168)
+WHITE: Colour = (235, 238, 242)
+BACKGROUND: Colour = (16, 20, 30)
+
+_OUTCOMES = {
+    'landed': GREEN, 'too_fast': VERMILION, 'tipped': PURPLE, 'off_pad': ORANGE,
+    'tilt_limit': SKY, 'timeout': YELLOW, 'out_of_bounds': GREY,
+}
+_OTHERS = (VERMILION, PURPLE, ORANGE, SKY, YELLOW, GREY)
+
+FALL: Colour = (88, 104, 140)
+BURN: Colour = (255, 176, 56)
+PHASES = {'fall': FALL, 'burn': BURN}
+"""Phases of a flight: engine off, engine on; then its outcome."""
+
+
+def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
+    """Return a colour for each outcome: green for the first, a success, and none twice in six."""
+    colours: dict[str, Colour] = {}
+    for index, name in enumerate(outcomes):
+        other = GREEN if index == 0 else _OTHERS[(index - 1) % len(_OTHERS)]
+        colours[name] = _OUTCOMES.get(name, other)
+    return colours

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Places on the timelines of a recording."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where on the timelines something lies: its first step and the training iteration.
+
+    Steps count those of the recording, in which flights lie one after another, and not those of
+    a simulator; `sim_time` is the step times dt.
+    """
+
+    step: int
+    iteration: int = 0
+
+    def times(self, offsets: NDArray[Any], dt: float) -> list[rr.TimeColumn]:
+        """Return the time columns of rows at `offsets` `(k,)` steps from the start."""
+        step = self.step + offsets
+        return [
+            rr.TimeColumn('sim_time', duration=step * dt),
+            rr.TimeColumn('step', sequence=step),
+        ]
+
+
+def changed(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which rows of `(n, k)` differ from the one before; the first always does."""
+    return np.append(True, np.any(np.diff(values, axis=0) != 0, axis=1))

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a training run goes: curves on a timeline of their own, and the log."""
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from rocket_sim_node.recording import palette
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.palette import Colour
+from rocket_sim_node.recording.place import Place
+
+LEARNING = ('demonstrate', 'clone', 'finetune')
+"""Stages in which an agent learns; in the others it shows what it can."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a plot: a number of TrainingStatus.msg, times `factor`."""
+
+    value: str
+    name: str
+    colour: Colour
+    factor: float = 1.0
+
+
+CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
+    'return': ('Return', (Curve('mean_return', 'mean return', palette.GREEN),)),
+    'landing_rate': ('Landing rate (%)', (
+        Curve('landing_rate_low', '95 % interval, low', palette.GREY, 100.0),
+        Curve('landing_rate_high', '95 % interval, high', palette.GREY, 100.0),
+        Curve('landing_rate', 'landing rate', palette.GREEN, 100.0))),
+    'loss': ('Losses', (
+        Curve('policy_loss', 'policy', palette.SKY),
+        Curve('value_loss', 'value', palette.ORANGE))),
+    'cloning': ('Cloning loss', (
+        Curve('clone_loss', 'training', palette.SKY),
+        Curve('clone_validation_loss', 'held-out flights', palette.ORANGE))),
+    'divergence': ('KL divergence and clipping', (
+        Curve('approx_kl', 'approx. KL', palette.PURPLE),
+        Curve('clipfrac', 'clipped fraction', palette.GREY))),
+    'entropy': ('Entropy (nats)', (
+        Curve('entropy', 'entropy', palette.SKY),
+        Curve('log_std', 'log std', palette.GREY))),
+    'speed': ('Steps per second', (
+        Curve('steps_per_second', 'rocket steps per second', palette.SKY),)),
+    'level': ('Curriculum level', (Curve('level', 'level', palette.ORANGE),)),
+}
+"""Plots by the entity below `/training` that holds them: title and lines."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """A message of the agent: an iteration of a stage, with its numbers by name."""
+
+    stage: str
+    iteration: int
+    values: Mapping[str, float]
+    message: str = ''
+
+    @property
+    def learning(self) -> bool:
+        """Whether the agent still learns."""
+        return self.stage in LEARNING
+
+
+class IterationCounter:
+    """Counts iterations through all stages: each stage begins its own count at 1."""
+
+    def __init__(self) -> None:
+        """Begin before the first."""
+        self._stage = ''
+        self._before = 0
+        self.count = 0
+
+    def add(self, training: Training) -> int:
+        """Return the iteration's number in the run."""
+        if training.stage != self._stage:
+            self._stage, self._before = training.stage, self.count
+        self.count = self._before + training.iteration
+        return self.count
+
+
+def log_styles(stream: rr.RecordingStream) -> None:
+    """Log names and colours of the curves."""
+    for entity, (_, curves) in CURVES.items():
+        stream.log(f'{scene.TRAINING}/{entity}', rr.SeriesLines(
+            names=[curve.name for curve in curves], colors=[curve.colour for curve in curves],
+            widths=[1.0 if curve.colour == palette.GREY else 2.0 for curve in curves],
+        ), static=True)
+
+
+def log_training(
+    stream: rr.RecordingStream, rows: Sequence[tuple[Place, Training]], dt: float,
+) -> None:
+    """Log iterations, several at once: a chunk for each would cost more than its data.
+
+    Values that are not finite are gaps in their curve; a plot with nothing to show is left out.
+    """
+    for entity, (_, curves) in CURVES.items():
+        table = np.array([
+            [curve.factor * training.values.get(curve.value, math.nan) for curve in curves]
+            for _, training in rows])
+        table[~np.isfinite(table)] = np.nan
+        kept = np.flatnonzero(np.any(np.isfinite(table), axis=1))
+        if kept.size:
+            stream.send_columns(
+                f'{scene.TRAINING}/{entity}', times([rows[k][0] for k in kept], dt),
+                rr.Scalars.columns(scalars=table[kept]))
+
+
+def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
+    """Return the time columns of rows that stand at `places`."""
+    steps = np.array([place.step for place in places])
+    return [
+        rr.TimeColumn('iteration', sequence=[place.iteration for place in places]),
+        rr.TimeColumn('sim_time', duration=steps * dt),
+        rr.TimeColumn('step', sequence=steps),
+    ]
+
+
+def log_stage(stream: rr.RecordingStream, name: str, place: Place, dt: float) -> None:
+    """Log that a stage of the run begins."""
+    stream.send_columns(
+        scene.TRAINING_STAGE, times([place], dt), rr.StateChange.columns(state=[name]))
+
+
+def log_text(
+    stream: rr.RecordingStream, rows: Sequence[tuple[Place, str, str]], dt: float,
+) -> None:
+    """Log lines of the run's log: place, text and level ('INFO', 'WARN') of each."""
+    stream.send_columns(
+        scene.LOG, times([place for place, _, _ in rows], dt),
+        rr.TextLog.columns(
+            text=[text for _, text, _ in rows], level=[level for _, _, level in rows]))

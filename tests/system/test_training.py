@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulator and agent as separate processes: train, kill one, go on, and look at what is left."""
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from processes import Process
+from processes import Processes
+from processes import wait_until
+from safetensors.torch import load_file
+
+SMALL = {
+    'demonstration_episodes': 16, 'clone_epochs': 2, 'hidden_sizes': '[16,16]', 'iterations': 4,
+    'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
+    'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
+    'critic_warmup_iterations': 1,
+}
+"""Settings of a run that takes seconds and lands nothing."""
+RESULTS = (
+    'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',
+    'checkpoints/best.safetensors',
+)
+
+
+def simulator(processes: Processes) -> Process:
+    """Start a simulator of eight rockets."""
+    return processes.run_node('rocket_sim_node', 'simulator', num_envs=8)
+
+
+def agent(processes: Processes, run: Path, **parameters: object) -> Process:
+    """Start a small training run."""
+    return processes.run_node(
+        'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
+
+
+def weights(run: Path) -> dict[str, torch.Tensor]:
+    """Return all that the last checkpoint of a run learnt."""
+    tensors = load_file(run / 'checkpoints' / f'iteration_{SMALL["iterations"]:06d}.safetensors')
+    return {name: value for name, value in tensors.items() if name != 'world'}
+
+
+def log_without_times(run: Path) -> list[dict]:
+    """Return the lines of train.jsonl but for what the machine's speed decides."""
+    lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
+    return [
+        {k: v for k, v in line.items() if k not in ('seconds', 'steps_per_second')}
+        for line in lines]
+
+
+def assert_same_run(first: Path, second: Path) -> None:
+    """Assert that two runs learnt the same, bit for bit."""
+    ours, theirs = weights(first), weights(second)
+    assert ours.keys() == theirs.keys()
+    for name in ours:
+        assert torch.equal(ours[name], theirs[name]), name
+    assert log_without_times(first) == log_without_times(second)
+
+
+@pytest.fixture(scope='module')
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same run in one process, without ROS."""
+    from ppo_agent_node.learning.config import load_preset
+    from ppo_agent_node.learning.run_folder import RunFolder
+    from ppo_agent_node.learning.trainer import Trainer
+    from ppo_agent_node.pilots.expert import ExpertPilot
+    from rocket_sim_node.worlds import make
+
+    run = tmp_path_factory.mktemp('undisturbed') / 'run'
+    world = make('rocket', num_envs=8)
+    config = load_preset('default', **{
+        **SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes']))})
+    threads = torch.get_num_threads()
+    result = Trainer(world, config, RunFolder(run), expert=ExpertPilot(world.spec)).run()
+    torch.set_num_threads(threads)
+    assert result.finished
+    return run
+
+
+def test_training_over_dds_equals_training_in_process(
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
+    recording = tmp_path / 'recording.rrd'
+    run = tmp_path / 'run'
+    recorder = processes.run_node('rocket_sim_node', 'rerun_recorder', output=recording)
+    # The agent first: any order of start will do.
+    trainer = agent(processes, run)
+    simulator(processes)
+    assert trainer.wait(120.0) == 0, processes.logs()
+    assert_same_run(run, undisturbed)
+
+    for name in RESULTS:
+        assert (run / name).stat().st_size > 0, name
+    assert len(list((run / 'plots').glob('*.png'))) >= 3
+    settings = yaml.safe_load((run / 'config.yaml').read_text())
+    assert settings['training']['seed'] == SMALL['seed']
+    assert settings['world_settings']['max_thrust'] == 470_880.0
+    evaluation = json.loads((run / 'evaluation.json').read_text())
+    assert evaluation['episodes'] == sum(evaluation['outcomes'].values()) == 20
+    stages = [line['stage'] for line in log_without_times(run)]
+    assert stages == ['demonstrate'] * 2 + ['clone'] * 2 + ['finetune'] * 5
+
+    recorder.signal(signal.SIGINT)
+    assert recorder.wait(20.0) == 0, processes.logs()
+    check = processes.start('rerun', 'rrd', 'verify', str(recording))
+    assert check.wait(30.0) == 0, check.output()
+    from rocket_sim_node.recording.read import trajectories
+    flights = trajectories(recording)
+    assert flights
+    assert all(np.isfinite(flight.position).all() for flight in flights)
+    # Fallen from 200 m to the ground, or out of its limits: never a flight of one sample.
+    assert max(len(flight.time) for flight in flights) > 100
+
+
+def test_killed_simulator_and_killed_agent_change_nothing_that_is_learnt(
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
+    run = tmp_path / 'run'
+    first = simulator(processes)
+    trainer = agent(processes, run)
+    trainer.wait_for('PPO 1/', 90.0)
+    first.signal(signal.SIGKILL)
+    first.wait(5.0)
+    second = simulator(processes)
+    trainer.wait_for('PPO 2/', 60.0)
+    trainer.signal(signal.SIGKILL)
+    trainer.wait(5.0)
+    resumed = agent(processes, run, resume=True)
+    assert resumed.wait(120.0) == 0, processes.logs()
+    assert 'resumed from iteration_' in resumed.output()
+    assert second.running
+    assert_same_run(run, undisturbed)
+
+
+def test_interrupt_saves_and_says_how_to_resume(
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
+    run = tmp_path / 'run'
+    simulator(processes)
+    trainer = agent(processes, run)
+    trainer.wait_for('PPO 1/', 90.0)
+    trainer.signal(signal.SIGINT)
+    assert trainer.wait(10.0) == 0, processes.logs()
+    assert 'resume:=true' in trainer.output()
+    resumed = agent(processes, run, resume=True)
+    assert resumed.wait(120.0) == 0, processes.logs()
+    assert_same_run(run, undisturbed)
+
+
+def test_expert_pilot_lands(processes: Processes) -> None:
+    simulator(processes)
+    pilot = processes.run_node('ppo_agent_node', 'expert_pilot', episodes=24, level=7)
+    assert pilot.wait(60.0) == 0, processes.logs()
+    assert 'landed 24' in pilot.output() or 'landed 25' in pilot.output(), pilot.output()
+
+
+@pytest.mark.parametrize(('package', 'executable', 'parameters', 'words'), [
+    ('rocket_sim_node', 'simulator', {'world': 'mars'}, ('world', 'mars', 'rocket')),
+    ('rocket_sim_node', 'simulator', {'spwan_speed': 3}, ('unknown parameter', 'spwan_speed')),
+    ('rocket_sim_node', 'simulator', {'num_envs': 0}, ('num_envs', '0', 'expected 1')),
+    ('rocket_sim_node', 'simulator', {'dt': 'abc'}, ('dt', 'abc', 'number')),
+    ('ppo_agent_node', 'ppo_agent', {'mode': 'dream'}, ('mode', 'dream', 'train, infer')),
+    ('ppo_agent_node', 'ppo_agent', {'clip_rang': 0.1}, ('unknown parameter', 'clip_rang')),
+    ('ppo_agent_node', 'ppo_agent', {'clip_range': -1.0}, ('clip_range', '-1')),
+    ('ppo_agent_node', 'ppo_agent', {'preset': 'best'}, ('preset', 'best', 'original')),
+    ('ppo_agent_node', 'ppo_agent', {'run_dir': '/proc/run'}, ('/proc/run', 'not writable')),
+    ('ppo_agent_node', 'evaluate', {'episodes': 0}, ('episodes', '0', 'expected 1')),
+    ('ppo_agent_node', 'ppo_agent', {'patience': 0.5}, ('is it running',)),
+])
+def test_bad_parameters_end_in_one_line_that_names_them(
+        processes: Processes, tmp_path: Path, package: str, executable: str, parameters: dict,
+        words: tuple) -> None:
+    if executable == 'ppo_agent' and 'run_dir' not in parameters:
+        parameters = {**parameters, 'run_dir': tmp_path / 'run'}
+    node = processes.run_node(package, executable, **parameters)
+    assert node.wait(30.0) == 2, node.output()
+    assert 'Traceback' not in node.output()
+    for word in words:
+        assert word in node.output()
+
+
+def test_damaged_policy_is_refused(processes: Processes, tmp_path: Path) -> None:
+    simulator(processes)
+    for name, content in (('empty', b''), ('noise', bytes(range(256)) * 8)):
+        path = tmp_path / f'{name}.safetensors'
+        path.write_bytes(content)
+        node = processes.run_node('ppo_agent_node', 'ppo_agent', mode='infer', policy=path)
+        assert node.wait(30.0) == 2, node.output()
+        assert str(path) in node.output()
+        assert 'Traceback' not in node.output()
+
+
+def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> None:
+    simulator(processes)
+    first = processes.run_node('ppo_agent_node', 'expert_pilot', level=7)
+    second = agent(processes, tmp_path / 'run', patience=2.0)
+    wait_until(lambda: not second.running or not first.running, 60.0, processes.logs)
+    refused = second if not second.running else first
+    assert refused.wait(1.0) == 2, processes.logs()
+    assert 'flies this simulator' in refused.output()
