@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +10,10 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.evaluation import plots
-from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.status import Status
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
-from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
@@ -55,20 +51,12 @@ def evaluation(node: Node, executor: Executor) -> None:
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     client = make_client(node, executor, connection)
     pilot = _pilot(options, client.connect())
-    start = time.monotonic()
     with Terminal() as terminal:
-        result = evaluate(
-            client, pilot, options.episodes, options.seed,
-            progress=lambda done: terminal.show(Status(
-                stage='evaluate', iteration=done, iterations=options.episodes,
-                level=options.level, elapsed=time.monotonic() - start)),
-            **level_setting(options.level))
+        summary = fly_and_write(
+            client, pilot, options.episodes, options.seed, options.level, output, terminal.show)
         client.close()
-        summary = metrics.summary(result)
         terminal.say(metrics.table(summary))
         if output:
-            metrics.write_json(summary, output / 'evaluation.json')
-            plots.evaluation_plots(result, output / 'plots')
             terminal.say(f'evaluation.json and plots are in {output}')
 
 

@@ -12,8 +12,6 @@ from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.evaluation import plots
-from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning import config as learning_config
 from ppo_agent_node.learning import curves
 from ppo_agent_node.learning.config import Config
@@ -22,8 +20,8 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import agent_of_run
-from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
@@ -104,16 +102,10 @@ def _evaluate(
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
-    count = config.run.evaluation_episodes
-    pilot = PolicyPilot(folder.policy, client.spec)
-    result = evaluate(
-        client, pilot, count, config.run.evaluation_seed,
-        progress=lambda done: report(Status(
-            run=folder.name, stage='evaluate', iteration=done, iterations=count, level=level)),
-        **level_setting(level))
-    summary = metrics.summary(result)
-    metrics.write_json(summary, folder.evaluation)
-    plots.evaluation_plots(result, folder.plots)
+    summary = fly_and_write(
+        client, PolicyPilot(folder.policy, client.spec), config.run.evaluation_episodes,
+        config.run.evaluation_seed, level, folder.path, report, folder.name,
+        training_seed=config.run.seed)
     curves.draw(folder.log, folder.plots)
     terminal.say(metrics.table(summary))
     report(Status(

@@ -22,6 +22,8 @@ from rocket_sim_node.recording.training_log import CURVES
 PLOT_BEHIND = 12.0
 PLOT_AHEAD = 3.0
 TRAIL_SECONDS = 5.0
+PATH_SECONDS = 60.0
+PATH_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -45,41 +47,55 @@ PLOTS = (
 )
 
 
-def blueprint(live: bool = False, training: bool = False) -> rrb.Blueprint:
+TABS = ('flight', 'log', 'training')
+
+
+def blueprint(
+    live: bool = False, training: bool = False, tab: str = 'flight',
+) -> rrb.Blueprint:
     """Return the layout of a recording.
 
     :param live: follow what arrives instead of playing from the start.
     :param training: with a tab for an agent that trains.
+    :param tab: the one of :data:`TABS` in front.
     """
     tabs: list[rrb.Container | rrb.View] = [_flight_tab(), _log_view()]
     if training:
-        tabs.insert(1, _training_tab())
+        tabs.append(_training_tab())
+    timeline = 'iteration' if tab == 'training' else 'sim_time'
     return rrb.Blueprint(
         rrb.Horizontal(
-            _landing_view(), rrb.Tabs(*tabs, active_tab=0), column_shares=[3, 2]),
+            _landing_view(), rrb.Tabs(*tabs, active_tab=TABS.index(tab)), column_shares=[3, 2]),
         rrb.BlueprintPanel(state='collapsed'),
         rrb.SelectionPanel(state='collapsed'),
         rrb.TimePanel(
-            state='collapsed', timeline='sim_time',
+            state='collapsed', timeline=timeline,
             play_state='following' if live else 'playing'),
     )
 
 
 def _landing_view() -> rrb.Spatial3DView:
     """Return the 3-D view, whose frame follows the camera entity."""
-    now = rrb.TimeRangeBoundary.cursor_relative()
-    kept = rrb.VisibleTimeRanges([
-        rrb.VisibleTimeRange(timeline, start=rrb.TimeRangeBoundary.infinite(), end=now)
-        for timeline in ('sim_time', 'step')])
-    recent = rrb.VisibleTimeRanges([rrb.VisibleTimeRange(
-        'sim_time', end=now,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_SECONDS))])
+    boundary = rrb.TimeRangeBoundary
+    now = boundary.cursor_relative()
+
+    def since(**starts: rr.encodings.TimeRangeBoundary) -> rrb.VisibleTimeRanges:
+        return rrb.VisibleTimeRanges([
+            rrb.VisibleTimeRange(timeline, start=start, end=now)
+            for timeline, start in starts.items()])
+
+    always = boundary.infinite()
+    marks = since(sim_time=always, step=always, iteration=always)
+    paths = since(
+        sim_time=boundary.cursor_relative(seconds=-PATH_SECONDS),
+        iteration=boundary.cursor_relative(seq=-PATH_ITERATIONS))
+    trail = since(sim_time=boundary.cursor_relative(seconds=-TRAIL_SECONDS))
     return rrb.Spatial3DView(
         name='Landing', origin=scene.CAMERA, contents=['+ /world/**', f'+ {scene.CAMERA}'],
         background=list(palette.BACKGROUND), line_grid=False,
         eye_controls=rrb.EyeControls3D(
             position=(1.05, -1.60, 0.42), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)),
-        overrides={scene.LANDINGS: kept, scene.TRAIL: recent},
+        overrides={scene.LANDINGS: marks, scene.PATHS: paths, scene.TRAIL: trail},
     )
 
 
@@ -105,7 +121,7 @@ def _flight_tab() -> rrb.Vertical:
 
 def _lines(plot: Plot) -> rrb.Visualizer:
     return rr.SeriesLines(
-        names=list(plot.names), colors=list(plot.colours),
+        names=list(plot.names), colors=list(plot.colours), widths=[2.0] * len(plot.names),
     ).visualizer(mappings=[VisualizerComponentMapping(
         'Scalars:scalars', ComponentSourceKind.SourceComponent,
         source_component=plot.component)])

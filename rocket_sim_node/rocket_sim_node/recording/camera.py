@@ -21,7 +21,7 @@ F64 = NDArray[np.float64]
 
 SHOTS = (0.55, 0.28, 0.09)
 """Parts of the first height below which the next shot begins."""
-MOVE = 0.8
+MOVE = 0.6
 """s from one shot to the next"""
 
 

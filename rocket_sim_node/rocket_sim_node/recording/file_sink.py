@@ -13,10 +13,13 @@ import rerun as rr
 
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
+from rocket_sim_node.recording.rewrite import rewrite
 
 APPLICATION = 'hoverslam'
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
+COMPACTED = 64 * 2**20
+"""bytes of a file that is worth compacting at its end; a larger one would take seconds"""
 
 Put = Callable[[rr.RecordingStream], None]
 Note = Callable[[str, str], None]
@@ -29,7 +32,7 @@ def partial_path(path: Path) -> Path:
 
 
 def publish(source: Path, path: Path) -> Path:
-    """Give a file its own name, or the next free one: recording.rrd, recording-2.rrd, …
+    """Give a file its own name, or the next free one: run.rrd, run-2.rrd and so on.
 
     :return: the name it got.
     """
@@ -76,21 +79,26 @@ class FileSink:
         self._check_space()
         if os.fstat(self._lock).st_size:
             self._repair()
+        self._empty = True
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
         self._stream.set_log_time_enabled(False)
         self._stream.save(self._partial, default_blueprint=blueprint())
 
     def _repair(self) -> None:
         """Save what a recorder that was killed left behind."""
+        merged = self._path.with_name(f'{self._path.stem}.merged{self._path.suffix}')
         repaired = self._path.with_name(f'{self._path.stem}.repaired{self._path.suffix}')
         try:
-            viewer.repair(self._partial, repaired)
-        except viewer.ViewerError as error:
+            viewer.repair(self._partial, merged)
+            rewrite(merged, repaired)
+        except (viewer.ViewerError, OSError) as error:
             repaired.unlink(missing_ok=True)
             kept = publish(self._copy(), self._path.with_suffix('.damaged'))
             self._note('WARN', f'a recorder was killed and its file cannot be repaired, kept as '
                                f'{kept}: {error}')
             return
+        finally:
+            merged.unlink(missing_ok=True)
         where = publish(repaired, self._path)
         self._note('WARN', f'a recorder was killed: its recording is repaired, {where}')
 
@@ -120,7 +128,20 @@ class FileSink:
             self._note('ERROR', f'the recording ends here: {error}')
             self.close()
             return
+        self._empty = False
         put(self._stream)
+
+    def _compact(self) -> None:
+        """Join the chunks of the partial file, when that is quick."""
+        if self._partial.stat().st_size > COMPACTED:
+            return
+        small = self._path.with_name(f'{self._path.stem}.compact{self._path.suffix}')
+        try:
+            rewrite(self._partial, small)
+            small.replace(self._partial)
+        except OSError as error:
+            small.unlink(missing_ok=True)
+            self._note('WARN', f'the recording is whole but could not be compacted: {error}')
 
     def close(self) -> None:
         """Finish the file and give it its name."""
@@ -129,6 +150,12 @@ class FileSink:
         stream, self._stream = self._stream, None
         stream.flush(timeout_sec=10.0)
         stream.disconnect()
+        if self._empty:
+            self._partial.unlink()
+            os.close(self._lock)
+            self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
+            return
+        self._compact()
         where = publish(self._partial, self._path)
         os.close(self._lock)
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')

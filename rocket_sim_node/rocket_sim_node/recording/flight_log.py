@@ -2,8 +2,10 @@
 """One flight on the timelines of a recording: a few `send_columns`, one per entity."""
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
-import pyarrow as pa
+import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 import rerun as rr
 from numpy.typing import NDArray
 
@@ -26,10 +28,10 @@ THRUST_ARROW = 16.0
 """m of thrust arrow at full throttle"""
 FLAME_LENGTH = (5.0, 20.0)
 """m of flame when the engine is on, and more at full throttle"""
-EFFECT_STEP = 4
+EFFECT_STEP = 5
 """Flame and puffs are logged every so many steps."""
-TRAIL_STEP = 10
-PATH_POINTS = 64
+TRAIL_STEP = 12
+PATH_POINTS = 40
 
 
 def pause_steps(stage: Stage) -> int:
@@ -65,11 +67,13 @@ def _rocket(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Pla
     arrows = np.zeros((n + 1, 2, 3))
     arrows[:n, 0] = ARROW * to_body(flight.orientation, flight.linear_velocity)
     arrows[:n, 1, 2] = THRUST_ARROW * stage.scale * flight.throttle
+    # What stands at the first sample belongs to no step of this flight.
+    reward = np.append(0.0, flight.reward[1:])
     plots = {
         'motion': (flight.position[:, 2] - stage.touchdown_height, flight.speed),
         'tilt': (flight.tilt,),
         'engine': (100.0 * flight.throttle, 100.0 * flight.fuel / max(stage.fuel, 1e-9)),
-        'reward': (np.cumsum(np.append(0.0, flight.reward[1:])), flight.reward),
+        'reward': (np.cumsum(reward), reward),
     }
     stream.send_columns(
         scene.ROCKET, place.times(np.append(np.arange(n), n), stage.dt), [
@@ -142,23 +146,24 @@ def _trail(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Plac
     end = _every(TRAIL_STEP, len(flight))[1:]
     start = np.maximum(end - TRAIL_STEP, 0)
     lines = np.stack((flight.position[start], flight.position[end]), axis=1).astype(np.float32)
-    colours = np.where(
-        (flight.throttle[end] > 0.0)[:, None], np.uint8(palette.BURN), np.uint8(palette.FALL))
+    colours = np.array((palette.FALL, palette.BURN), np.uint8)[
+        (flight.throttle[end] > 0.0).astype(np.int64)]
     stream.send_columns(
         scene.TRAIL, place.times(end, stage.dt), rr.LineStrips3D.columns(
             strips=list(lines), colors=colours))
 
 
 def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
-    """Return (row, phase) where a phase begins: 'fall' or 'burn', at last the outcome, empty when unfinished.
+    """Return (row, phase) where a phase begins: 'fall' or 'burn', at last the outcome.
 
-    A phase of less than `shortest` steps is left out: the throttle may chatter.
+    The outcome of an unfinished flight is empty. A phase of less than `shortest` steps is left
+    out: the throttle may chatter.
     """
     burning = flight.throttle > 0.0
     edges = np.flatnonzero(np.diff(burning)) + 1
     starts = [0, *edges.tolist(), len(flight) - 1]
     changes: list[tuple[int, str]] = []
-    for start, end in zip(starts[:-1], starts[1:], strict=True):
+    for start, end in itertools.pairwise(starts):
         name = 'burn' if burning[start] else 'fall'
         if (end - start >= shortest or not changes) and (not changes or changes[-1][1] != name):
             changes.append((start, name))
@@ -178,7 +183,7 @@ def _phases(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Pla
         scene.PHASE, place.times(np.array([row for row, _ in changes]), stage.dt), [
             *rr.StateChange.columns(state=[name for _, name in changes]),
             *rr.Points3D.columns(
-                positions=[nose], colors=[_colour(flight, stage)], labels=[text],
+                positions=[nose], colors=[palette.light(_colour(flight, stage))], labels=[text],
             ).partition(shown),
         ])
 
@@ -188,7 +193,7 @@ def _colour(flight: Flight, stage: Stage) -> palette.Colour:
 
 
 def _landing(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
-    """Leave the path and a mark at its end for all time, and a line in the log."""
+    """Leave the path for a while, a mark at its end for all time, and a line in the log."""
     last = len(flight) - 1
     colour = _colour(flight, stage)
     mark = flight.position[-1].copy()
@@ -198,10 +203,13 @@ def _landing(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Pl
     text = (
         f'rocket {flight.row}, episode {flight.episode}: '
         f'{(flight.outcome or "unfinished").replace("_", " ")}, {describe(flight, stage)}')
+    times = [
+        *place.times(np.array([last]), stage.dt),
+        rr.TimeColumn('iteration', sequence=[place.iteration])]
+    stream.send_columns(scene.PATHS, times, rr.LineStrips3D.columns(
+        strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 150)]))
     stream.send_columns(
-        scene.LANDINGS, place.times(np.array([last]), stage.dt), [
-            *rr.LineStrips3D.columns(
-                strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 150)]),
+        scene.LANDINGS, times, [
             *rr.Points3D.columns(positions=[mark], colors=[colour]),
             *rr.TextLog.columns(
                 text=[text], level=['INFO' if flight.outcome == stage.outcomes[0] else 'WARN']),
@@ -214,9 +222,10 @@ def _summary(flight: Flight, stage: Stage, place: Place) -> pa.StructArray:
     """Return what there is to know of a flight beside its samples, as one record."""
     record = {
         'row': flight.row, 'episode': flight.episode, 'simulator_step': flight.step,
-        'first_step': place.step, 'iteration': place.iteration, 'samples': len(flight), 'outcome': flight.outcome,
-        'return': flight.total_return, 'speed': float(flight.speed[-1]),
-        'tilt': float(flight.tilt[-1]), 'distance': float(flight.distance[-1]),
+        'first_step': place.step, 'iteration': place.iteration, 'samples': len(flight),
+        'outcome': flight.outcome, 'return': flight.total_return,
+        'speed': float(flight.speed[-1]), 'tilt': float(flight.tilt[-1]),
+        'distance': float(flight.distance[-1]),
         'fuel_used': float(flight.fuel[0] - flight.fuel[-1]), 'tank': stage.fuel,
         'dt': stage.dt,
     }

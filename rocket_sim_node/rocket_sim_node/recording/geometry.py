@@ -47,7 +47,7 @@ def transform(mesh: Mesh, scale: float = 1.0, yaw: float = 0.0,
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array(((cos, -sin, 0), (sin, cos, 0), (0, 0, 1)), np.float32)
     return Mesh(
-        (mesh.position * np.float32(scale)) @ turn.T + np.array(offset, np.float32),
+        (mesh.position @ (scale * turn.T) + np.array(offset)).astype(np.float32),
         mesh.normal @ turn.T, mesh.colour, mesh.triangle)
 
 
@@ -142,5 +142,5 @@ def ring(inner: float, outer: float, height: float, colours: tuple[Colour, Colou
     """Return a flat ring, a disc when `inner` is 0; colours are those inside and outside."""
     mesh = revolve(((outer, height, colours[1]), (inner, height, colours[0])), sides)
     return Mesh(
-        mesh.position, np.repeat(np.float32([[0, 0, 1]]), len(mesh.position), axis=0),
+        mesh.position, np.tile(np.array((0, 0, 1), np.float32), (len(mesh.position), 1)),
         mesh.colour, mesh.triangle)

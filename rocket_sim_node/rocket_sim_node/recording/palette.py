@@ -36,3 +36,8 @@ def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
         other = GREEN if index == 0 else _OTHERS[(index - 1) % len(_OTHERS)]
         colours[name] = _OUTCOMES.get(name, other)
     return colours
+
+
+def light(colour: Colour) -> Colour:
+    """Return a colour half way to white, for text on a dark ground."""
+    return ((colour[0] + 255) // 2, (colour[1] + 255) // 2, (colour[2] + 255) // 2)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
@@ -22,8 +23,8 @@ class Trajectory:
 
     `time` `(n,)` s since it began, `start` s on the recording's `sim_time`; `position` and
     `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world; `tilt` deg, `throttle`
-    0 to 1, `fuel` kg, `reward` `(n,)`. `summary` holds row, episode, return and what else is
-    known of the end.
+    0 to 1, `fuel` kg and `reward` of the step that led there (0 for the first) `(n,)`. `summary`
+    holds row, episode, return and what else is known of the end.
     """
 
     row: int
@@ -51,7 +52,7 @@ def trajectories(path: Path | str) -> list[Trajectory]:
     tables: dict[str, list[Any]] = {scene.ROCKET: [], scene.LANDINGS: []}
     try:
         for chunk in RrdReader(path).stream():
-            if chunk.entity_path in tables and not chunk.is_static:
+            if chunk.entity_path in tables and 'step' in chunk.timeline_names:
                 tables[chunk.entity_path].append(chunk.to_record_batch())
     except (RuntimeError, ValueError) as error:
         raise OSError(22, f'not a readable recording: {error}', str(path)) from error
@@ -100,12 +101,12 @@ def _trajectory(record: dict[str, Any], end: float, part: dict[str, F32]) -> Tra
         reward=part['reward'][:, 1], summary=record)
 
 
-def _column(batch: Any, name: str) -> NDArray[np.int64]:
+def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
     """Return a timeline `(rows,)`, sequences as they are and durations in ns."""
     return np.asarray(batch.column(name).cast('int64').to_numpy(zero_copy_only=False))
 
 
-def _numbers(batch: Any, name: str, width: int) -> F32:
+def _numbers(batch: pa.RecordBatch, name: str, width: int) -> F32:
     """Return a component with `width` numbers a row, `(rows, width)`."""
     array = batch.column(name)
     while hasattr(array, 'flatten') and array.type.num_fields:

@@ -88,9 +88,8 @@ class Recorder:
 
         def head(stream: rr.RecordingStream) -> None:
             scene.log_static(stream, stage)
-            training_log.log_styles(stream)
             if self._training is not None:
-                stream.send_blueprint(blueprint(training=True))
+                _show_training(stream, stage)
 
         for sink in self._sinks:
             sink.begin(head)
@@ -115,7 +114,8 @@ class Recorder:
         self._pending.append((place, training))
         dt = self._dt
         if first:
-            self._put(lambda stream: stream.send_blueprint(blueprint(training=True)))
+            stage = self._stage or Stage('', dt, ())
+            self._put(lambda stream: _show_training(stream, stage))
         if new_stage:
             self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
         text = training.message or (f'stage {training.stage}' if new_stage else '')
@@ -199,3 +199,10 @@ class Recorder:
             rows, self._pending = self._pending, []
             dt = self._dt
             self._put(lambda stream: training_log.log_training(stream, rows, dt))
+
+
+def _show_training(stream: rr.RecordingStream, stage: Stage) -> None:
+    """Add the tab of an agent that trains."""
+    training_log.log_styles(stream)
+    training_log.log_backdrop(stream, stage)
+    stream.send_blueprint(blueprint(training=True))

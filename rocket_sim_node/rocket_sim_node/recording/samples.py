@@ -114,7 +114,7 @@ class Flight:
     @property
     def speed(self) -> F64:
         """Magnitude of the velocity, `(n,)` m/s."""
-        return np.linalg.norm(self.linear_velocity, axis=1)
+        return np.hypot(np.hypot(*self.linear_velocity[:, :2].T), self.linear_velocity[:, 2])
 
     @property
     def distance(self) -> F64:

@@ -21,6 +21,7 @@ FLAME = '/world/rocket/engine/flame'
 THRUSTERS = '/world/rocket/thrusters'
 PUFF = '/world/rocket/thrusters/puff'
 TRAIL = '/world/trail'
+PATHS = '/world/paths'
 LANDINGS = '/world/landings'
 CAMERA = '/camera'
 PHASE = '/world/phase'
@@ -41,8 +42,9 @@ _THRUST: Colour = palette.ORANGE
 def log_static(stream: rr.RecordingStream, stage: Stage) -> None:
     """Log all that does not move, and the styles of what will."""
     stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stream.log(f'{WORLD}/ground', archetype(_ground(stage), shaded=False), static=True)
-    stream.log(f'{WORLD}/pad', archetype(_pad(stage), shaded=False), static=True)
+    stream.log(
+        f'{WORLD}/ground', archetype(join([_ground(stage), _pad(stage)]), shaded=False),
+        static=True)
     stream.log(f'{WORLD}/rings', _rings(stage), static=True)
     stream.log(
         f'{ROCKET}/body', archetype(transform(vehicle.rocket(), stage.scale)), static=True)
@@ -59,14 +61,14 @@ def log_static(stream: rr.RecordingStream, stage: Stage) -> None:
     stream.log(
         TRAIL, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(2.5)), static=True)
     stream.log(
-        LANDINGS, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.2)),
-        rr.Points3D.from_fields(radii=0.8), static=True)
-    stream.log(PHASE, rr.Points3D.from_fields(radii=0.5), static=True)
+        PATHS, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.2)), static=True)
+    stream.log(LANDINGS, rr.Points3D.from_fields(radii=0.8), static=True)
     names = [*palette.PHASES, *stage.outcomes]
     colours = {**palette.PHASES, **palette.outcome_colours(stage.outcomes)}
     stream.log(PHASE, rr.StateConfiguration(
         values=names, labels=[name.replace('_', ' ') for name in names],
-        colors=[colours[name] for name in names]), static=True)
+        colors=[colours[name] for name in names]),
+        rr.Points3D.from_fields(radii=0.01), static=True)
 
 
 def archetype(mesh: Mesh, shaded: bool = True, opacity: int = 255) -> rr.Mesh3D:
@@ -97,11 +99,11 @@ def _pad(stage: Stage) -> Mesh:
         ring(0.0, 0.9, 0.05, (_PAINT, _PAINT)),
     ]
     for k in range(4):
-        corners = np.float32([
+        corners = np.array([
             (limit * 0.62, -0.35, 0.0), (limit * 0.95, -0.35, 0.0),
-            (limit * 0.95, 0.35, 0.0), (limit * 0.62, 0.35, 0.0)])
+            (limit * 0.95, 0.35, 0.0), (limit * 0.62, 0.35, 0.0)], np.float32)
         stripe = Mesh(
-            corners, np.repeat(np.float32([[0, 0, 1]]), 4, axis=0),
+            corners, np.tile(np.array((0, 0, 1), np.float32), (4, 1)),
             np.repeat(np.array([_PAINT], np.uint8), 4, axis=0),
             np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
         paint.append(transform(stripe, yaw=k * np.pi / 2))

@@ -12,8 +12,10 @@ import rerun as rr
 
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.camera import frame
 from rocket_sim_node.recording.palette import Colour
 from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.stage import Stage
 
 LEARNING = ('demonstrate', 'clone', 'finetune')
 """Stages in which an agent learns; in the others it shows what it can."""
@@ -95,6 +97,18 @@ def log_styles(stream: rr.RecordingStream) -> None:
         ), static=True)
 
 
+def log_backdrop(stream: rr.RecordingStream, stage: Stage) -> None:
+    """Let the rocket stand on its pad on the timeline of iterations, where nothing flies."""
+    first = [rr.TimeColumn('iteration', sequence=[0])]
+    view = frame(np.array((0.0, 0.0, stage.touchdown_height)), stage)
+    stream.send_columns(scene.CAMERA, first, rr.Transform3D.columns(
+        translation=[view[:3]], scale=[np.repeat(view[3] / 2, 3)]))
+    stream.send_columns(scene.ROCKET, first, rr.Transform3D.columns(
+        translation=[(0.0, 0.0, stage.touchdown_height)]))
+    for effect in (scene.FLAME, scene.PUFF):
+        stream.send_columns(effect, first, rr.Transform3D.columns(scale=[(1e-3, 1e-3, 1e-3)]))
+
+
 def log_training(
     stream: rr.RecordingStream, rows: Sequence[tuple[Place, Training]], dt: float,
 ) -> None:
@@ -107,8 +121,8 @@ def log_training(
             [curve.factor * training.values.get(curve.value, math.nan) for curve in curves]
             for _, training in rows])
         table[~np.isfinite(table)] = np.nan
-        kept = np.flatnonzero(np.any(np.isfinite(table), axis=1))
-        if kept.size:
+        kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
+        if kept:
             stream.send_columns(
                 f'{scene.TRAINING}/{entity}', times([rows[k][0] for k in kept], dt),
                 rr.Scalars.columns(scalars=table[kept]))

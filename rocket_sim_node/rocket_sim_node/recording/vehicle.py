@@ -94,5 +94,5 @@ def puff() -> Mesh:
         (0.1, 0.0, (245, 250, 255)), (0.7, 2.4, (226, 238, 250)), (1.3, 5.0, (190, 214, 238)),
         (1.0, 6.4, (160, 190, 226)), (0.0, 7.0, (150, 180, 220))), 16)
     return Mesh(
-        np.ascontiguousarray(cone.position[:, [2, 0, 1]]) + np.float32([RADIUS, 0, 0]),
-        np.ascontiguousarray(cone.normal[:, [2, 0, 1]]), cone.colour, cone.triangle)
+        cone.position[:, [2, 0, 1]] + np.array((RADIUS, 0, 0), np.float32),
+        cone.normal[:, [2, 0, 1]], cone.colour, cone.triangle)

@@ -8,10 +8,12 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+LOCAL = '127.0.0.1'
 _PR_SET_PDEATHSIG = 1
 
 
@@ -27,7 +29,7 @@ def binary() -> Path:
     :raises ViewerError: when it is not there.
     """
     try:
-        import rerun_cli
+        import rerun_cli  # type: ignore[import-untyped]  # it has no types
     except ImportError as error:
         raise ViewerError(
             'the Rerun program is missing: pip install rerun-sdk (its version is pinned in the '
@@ -52,7 +54,7 @@ def rrd(*arguments: str | Path, timeout: float = 120.0) -> None:
     try:
         result = subprocess.run(
             command, env=environment(), capture_output=True, text=True, timeout=timeout,
-            check=False)
+            check=False, start_new_session=True)  # Ctrl-C is for us, and we wait for it
     except subprocess.TimeoutExpired as error:
         raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
     if result.returncode != 0:
@@ -77,26 +79,51 @@ def repair(broken: Path, repaired: Path) -> None:
     verify(repaired)
 
 
-def start(*arguments: str) -> subprocess.Popen[bytes]:
-    """Start the program as a child that ends when this process does, however it ends."""
-    return subprocess.Popen(
-        [str(binary()), *arguments], env=environment(), stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
+class Program:
+    """The program as a child that ends when this process does, however that ends."""
+
+    def __init__(self, *arguments: str, **variables: str) -> None:
+        """Start it; `variables` are added to its environment.
+
+        :raises ViewerError: when the program is missing.
+        """
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed by stop()
+        self._process = subprocess.Popen(
+            [str(binary()), *arguments], env={**environment(), **variables},
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said,
+            preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
+
+    def said(self) -> str:
+        """Return the last of what it complained of."""
+        self._said.seek(0)
+        return ' '.join(self._said.read().decode(errors='replace').split())[-600:]
+
+    def wait_for(self, ready: Callable[[], bool], what: str, patience: float) -> None:
+        """Wait until it is ready.
+
+        :raises ViewerError: when it ends or takes too long.
+        """
+        deadline = time.monotonic() + patience
+        while not ready():
+            if self._process.poll() is not None:
+                raise ViewerError(f'{what} ended at once: {self.said()}')
+            if time.monotonic() > deadline:
+                raise ViewerError(f'{what} was not ready after {patience:g} s: {self.said()}')
+            time.sleep(0.05)
+
+    def stop(self, patience: float = 1.0) -> None:
+        """End it, by force when it does not go by itself."""
+        self._process.terminate()
+        try:
+            self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._said.close()
 
 
 def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def stop(process: subprocess.Popen[bytes], patience: float = 1.0) -> None:
-    """End a child, by force when it does not go by itself."""
-    process.terminate()
-    try:
-        process.wait(patience)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def reachable(host: str, port: int, patience: float = 0.3) -> bool:
@@ -108,18 +135,8 @@ def reachable(host: str, port: int, patience: float = 0.3) -> bool:
         return False
 
 
-def wait_for(
-    process: subprocess.Popen[bytes], ready: Callable[[], bool], what: str, patience: float,
-) -> None:
-    """Wait until a child is ready.
-
-    :raises ViewerError: when it ends or takes too long, with what it said last.
-    """
-    deadline = time.monotonic() + patience
-    while not ready():
-        if process.poll() is not None:
-            said = process.stderr.read().decode(errors='replace') if process.stderr else ''
-            raise ViewerError(f'{what} ended at once: {" ".join(said.split())[-400:]}')
-        if time.monotonic() > deadline:
-            raise ViewerError(f'{what} was not ready after {patience:g} s')
-        time.sleep(0.05)
+def free_port() -> int:
+    """Return a port of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind((LOCAL, 0))
+        return int(probe.getsockname()[1])

@@ -2,19 +2,10 @@
 """A recording as a web page, for browsers on this machine."""
 from __future__ import annotations
 
-import socket
 from urllib.parse import quote
 
 from rocket_sim_node.recording import viewer
-
-LOCAL = '127.0.0.1'
-
-
-def free_port() -> int:
-    """Return a port that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind((LOCAL, 0))
-        return int(probe.getsockname()[1])
+from rocket_sim_node.recording.viewer import LOCAL
 
 
 class WebPage:
@@ -32,21 +23,20 @@ class WebPage:
         """
         if viewer.reachable(LOCAL, port):
             raise viewer.ViewerError(f'web_port: {port} is taken by another program')
-        data = free_port()
+        data = viewer.free_port()
         self.url = f'rerun+http://{LOCAL}:{data}/proxy'
         self.page = f'http://{LOCAL}:{port}/?url={quote(self.url, safe="")}'
-        self._process = viewer.start(
+        self._program = viewer.Program(
             '--serve-web', '--bind', LOCAL, '--port', str(data), '--web-viewer-port', str(port),
             '--server-memory-limit', memory)
         try:
-            viewer.wait_for(
-                self._process,
+            self._program.wait_for(
                 lambda: viewer.reachable(LOCAL, port) and viewer.reachable(LOCAL, data),
                 'the web viewer', 20.0)
         except viewer.ViewerError:
-            viewer.stop(self._process)
+            self._program.stop()
             raise
 
     def close(self) -> None:
         """Stop it."""
-        viewer.stop(self._process)
+        self._program.stop()

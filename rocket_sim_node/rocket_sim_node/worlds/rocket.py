@@ -277,4 +277,6 @@ class RocketWorld:
         self.episode[done] += 1
         self._begin(done, spawn.draw(
             self._seed, done, self.episode[done], self._spawn_range, self.settings))
+        self._reward = reward.copy()
+        self._reward[done] = 0.0
         return info

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rocket_sim_node.settings import setting
 
-FROM_LEVEL = -1
+FROM_LEVEL = -1.0
 """Value of a `spawn_*` setting that leaves the choice to `level`."""
 
 

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes parameters.md, the list of all parameters, from the settings' own declarations."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from ppo_agent_node.learning import config
+from ppo_agent_node.nodes import connection
+from ppo_agent_node.nodes import evaluate
+from ppo_agent_node.nodes import expert_pilot
+from ppo_agent_node.nodes import inference
+from ppo_agent_node.nodes import ppo_agent
+from ppo_agent_node.nodes import training
+from rocket_sim_node import worlds
+from rocket_sim_node.nodes import rerun_recorder
+from rocket_sim_node.nodes import simulator
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.settings import describe
+
+FILE = Path(__file__).parent / 'parameters.md'
+
+_HEAD = """# Parameters of all nodes
+
+Made by `python docs/make_parameters.py` from the declarations in the code; a test keeps it current.
+Give one with `--ros-args -p name:=value`. All are read-only after start; an unknown name, another
+kind or a value out of range ends the node with status 2 and an error that names it.
+"""
+
+
+def table(title: str, infos: Iterable[SettingInfo]) -> str:
+    """Return a heading and a Markdown table of settings."""
+    lines = [f'## {title}', '', '| name | type | default | range | meaning |',
+             '| --- | --- | --- | --- | --- |']
+    lines += [
+        f'| `{info.name}` | {_kind(info)} | {_value(info.default)} | {_range(info)} '
+        f'| {info.description}{f", {info.unit}" if info.unit else ""} |' for info in infos]
+    return '\n'.join([*lines, ''])
+
+
+def _kind(info: SettingInfo) -> str:
+    if isinstance(info.default, tuple):
+        return 'list of int'
+    return type(info.default).__name__.replace('str', 'string').replace('float', 'double')
+
+
+def _value(value: object) -> str:
+    if isinstance(value, tuple):
+        return f'`{list(value)}`'
+    if isinstance(value, bool):
+        return f'`{str(value).lower()}`'
+    return f'`{value:.9g}`' if isinstance(value, float) else f'`{value}`' if value != '' else ''
+
+
+def _range(info: SettingInfo) -> str:
+    if info.choices:
+        return ', '.join(info.choices)
+    if isinstance(info.default, bool | str):
+        return ''
+    return f'{info.low:.10g} to {info.high:.10g}'
+
+
+def text() -> str:
+    """Return what parameters.md ought to hold."""
+    agent = (
+        ('mode `train`', (*describe(training.TrainingParameters), *config.describe())),
+        ('mode `infer`', describe(inference.InferenceParameters)))
+    return '\n'.join([
+        _HEAD,
+        table('`simulator`', describe(simulator.SimulatorParameters)),
+        *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
+          for name in worlds.names()),
+        table('`rerun_recorder`', describe(rerun_recorder.RecorderParameters)),
+        table('`ppo_agent`', describe(ppo_agent.AgentParameters)),
+        *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
+        table('`expert_pilot`', describe(expert_pilot.ExpertParameters)),
+        table('`evaluate`', describe(evaluate.EvaluationParameters)),
+        table('All nodes of `ppo_agent_node`', describe(connection.ConnectionParameters)),
+    ])
+
+
+if __name__ == '__main__':
+    FILE.write_text(text(), 'utf-8')

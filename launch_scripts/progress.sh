@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# How set-up talks: steps with elapsed time on stderr, and failures in a line or two. Sourced.
+
+ticker=
+
+# fail LINE...: says what is wrong and what to do next, one line each, and ends.
+fail() {
+  printf 'setup: %s\n' "$1" >&2
+  shift
+  local line
+  for line in "$@"; do printf '       %s\n' "$line" >&2; done
+  exit 1
+}
+
+# tick TEXT: the moving line of one step: elapsed time and what the log says last.
+tick() {
+  local started=$SECONDS last width
+  if [[ ! -t 2 ]]; then
+    while sleep 30 && kill -0 "$$" 2> /dev/null; do
+      printf '  %s: still at it, %d s\n' "$1" "$((SECONDS - started))" >&2
+    done
+    return
+  fi
+  width=$(stty size < /dev/tty 2> /dev/null | cut -d ' ' -f 2) || width=80
+  ((${width:-0} > 20)) || width=80
+  while kill -0 "$$" 2> /dev/null; do
+    last=$(tail -c 2000 "$log" 2> /dev/null | tr '\r' '\n' |
+      grep -aoE '^ *(Collecting [^ ]+|Downloading [^ ]+|Installing collected|\[[0-9]+/[0-9]+\])' |
+      tail -n 1) || last=
+    last=$(printf '  %s ... %d s  %s' "$1" "$((SECONDS - started))" "${last## }")
+    printf '\r\033[K%s' "${last:0:width-1}" >&2
+    sleep 1
+  done
+}
+
+end_tick() {
+  [[ -n $ticker ]] || return 0
+  kill "$ticker" 2> /dev/null || true
+  wait "$ticker" 2> /dev/null || true
+  ticker=
+  if [[ -t 2 ]]; then printf '\r\033[K' >&2; fi
+}
+
+# step TEXT COMMAND...: runs the command with its output in the log; returns its status.
+step() {
+  local text=$1 started=$SECONDS status=0
+  shift
+  printf '\n### %s\n' "$text" >> "$log"
+  [[ -t 2 ]] || printf '  %s ...\n' "$text" >&2
+  tick "$text" 9>&- &
+  ticker=$!
+  "$@" >> "$log" 2>&1 || status=$?
+  end_tick
+  if ((status == 0)); then printf '  %s: done in %d s\n' "$text" "$((SECONDS - started))" >&2; fi
+  return "$status"
+}
+
+# explain WHAT: fails with the reason that the log gives for a failed step.
+explain() {
+  local tail
+  tail=$(tail -n 200 "$log")
+  case $tail in
+    *'No space left on device'* | *'Errno 28'*)
+      fail "$1 failed: the disk is full." 'Free some space (about 4 GB are needed), then run it again.' ;;
+    *'Errno -3'* | *'Errno -2'* | *'Failed to establish a new connection'* | *'Name or service not'* | \
+      *'Max retries exceeded'* | *'Read timed out'* | *ConnectTimeout* | *ProxyError* | *'Connection reset'*)
+      fail "$1 failed: the package index cannot be reached." \
+        "Check the network (and pip's proxy or index settings), then run it again; log: $log" ;;
+    *CERTIFICATE_VERIFY_FAILED*)
+      fail "$1 failed: the package index's certificate is not trusted here." \
+        "Tell pip about your CA bundle (PIP_CERT=FILE), then run it again; log: $log" ;;
+    *'No matching distribution found for'*)
+      fail "$1 failed: $(grep -aoE 'No matching distribution found for .*' <<< "$tail" | tail -n 1)." \
+        "The index that pip uses lacks it for this Python and machine; log: $log" ;;
+    *'Permission denied'*)
+      fail "$1 failed: $(grep -a 'Permission denied' <<< "$tail" | tail -n 1)" \
+        "Make that writable, then run it again; log: $log" ;;
+  esac
+  printf 'setup: %s failed. The last lines of %s:\n' "$1" "$log" >&2
+  grep -avE '^ *$|^-- (Up-to-date|Installing)|^WARNING: Location' <<< "$tail" | tail -n 12 |
+    cut -c 1-300 | sed 's/^/       /' >&2
+  exit 1
+}

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash disable=SC2154
+# The steps of set-up: checks, .venv, the workspace, the environment file. Sourced by ./setup.
+
+# check_machine: what must hold before anything is begun.
+check_machine() {
+  [[ $root != *[[:space:]:]* ]] ||
+    fail "the path '$root' has a space or a colon, which ROS 2 builds cannot stand." 'Move the project to a path without.'
+  [[ -w $root && -w $root/ros_ws && (! -e $venv || -w $venv) ]] ||
+    fail "$root is not writable for $(id -un)." 'Copy the project to a folder of yours, or change its owner.'
+  [[ $(uname -s) == Linux ]] || fail "this is $(uname -s); Hoverslam runs on Linux." 'Use a Linux machine, container or WSL 2.'
+  if [[ $mode == wheels ]]; then
+    [[ $(uname -m) == x86_64 ]] ||
+      fail "there are no ROS 2 wheels for $(uname -m), only for x86_64." \
+        'Install ROS 2 Kilted or Jazzy for this machine, source its setup.bash, then run this again.'
+    getconf GNU_LIBC_VERSION > /dev/null 2>&1 ||
+      fail 'the ROS 2 wheels need glibc 2.28 or newer, which this system lacks (musl?).' \
+        'Use Debian, Ubuntu, Fedora or the like, or install ROS 2 and source its setup.bash.'
+  fi
+  local tool
+  for tool in cc:gcc c++:g++; do
+    command -v "${tool%:*}" > /dev/null || command -v "${tool#*:}" > /dev/null ||
+      fail "no ${tool#*:} found; a C and a C++ compiler build the ROS messages." \
+        'Install them, on Debian and Ubuntu: sudo apt install build-essential'
+  done
+  if ! venv_ready; then
+    local free
+    free=$(df -Pk "$root" | awk 'NR == 2 {print int($4 / 1024)}')
+    ((${free:-9999} >= 4000)) ||
+      fail "only $free MB of disk are free in $root; about 4000 MB are needed." 'Free some space, then run it again.'
+  fi
+}
+
+# take_lock: one set-up at a time; the lock goes with the last process that holds descriptor 9.
+take_lock() {
+  exec 9> "$root/.setup.lock"
+  flock -n 9 && return
+  echo 'Waiting for another set-up of this folder to end ...' >&2
+  flock 9
+}
+
+# usable PYTHON: whether it runs and is CPython 3.11 to 3.13 (with rclpy where ROS 2 is sourced).
+usable() {
+  "$1" -c '
+import sys
+ok = sys.implementation.name == "cpython" and (3, 11) <= sys.version_info[:2] <= (3, 13)
+sys.exit(0 if ok else 1)' > /dev/null 2>&1 || return 1
+  [[ $mode == wheels ]] || "$1" -c 'import rclpy' > /dev/null 2>&1
+}
+
+# find_python: sets $python.
+find_python() {
+  local candidate
+  if [[ -n ${PYTHON:-} ]]; then
+    usable "$PYTHON" || fail "PYTHON=$PYTHON is not a CPython 3.11, 3.12 or 3.13 that runs$wanted." \
+      'Name another one, or unset PYTHON.'
+    python=$(command -v "$PYTHON")
+    return
+  fi
+  for candidate in python3.11 python3.12 python3.13 python3; do
+    if usable "$candidate"; then python=$(command -v "$candidate"); return; fi
+  done
+  fail "no CPython 3.11, 3.12 or 3.13 found$wanted." \
+    'Install one, on Debian and Ubuntu: sudo apt install python3 python3-venv python3-dev' \
+    'or name one: PYTHON=/path/to/python3.12 ./launch_scripts/setup'
+}
+
+# requirements: the pins that this mode needs, in the file $1.
+requirements() {
+  local numpy=
+  if [[ $mode == wheels ]]; then section ros > "$1"; else : > "$1"; fi
+  if [[ $mode == wheels ]] || ! "$python" -c 'import colcon_core, colcon_ros' 2> /dev/null; then
+    section colcon >> "$1"
+  fi
+  section run >> "$1"
+  section test >> "$1"
+  [[ $mode == wheels ]] && return
+  numpy=$("$python" -c 'import numpy; print(numpy.__version__)' 2> /dev/null) || return 0
+  sed -i "s/^numpy==.*/numpy==$numpy/" "$1"
+}
+
+# make_venv: .venv with all packages, anew unless only the pins have changed.
+make_venv() {
+  local wanted='' python='' old='' pip kept
+  [[ $mode == wheels ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
+  old=$(cat "$stamps/venv" 2> /dev/null) || old=
+  kept=$(venv_state)
+  rm -f "$stamps/venv"
+  if [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null; then
+    python=$(< "$stamps/python")
+  else
+    find_python
+    new_venv
+  fi
+  pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input)
+  requirements "$stamps/requirements"
+  section build > "$stamps/build"
+  step 'Preparing pip' "${pip[@]}" install --retries 8 --timeout 60 -r "$stamps/build" || explain 'Installing packages'
+  step 'Installing ROS 2 and libraries' "${pip[@]}" install --retries 8 --timeout 60 --progress-bar off \
+    --no-build-isolation -r "$stamps/requirements" || explain 'Installing packages'
+  if [[ $mode == wheels ]]; then
+    step 'Checking packages' "${pip[@]}" check || explain 'Checking packages'
+    relocate
+    install_ros2
+  fi
+  printf '%s' "$python" > "$stamps/python"
+  printf '%s %s %s' "$root" "$("$venv/bin/python" -VV | digest)" "$(section ros | digest)" > "$stamps/id"
+  printf '%s' "$kept" > "$stamps/venv"
+}
+
+# new_venv: an empty .venv of $python.
+new_venv() {
+  local options=()
+  rm -rf "$venv"
+  [[ $mode == wheels ]] || options=(--system-site-packages)
+  [[ -f $("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h ]] ||
+    fail "the headers (Python.h) of $python are missing; the ROS messages are built with them." \
+      "Install them, on Debian and Ubuntu: sudo apt install $("$python" -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])')"
+  step "Making .venv with $("$python" -V 2>&1)" "$python" -m venv "${options[@]}" "$venv" || {
+    rm -rf "$venv"
+    case $(tail -n 20 "$log") in
+      *ensurepip* | *'No module named venv'*)
+        fail "$python has no working venv module." \
+          "Install it, on Debian and Ubuntu: sudo apt install $("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')" ;;
+      *) explain 'Making .venv' ;;
+    esac
+  }
+  mkdir -p "$stamps"
+  printf '%s' "$python" > "$stamps/python"
+}
+
+# relocate: the wheels' CMake files name the include folders of the machine that built them.
+relocate() {
+  local python_include numpy_include stale
+  python_include=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+  numpy_include=$("$venv/bin/python" -c 'import numpy; print(numpy.get_include())')
+  stale='/opt/python/cp[0-9]+-cp[0-9]+'
+  { grep -rlE "$stale" "$venv"/share/*/cmake || true; } | xargs -r sed -i -E \
+    -e "s#$stale/include/python[0-9.]+#$python_include#g" \
+    -e "s#$stale/lib/python[0-9.]+/site-packages/numpy/_?core/include#$numpy_include#g"
+}
+
+# install_ros2: the stand-in for the ros2 command, which the wheels lack.
+install_ros2() {
+  cat > "$venv/bin/ros2" << END
+#!$venv/bin/python
+"""The ros2 command of launch_scripts/ros2, for an environment of wheels."""
+import sys
+
+sys.path.insert(0, '$here')
+from ros2.main import main
+
+sys.exit(main())
+END
+  chmod +x "$venv/bin/ros2"
+}
+
+# colcon_build TEXT ARGUMENT...: one build, with the tools of .venv only.
+colcon_build() {
+  local text=$1
+  shift
+  if [[ $mode == wheels ]]; then export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv; fi
+  export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH COLCON_LOG_LEVEL=error COLCON_EXTENSION_BLOCKLIST=colcon_core.event_handler.desktop_notification
+  cd "$root/ros_ws"
+  step "$text" "$venv/bin/python" -m colcon build --event-handlers console_direct+ console_start_end- "$@" || explain "$text"
+  cd "$root"
+}
+
+# build_messages: rocket_msgs; from nothing unless only its sources have changed.
+build_messages() {
+  local old
+  old=$(cat "$install/.messages" 2> /dev/null) || old=
+  rm -f "$install/.messages"
+  [[ ${old% *} == "1 $(< "$stamps/id")" ]] || rm -rf "$root"/ros_ws/{build,install,log}
+  local state generator=()
+  state=$(messages_state)
+  [[ ! -x $venv/bin/ninja ]] || generator=(-GNinja)
+  colcon_build 'Building rocket_msgs' --packages-select rocket_msgs \
+    --cmake-args "${generator[@]}" -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python"
+  printf '%s' "$state" > "$install/.messages"
+}
+
+# build_nodes: the Python packages, linked to their sources, so that edits need no build.
+build_nodes() {
+  local state
+  rm -rf "$install/.nodes" "$root"/ros_ws/{build,install}/{rocket_sim_node,ppo_agent_node}
+  state=$(nodes_state)
+  colcon_build 'Linking the nodes' --symlink-install --packages-select rocket_sim_node ppo_agent_node
+  printf '%s' "$state" > "$install/.nodes"
+}
+
+# write_environment: what the workspace's own set-up file exports, once, for env.sh to replay.
+write_environment() {
+  local name value part parts i file=$stamps/env.sh
+  echo '# Written by launch_scripts/setup; read by launch_scripts/env.sh.' > "$file.new"
+  while IFS='=' read -r -d '' name value; do
+    case $name in *PATH) ;; *) continue ;; esac
+    IFS=: read -r -a parts <<< "$value"
+    for ((i = ${#parts[@]} - 1; i >= 0; i--)); do
+      part=${parts[i]}
+      case $part in "$root"/*) printf '_hoverslam_prepend %s %q\n' "$name" "$part" >> "$file.new" ;; esac
+    done
+  done < <(env -i HOME="$HOME" PATH=/usr/bin:/bin bash --norc -c ". '$install/local_setup.bash' && env -0" 2>> "$log")
+  grep -q rocket_msgs "$file.new" || explain "Reading $install/local_setup.bash"
+  mv "$file.new" "$file"
+}

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An evaluation in numbers: one dictionary for the file, one table for the terminal."""
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.evaluation.intervals import bootstrap_mean
+from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.evaluation.runner import EvaluationResult
+
+IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
+"""Outcomes that are no touchdown: their speed, tilt and distance say nothing of a landing."""
+
+UNITS = {
+    'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',
+    'fuel_bound_kg': 'kg', 'mean_length': 'steps',
+}
+
+
+def touchdowns(result: EvaluationResult) -> NDArray[np.bool_]:
+    """Return `(K,)` which episodes ended on the ground."""
+    return ~result.named(*IN_FLIGHT)
+
+
+def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
+    """Return the figures of an evaluation, ready for JSON: null where there is no value.
+
+    - `landing_rate` with `landing_rate_interval`, Wilson, 95 %;
+    - `mean_return` with `mean_return_interval`, bootstrap, 95 %, and `return_std`;
+    - `touchdown_speed` (m/s), `tilt` (deg from vertical), `distance` (m from the pad's centre),
+      over the episodes that touched down, `fuel_used_kg` over all: each `mean` and `p95`, the
+      95th percentile;
+    - `fuel_bound_kg`, the mean least fuel of straight drops from the same starts, and
+      `fuel_ratio`, the mean of used / least, both over landed episodes;
+    - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`.
+
+    :param extra: facts to be kept with them, such as the hash of the policy.
+    :raises ValueError: for an extra that would overwrite a figure.
+    """
+    episodes, landed = result.episodes, result.landed
+    count, successes = len(episodes), int(landed.sum())
+    ground = touchdowns(result)
+    names = result.spec.outcomes
+    level = result.settings.get('level')
+    summary: dict[str, Any] = {
+        'world': result.spec.name,
+        'level': None if level is None else int(level),
+        'policy': result.pilot,
+        'seed': result.seed,
+        'num_envs': result.spec.num_envs,
+        'reset_settings': result.reset_settings,
+        'episodes': count,
+        'landed': successes,
+        'landing_rate': successes / count,
+        'landing_rate_interval': list(wilson(successes, count)),
+        'mean_return': float(episodes.episode_return.mean()),
+        'mean_return_interval': list(bootstrap_mean(episodes.episode_return)),
+        'return_std': float(episodes.episode_return.std()),
+        'touchdown_speed': _spread(episodes.touchdown_speed[ground]),
+        'tilt': _spread(episodes.tilt[ground]),
+        'distance': _spread(episodes.distance[ground]),
+        'fuel_used_kg': _spread(episodes.fuel_used if result.is_rocket else np.zeros(0)),
+        'fuel_bound_kg': _mean(result.fuel_bound[landed]),
+        'fuel_ratio': _mean(episodes.fuel_used[landed] / result.fuel_bound[landed]),
+        'mean_length': float(episodes.length.mean()),
+        'outcomes': {
+            name: int((episodes.outcome == code).sum()) for code, name in enumerate(names)},
+        'units': UNITS,
+    }
+    clash = sorted(set(extra) & set(summary))
+    if clash:
+        raise ValueError(f'{", ".join(clash)}: reserved for the figures')
+    return {**summary, **extra}
+
+
+def _mean(values: NDArray[np.float64]) -> float | None:
+    """Return the mean of the finite values, None where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None
+
+
+def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+    finite = values[np.isfinite(values)]
+    return {
+        'mean': _mean(finite),
+        'p95': float(np.quantile(finite, 0.95)) if finite.size else None,
+    }
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """Return the figures as aligned text for a terminal."""
+    low, high = (100 * bound for bound in summary['landing_rate_interval'])
+    least, most = summary['mean_return_interval']
+    level = '' if summary['level'] is None else f', level {summary["level"]}'
+    rows = [
+        ('world', f'{summary["world"]}{level}'),
+        ('policy', str(summary['policy'])),
+        ('episodes', f'{summary["episodes"]} (seed {summary["seed"]})'),
+        ('landed', f'{100 * summary["landing_rate"]:.2f} %  [{low:.2f}, {high:.2f}]'),
+        ('return', f'{summary["mean_return"]:.2f}  [{least:.2f}, {most:.2f}]'),
+        ('length', f'{summary["mean_length"]:.1f} steps'),
+    ]
+    for name, unit in (('touchdown_speed', 'm/s'), ('tilt', 'deg'), ('distance', 'm'),
+                       ('fuel_used_kg', 'kg')):
+        if summary[name]['mean'] is not None:
+            rows.append((
+                name.removesuffix('_kg').replace('_', ' '),
+                f'{summary[name]["mean"]:.4g} {unit}  (95 %: below {summary[name]["p95"]:.4g})'))
+    if summary['fuel_ratio'] is not None:
+        rows.append(('fuel / least possible', f'{summary["fuel_ratio"]:.4f}'))
+    ends = ', '.join(f'{name} {count}' for name, count in summary['outcomes'].items() if count)
+    rows.append(('outcomes', ends))
+    width = max(len(name) for name, _ in rows)
+    return '\n'.join(f'{name:<{width}}  {value}' for name, value in rows)
+
+
+def write_json(path: Path, summary: Mapping[str, Any]) -> None:
+    """Write a summary; a reader finds the old file or the whole new one, never half of it.
+
+    :raises ValueError: for NaN or infinity, which JSON does not know; nothing is written.
+    """
+    text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
+    try:
+        with os.fdopen(handle, 'w', encoding='utf-8') as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flying a pilot over many episodes, so that every episode has an equal chance to count."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.evaluation.bounds import StraightDropBound
+from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import VectorEnv
+from rocket_sim_node.worlds.base import WorldSpec
+
+_VELOCITY_Y = 4
+_PAD_X, _PAD_Z = 12, 14
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """What was flown, `(K,)` episodes in order of row, then of flight."""
+
+    spec: WorldSpec
+    pilot: str
+    seed: int
+    reset_settings: dict[str, float]
+    episodes: Episodes
+    steps: int
+    """batched steps flown"""
+    first_velocity_y: F64
+    """`(K,)` m/s upwards at the start; NaN in worlds that are no rocket"""
+    fuel_bound: F64
+    """`(K,)` kg, least fuel of a straight drop from there; NaN likewise"""
+    end_position: F64
+    """`(K, 2)` m, x and z from the pad's centre at the end; NaN likewise"""
+
+    @property
+    def is_rocket(self) -> bool:
+        """Whether the world burns fuel."""
+        return self.spec.name.startswith('rocket')
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """The world's settings as they were flown."""
+        return {**self.spec.settings, **self.reset_settings}
+
+    @property
+    def landed(self) -> NDArray[np.bool_]:
+        """`(K,)` which episodes landed."""
+        return self.named('landed')
+
+    def named(self, *names: str) -> NDArray[np.bool_]:
+        """Return `(K,)` which episodes had one of these outcomes; unknown names match none."""
+        codes = [code for code, name in enumerate(self.spec.outcomes) if name in names]
+        return np.isin(self.episodes.outcome, codes)
+
+
+def quotas(episodes: int, num_envs: int) -> NDArray[np.int64]:
+    """Return how many episodes each rocket has to fly, `(N,)`: equal shares, the first one more.
+
+    Counting the first episodes that end, whoever flies them, would favour short ones: while one
+    rocket hovers for 30 s another crashes six times. With a share fixed in advance the length of
+    an episode cannot decide whether it counts. (stable-baselines3 found its evaluations biased in
+    this way and shares episodes likewise, `evaluate_policy`.)
+
+    :raises ValueError: for less than one episode or environment.
+    """
+    if episodes < 1 or num_envs < 1:
+        raise ValueError(f'got {episodes} episodes on {num_envs} rockets, expected 1 or more')
+    share, more = divmod(episodes, num_envs)
+    return share + (np.arange(num_envs) < more).astype(np.int64)
+
+
+def evaluate(
+    env: VectorEnv,
+    pilot: Pilot,
+    episodes: int = 2000,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    **reset_settings: float,
+) -> EvaluationResult:
+    """Fly `episodes` episodes from a seed; equal arguments give equal results, bit for bit.
+
+    Every rocket flies its share (see :func:`quotas`); one that is done flies on, uncounted, until
+    the last has finished.
+
+    :param pilot: asked once a step; nothing is added to its actions.
+    :param progress: told (episodes counted, of how many) whenever some were.
+    :param reset_settings: curriculum settings of the world, such as `level`.
+    :raises ValueError: for less than one episode, or what the world's reset refuses.
+    :raises EnvironmentRestarted: the simulator was lost; call again for the same result.
+    """
+    spec = env.spec
+    is_rocket = spec.name.startswith('rocket')
+    left = quotas(episodes, spec.num_envs)
+    observation = env.reset(seed, **reset_settings)
+    start = observation.copy()
+    counted: list[Episodes] = []
+    starts: list[NDArray[np.float32]] = []
+    ends: list[NDArray[np.float32]] = []
+    steps = done = 0
+    while done < episodes:
+        observation, _, _, _, info = env.step(pilot(observation))
+        steps += 1
+        rows: NDArray[np.int64] = info['final_rows']
+        if not len(rows):
+            continue
+        counts = left[rows] > 0
+        counted.append(info['episodes'].take(counts))
+        starts.append(start[rows[counts]])
+        ends.append(info['final_observation'][counts])
+        left[rows[counts]] -= 1
+        start[rows] = observation[rows]
+        done += len(counted[-1])
+        if progress is not None and len(counted[-1]):
+            progress(done, episodes)
+    flown = Episodes.concatenate(counted)
+    order = np.lexsort((flown.episode, flown.row))
+    first, last = np.concatenate(starts)[order], np.concatenate(ends)[order]
+    velocity, bound = np.full(episodes, np.nan), np.full(episodes, np.nan)
+    position = np.full((episodes, 2), np.nan)
+    if is_rocket:
+        velocity = first[:, _VELOCITY_Y].astype(np.float64) * spec.settings['velocity_scale']
+        bound = StraightDropBound(
+            spec.settings, reset_settings.get('spawn_height')).fuel(velocity)
+        position = (-last[:, [_PAD_X, _PAD_Z]].astype(np.float64)
+                    * spec.settings['position_scale'])
+    return EvaluationResult(
+        spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
+        episodes=flown.take(order), steps=steps, first_velocity_y=velocity, fuel_bound=bound,
+        end_position=position)

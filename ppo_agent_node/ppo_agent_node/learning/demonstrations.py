@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations: what the expert saw and did in the episodes that it landed."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import UNSET
+from ppo_agent_node.learning.config import DemonstrationConfig
+from ppo_agent_node.learning.flights import Pilot
+from ppo_agent_node.learning.flights import fly_once
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import VectorEnv
+
+
+class Demonstrations(NamedTuple):
+    """Samples of landed episodes, episode after episode."""
+
+    observation: Tensor
+    """`(S, D)`"""
+    action: Tensor
+    """`(S, *action_shape)`, what the expert wanted, within the action's bounds"""
+    episode: Tensor
+    """`(S,)` which of the landed episodes, from 0, ascending"""
+
+    @classmethod
+    def join(cls, parts: list[Demonstrations]) -> Demonstrations:
+        """Put waves together, and number their episodes on."""
+        episodes, first = [], 0
+        for part in parts:
+            episodes.append(part.episode + first)
+            first += int(part.episode[-1]) + 1 if len(part.episode) else 0
+        return cls(
+            torch.cat([part.observation for part in parts]),
+            torch.cat([part.action for part in parts]), torch.cat(episodes))
+
+
+def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
+    """Return what the world is reset with: the level, or wider where the config says so."""
+    wider = {
+        name.removeprefix('demonstration_'): getattr(config, name)
+        for name in config.__dataclass_fields__ if name.startswith('demonstration_spawn_')
+    }
+    chosen = {name: value for name, value in wider.items() if value != UNSET}
+    return {'level': level, **chosen} if level else {}
+
+
+def fly_wave(
+    env: VectorEnv,
+    expert: Pilot,
+    config: DemonstrationConfig,
+    level: int,
+    seed: int,
+    wave: int,
+    poll: Callable[[], None],
+) -> tuple[Demonstrations, Episodes]:
+    """Let the expert fly one episode with each rocket and keep those that landed.
+
+    Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
+    injection for robust imitation learning', 2017); what is kept is what the expert wanted.
+
+    :return: the samples of landed episodes, and all episodes.
+    :raises EnvironmentRestarted: what was flown is lost; call again with the same arguments.
+    """
+    noise = np.random.default_rng(streams.derived_seed(seed, 'demonstration noise', wave))
+
+    def disturb(action: NDArray[Any]) -> NDArray[Any]:
+        if not config.demonstration_noise or not env.spec.continuous:
+            return action
+        wanted = action + config.demonstration_noise * noise.standard_normal(action.shape)
+        return wanted.astype(np.float32)
+
+    observation = env.reset(
+        streams.derived_seed(seed, 'demonstrations', wave), **spawn_settings(config, level))
+    steps = list(fly_once(env, observation, expert, poll, disturb))
+    episodes = Episodes.concatenate([step.episodes for step in steps])
+    landed = np.zeros(env.spec.num_envs, np.bool_)
+    landed[episodes.row[episodes.outcome == env.spec.outcomes.index('landed')]] = True
+    # Rocket after rocket: (N, T) before flattening.
+    kept = np.stack([step.flying & landed for step in steps], axis=1)
+    action = np.stack([step.action for step in steps], axis=1)[kept]
+    if env.spec.continuous:
+        action = np.clip(action, env.spec.action_low, env.spec.action_high, dtype=np.float32)
+    samples = Demonstrations(
+        torch.from_numpy(np.stack([step.observation for step in steps], axis=1)[kept]),
+        torch.from_numpy(action),
+        torch.from_numpy((np.cumsum(landed) - 1)[np.nonzero(kept)[0]]))
+    return samples, episodes

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flights outside the roll-out: each rocket's first episodes under a pilot, all counted alike."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds.base import F32
+
+Pilot = Callable[[F32], NDArray[Any]]
+
+
+class Step(NamedTuple):
+    """One step of a flight."""
+
+    observation: F32
+    """`(N, D)`, before it"""
+    action: NDArray[Any]
+    """`(N, ...)`, the pilot's"""
+    flying: NDArray[np.bool_]
+    """`(N,)`, whose first episode had not ended before it"""
+    episodes: Episodes
+    """first episodes that ended with it"""
+
+
+def fly_once(
+    env: VectorEnv,
+    observation: F32,
+    pilot: Pilot,
+    poll: Callable[[], None],
+    disturb: Callable[[NDArray[Any]], NDArray[Any]] = lambda action: action,
+) -> Iterator[Step]:
+    """Fly until every rocket has ended the episode it is in, and yield each step.
+
+    Rockets that end early fly on, but count no more: so short episodes are not over-represented.
+
+    :param observation: `(N, D)`, of the world as it is.
+    :param poll: called before each step; may raise to end the flight.
+    :param disturb: what is flown, given what the pilot wants.
+    :raises EnvironmentRestarted: what was flown is lost.
+    """
+    flying = np.ones(env.spec.num_envs, np.bool_)
+    while flying.any():
+        poll()
+        action = pilot(observation)
+        before, was_flying = observation, flying
+        observation, _, _, _, info = env.step(disturb(action))
+        episodes: Episodes = info['episodes']
+        flying = was_flying.copy()
+        flying[info['final_rows']] = False
+        yield Step(before, action, was_flying, episodes.take(was_flying[episodes.row]))

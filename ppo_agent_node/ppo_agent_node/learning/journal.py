@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The journal of a run: each iteration becomes a line of `train.jsonl` and a Status to whoever
+listens.
+"""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.status import Status
+
+TIMES = ('seconds', 'steps_per_second')
+"""Entries of a line that depend on the machine; all others follow from the seed."""
+_STATUS_FIELDS = frozenset(field.name for field in fields(Status))
+
+
+class Journal:
+    """Writes down how a run goes."""
+
+    def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:
+        """Begin at the folder's last line."""
+        self._folder, self._report = folder, report
+        self._began = self._stage_began = self._last = time.monotonic()
+        self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
+        self._status = Status(run=folder.name)
+        self.lines = 0
+
+    def take_up(self, lines: int, steps: int) -> None:
+        """Go on after the first `lines` lines, at which `steps` rocket steps had been taken.
+
+        :raises ValueError: when there are fewer lines.
+        """
+        self._folder.cut_log(lines)
+        self.lines, self._steps = lines, steps
+
+    def begin(self, stage: str, iterations: int, done: int = 0) -> None:
+        """Begin a stage of so many iterations, some of them done earlier."""
+        self._stage, self._iterations, self._first = stage, iterations, done
+        self._stage_began = self._last = time.monotonic()
+
+    def entry(self, iteration: int, steps: int, message: str = '', **numbers: Any) -> None:  # noqa: ANN401 - as JSON
+        """Write down an iteration of the stage.
+
+        :param steps: rocket steps taken by the run so far.
+        :param numbers: fields of Status, and others that only the log gets.
+        :raises OSError: when the log cannot be written.
+        """
+        now = time.monotonic()
+        seconds, taken = now - self._last, steps - self._steps
+        self._last, self._steps = now, steps
+        rate = taken / seconds if taken and seconds > 0 else float('nan')
+        self._folder.append({
+            'stage': self._stage, 'iteration': iteration, 'steps': steps, **numbers,
+            **({'message': message} if message else {}),
+            'seconds': round(seconds, 3), 'steps_per_second': round(rate) if taken else None,
+        })
+        self.lines += 1
+        done = max(1, iteration - self._first)
+        self._status = Status(
+            run=self._folder.name, stage=self._stage, iteration=iteration,
+            iterations=self._iterations, steps=steps, elapsed=now - self._began,
+            remaining=(now - self._stage_began) / done * max(0, self._iterations - iteration),
+            steps_per_second=rate, message=message,
+            **{name: value for name, value in numbers.items() if name in _STATUS_FIELDS})
+        self._report(self._status)
+
+    def message(self, text: str) -> None:
+        """Tell what happened between two entries; it is not written down."""
+        self._report(Status(
+            run=self._folder.name, stage=self._stage, iterations=self._iterations,
+            iteration=self._status.iteration if self._status.stage == self._stage else 0,
+            steps=self._steps, elapsed=time.monotonic() - self._began, message=text))

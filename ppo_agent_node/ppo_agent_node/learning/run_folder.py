@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning.sealed_file import Sealed
+from ppo_agent_node.learning.sealed_file import Tensors
+
+CHECKPOINT = 'checkpoint'
+_NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
+_KEPT = 2
+
+
+class RunFolderError(OSError):
+    """A run's folder cannot be used; the message names it and says why."""
+
+
+class RunFolder:
+    """`config.yaml`, `train.jsonl`, `checkpoints/`, `policy.safetensors`, `plots/` of one run."""
+
+    def __init__(self, path: Path | str, resume: bool = False) -> None:
+        """Make the folder, or take up the one that is there.
+
+        :param resume: continue what a run left here, or begin when there is nothing.
+        :raises RunFolderError: when it cannot be written, or holds a run that is not resumed.
+        """
+        self.path = Path(path)
+        self.config = self.path / 'config.yaml'
+        self.log = self.path / 'train.jsonl'
+        self.checkpoints = self.path / 'checkpoints'
+        self.best = self.checkpoints / 'best.safetensors'
+        self.policy = self.path / 'policy.safetensors'
+        self.evaluation = self.path / 'evaluation.json'
+        self.plots = self.path / 'plots'
+        if not resume and (self.config.exists() or self.log.exists()):
+            raise RunFolderError(
+                f'{self.path}: there is a run already; resume it or name another')
+        try:
+            self.checkpoints.mkdir(parents=True, exist_ok=True)
+            self.plots.mkdir(exist_ok=True)
+            probe = self.path / '.writable'
+            probe.write_bytes(b'')
+            probe.unlink()
+        except OSError as error:
+            raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.path.name
+
+    def write_config(self, values: dict[str, Any]) -> None:
+        """Write every setting.
+
+        :raises OSError: naming the path.
+        """
+        plain = json.loads(json.dumps(values))
+        text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
+        sealed_file.write_atomically(self.config, text.encode())
+
+    def read_config(self) -> dict[str, Any]:
+        """Return the settings that the run began with, `{}` when it has not begun.
+
+        :raises ValueError: when the file is damaged.
+        """
+        if not self.config.exists():
+            return {}
+        try:
+            values = yaml.safe_load(self.config.read_text('utf-8'))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ValueError(f'{self.config}: damaged: {error}') from error
+        if not isinstance(values, dict):
+            raise ValueError(f'{self.config}: damaged, expected names and values')
+        return values
+
+    def append(self, line: dict[str, Any]) -> None:
+        """Add a line to the log and hand it to the system; what is not finite becomes null.
+
+        :raises OSError: naming the path.
+        """
+        plain = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in line.items()
+        }
+        try:
+            with self.log.open('a', encoding='utf-8') as file:
+                file.write(json.dumps(plain) + '\n')
+        except OSError as error:
+            raise OSError(
+                error.errno, f'could not write: {error.strerror}', str(self.log)) from error
+
+    def lines(self) -> list[dict[str, Any]]:
+        """Return the log, without a last line that was cut short."""
+        return read_log(self.log)
+
+    def cut_log(self, count: int) -> None:
+        """Keep the first `count` lines of the log.
+
+        :raises ValueError: when there are fewer.
+        """
+        lines = self.log.read_bytes().splitlines(keepends=True) if self.log.exists() else []
+        whole = [line for line in lines if line.endswith(b'\n')]
+        if len(whole) < count:
+            raise ValueError(f'{self.log}: has {len(whole)} lines, expected at least {count}')
+        sealed_file.write_atomically(self.log, b''.join(whole[:count]))
+
+    def save(self, iteration: int, tensors: Tensors, content: dict[str, Any]) -> Path:
+        """Write the checkpoint of an iteration, and keep the newest two.
+
+        :raises OSError: naming the path; older checkpoints are still there.
+        """
+        path = self.checkpoints / f'iteration_{iteration:06d}.safetensors'
+        sealed_file.write(path, CHECKPOINT, tensors, content)
+        for old in self._saved()[_KEPT:]:
+            old.unlink(missing_ok=True)
+        return path
+
+    def save_best(self, tensors: Tensors, content: dict[str, Any]) -> None:
+        """Write the checkpoint of the best iteration.
+
+        :raises OSError: naming the path.
+        """
+        sealed_file.write(self.best, CHECKPOINT, tensors, content)
+
+    def newest(self, warn: Callable[[str], None]) -> tuple[Path, Sealed] | None:
+        """Return the newest checkpoint that is whole; None when none was ever written.
+
+        :param warn: is told of each that is damaged.
+        :raises ValueError: when there are some and all are damaged.
+        """
+        saved = self._saved()
+        for path in saved:
+            try:
+                return path, sealed_file.read(path, CHECKPOINT)
+            except (ValueError, OSError) as error:
+                warn(f'checkpoint left out: {error}')
+        if saved:
+            raise ValueError(f'{self.checkpoints}: all {len(saved)} checkpoints are damaged')
+        return None
+
+    def _saved(self) -> list[Path]:
+        """Return the checkpoints of iterations, newest first."""
+        found = [p for p in self.checkpoints.iterdir() if _NAME.fullmatch(p.name)]
+        return sorted(found, key=lambda p: int(p.stem.removeprefix('iteration_')), reverse=True)
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a `train.jsonl`, without a last one that was cut short.
+
+    :raises ValueError: naming file and line, when another is damaged.
+    """
+    text = path.read_text('utf-8') if path.exists() else ''
+    lines = []
+    for number, line in enumerate(text.splitlines(keepends=True), 1):
+        if not line.endswith('\n'):
+            break
+        try:
+            lines.append(json.loads(line))
+        except ValueError as error:
+            raise ValueError(f'{path}: line {number} is damaged: {error}') from error
+    return lines

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run is at the start of an iteration, besides the weights, and how it is written down."""
+from __future__ import annotations
+
+from dataclasses import asdict
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.curriculum import Curriculum
+from ppo_agent_node.learning.sealed_file import Sealed
+from ppo_agent_node.learning.selection import Score
+from rocket_sim_node.worlds import WorldSpec
+
+WORLD = 'world'
+"""Name of the tensor that holds the world's snapshot, bytes."""
+_FREE_TO_CHANGE = frozenset(
+    {'threads', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
+"""Settings that do not change what is learnt, so that a resumed run may have others."""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """Where a run is. Random numbers need no state: see streams."""
+
+    curriculum: Curriculum
+    iteration: int = 0
+    """of fine-tuning, done"""
+    steps: int = 0
+    """rocket steps taken"""
+    lines: int = 0
+    """of the log, written"""
+    best: Score | None = None
+
+
+def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
+    """Return every setting of a run, for `config.yaml`."""
+    try:
+        version = metadata.version('ppo_agent_node')
+    except metadata.PackageNotFoundError:
+        version = 'not installed'
+    return {
+        'version': version, 'world': spec.name, 'num_envs': spec.num_envs,
+        'training': config.flat(), 'world_settings': spec.settings,
+    }
+
+
+def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
+    """Return what a checkpoint says about a run, as JSON can."""
+    return {
+        'iteration': state.iteration, 'steps': state.steps, 'lines': state.lines,
+        'level': state.curriculum.level, 'recent': [int(x) for x in state.curriculum.recent],
+        'best': asdict(state.best) if state.best else None,
+        'description': description(spec, config),
+    }
+
+
+def snapshot_tensor(snapshot: bytes) -> Tensor:
+    """Return a world's snapshot as a tensor of bytes."""
+    return torch.from_numpy(np.frombuffer(snapshot, np.uint8).copy())
+
+
+def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:
+    """Return the state that a checkpoint holds.
+
+    :raises ValueError: when it is of a run with other settings; names the file and the setting.
+    """
+    found = sealed.content
+    try:
+        _same(path, found['description'], description(spec, config))
+        return RunState(
+            Curriculum(config.curriculum, int(found['level']), tuple(map(bool, found['recent']))),
+            int(found['iteration']), int(found['steps']), int(found['lines']),
+            Score(**found['best']) if found['best'] else None)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
+
+
+def _same(path: Path, found: dict[str, Any], expected: dict[str, Any]) -> None:
+    pairs = [
+        (name, found[name], expected[name]) for name in ('world', 'num_envs')
+    ] + [
+        (name, found[group].get(name), value)
+        for group in ('training', 'world_settings')
+        for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
+    ]
+    for name, theirs, ours in pairs:
+        if theirs != (list(ours) if isinstance(ours, tuple) else ours):
+            raise ValueError(
+                f'{path}: {name} of the run is {theirs}, expected {ours}; '
+                f'resume with the settings of its config.yaml, or begin another run')

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One file format for checkpoints and policies: safetensors with a sealed description.
+
+The tensors lie in a safetensors file (github.com/huggingface/safetensors), whose string metadata
+holds the kind of file, the version of the format, a JSON `content` and a SHA-256 digest over
+content and tensors. Reading verifies all of it and executes nothing. Writing is atomic: a reader
+finds the old file or the new one, whatever breaks in between.
+"""
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from typing import NamedTuple
+
+import safetensors.torch
+import torch
+from safetensors import SafetensorError
+from torch import Tensor
+
+FORMAT_VERSION = '1'
+Tensors = dict[str, Tensor]
+
+
+class Sealed(NamedTuple):
+    """What a file holds."""
+
+    tensors: Tensors
+    content: dict[str, Any]
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Put `data` into a file, all of it or none, and see it onto the disk.
+
+    :raises OSError: naming the path; what was there before is still there.
+    """
+    scratch = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with scratch.open('wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
+        raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
+
+
+def write(path: Path, kind: str, tensors: Mapping[str, Tensor], content: object) -> None:
+    """Write a sealed file atomically.
+
+    :param kind: what is in it; reading asks for the same.
+    :param content: anything that JSON can say.
+    :raises OSError: naming the path.
+    """
+    text = json.dumps(content, sort_keys=True)
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    write_atomically(path, safetensors.torch.save(plain, metadata={
+        'hoverslam': kind, 'version': FORMAT_VERSION, 'content': text,
+        'digest': _digest(kind, text, plain),
+    }))
+
+
+def read(path: Path, kind: str) -> Sealed:
+    """Read and verify a sealed file.
+
+    :raises FileNotFoundError: when there is none.
+    :raises ValueError: when it is damaged, foreign, of another kind or version; the message
+        names the file, what was found and what was expected.
+    """
+    data = path.read_bytes()
+    metadata = _metadata(path, data)
+    found = metadata.get('hoverslam')
+    if found != kind:
+        raise ValueError(f'{path}: holds {found or "something foreign"!r}, expected {kind!r}')
+    if metadata.get('version') != FORMAT_VERSION:
+        raise ValueError(
+            f'{path}: format version {metadata.get("version")!r}, expected {FORMAT_VERSION!r}')
+    try:
+        tensors = safetensors.torch.load(data)
+        text = metadata['content']
+        content = json.loads(text)
+    except (SafetensorError, ValueError, KeyError) as error:
+        raise ValueError(f'{path}: damaged, {len(data)} bytes: {error}') from error
+    digest = _digest(kind, text, tensors)
+    if metadata.get('digest') != digest:
+        raise ValueError(
+            f'{path}: damaged, its content has digest {digest[:12]}, '
+            f'expected {str(metadata.get("digest"))[:12]}')
+    return Sealed(tensors, content)
+
+
+def _metadata(path: Path, data: bytes) -> dict[str, str]:
+    """Return the string metadata: a header of JSON after its length, 8 bytes little-endian."""
+    size = int.from_bytes(data[:8], 'little')
+    if len(data) < 8 or size > len(data) - 8:
+        raise ValueError(
+            f'{path}: damaged, {len(data)} bytes, expected a safetensors file of at least '
+            f'{size + 8}' if len(data) >= 8 else f'{path}: damaged, only {len(data)} bytes')
+    try:
+        header = json.loads(data[8:8 + size])
+        return dict(header.get('__metadata__', {}))
+    except (ValueError, AttributeError, TypeError, RecursionError) as error:
+        raise ValueError(f'{path}: damaged, its header is no JSON: {error}') from error
+
+
+def _digest(kind: str, content: str, tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256(f'{kind}\n{FORMAT_VERSION}\n{content}\n'.encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        digest.update(f'{name} {tensor.dtype} {tuple(tensor.shape)}\n'.encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def expect_tensors(path: Path, tensors: Tensors, expected: Mapping[str, Tensor]) -> None:
+    """Check names, shapes and kinds of tensors against those expected.
+
+    :raises ValueError: naming the file, what was found and expected.
+    """
+    if set(tensors) != set(expected):
+        raise ValueError(
+            f'{path}: holds tensors {sorted(tensors)}, expected {sorted(expected)}')
+    for name, like in expected.items():
+        found = tensors[name]
+        if found.shape != like.shape or found.dtype != like.dtype:
+            raise ValueError(
+                f'{path}: tensor {name!r} is {found.dtype} of shape {tuple(found.shape)}, '
+                f'expected {like.dtype} of shape {tuple(like.shape)}')
+        if found.is_floating_point() and not bool(found.isfinite().all()):
+            raise ValueError(f'{path}: tensor {name!r} has a value that is not finite')

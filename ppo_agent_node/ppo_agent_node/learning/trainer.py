@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A training run from nothing to a policy: demonstrate, clone, fine-tune by PPO.
+
+Equal seeds give equal weights, bit for bit, whichever `VectorEnv` it flies in, however often the
+simulator restarts, and whether or not the run was stopped and resumed.
+"""
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ppo_agent_node.learning import run_state
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.anchor import Anchor
+from ppo_agent_node.learning.cloning import CloneEpoch
+from ppo_agent_node.learning.cloning import clone
+from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.curriculum import Curriculum
+from ppo_agent_node.learning.demonstrations import Demonstrations
+from ppo_agent_node.learning.demonstrations import fly_wave
+from ppo_agent_node.learning.flights import Pilot
+from ppo_agent_node.learning.journal import Journal
+from ppo_agent_node.learning.learner import Learner
+from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.rollout import Rollout
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.run_state import WORLD
+from ppo_agent_node.learning.run_state import RunState
+from ppo_agent_node.learning.sealed_file import Sealed
+from ppo_agent_node.learning.sealed_file import Tensors
+from ppo_agent_node.learning.selection import Score
+from ppo_agent_node.learning.selection import fly_selection
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.learning.status import wilson_interval
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds.base import F32
+
+
+class _Stopped(Exception):  # noqa: N818 - not an error
+    """Somebody asked the run to stop."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a run ended."""
+
+    finished: bool
+    """False when it was stopped; it can be resumed"""
+    iterations: int
+    """done, of fine-tuning"""
+    best: Score | None
+    """of the policy in `policy`; None when none has been flown yet"""
+    policy: Path
+
+
+class Trainer:
+    """Trains one policy in one world, in a folder from which the run can be resumed."""
+
+    def __init__(
+        self,
+        env: VectorEnv,
+        config: Config,
+        folder: RunFolder,
+        report: Callable[[Status], None] = lambda status: None,
+        expert: Pilot | None = None,
+        stop_requested: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Prepare a run; nothing flies yet.
+
+        :param report: is told of each iteration, and of what else happens.
+        :param expert: the pilot to imitate; may be None when there are no demonstrations.
+        :param stop_requested: asked before each step and each minibatch.
+        :raises ValueError: when the world's actions are of a kind that no policy here has.
+        """
+        if config.demonstration.demonstration_episodes and expert is None:
+            raise ValueError('demonstration_episodes: more than 0, but there is no expert')
+        torch.set_num_threads(config.run.threads)
+        self._env, self._config, self._folder = env, config, folder
+        self._expert, self._stop_requested = expert, stop_requested
+        self._level = config.curriculum.curriculum_final_level
+        self._learner = Learner(env.spec, config)
+        self._journal = Journal(folder, report)
+        self._anchor = Anchor(env, self._journal.message)
+        self._state = RunState(Curriculum.begin(config.curriculum))
+        self._rollout = Rollout(
+            config.ppo.n_steps, env.spec.num_envs, env.spec.observation_size,
+            self._learner.policy)
+
+    def run(self) -> Result:
+        """Train until done or asked to stop; from where the folder's run ended, if it has one.
+
+        :raises ValueError: when the folder's run had other settings or its files are damaged.
+        :raises OSError: when the folder cannot be written; the last checkpoint is whole.
+        """
+        finished = False
+        saved = self._folder.newest(self._journal.message)
+        try:
+            if saved is None:
+                self._journal.take_up(0, 0)
+                self._folder.write_config(run_state.description(self._env.spec, self._config))
+                self._imitate()
+                self._begin_finetuning()
+            else:
+                self._take_up(*saved)
+            self._finetune()
+            finished = True
+        except _Stopped:
+            self._journal.message('stopped; a resumed run goes on from here')
+        return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
+
+    def _poll(self) -> None:
+        if self._stop_requested():
+            raise _Stopped
+
+    def _take_up(self, path: Path, sealed: Sealed) -> None:
+        tensors = dict(sealed.tensors)
+        snapshot = tensors.pop(WORLD, torch.zeros(0, dtype=torch.uint8))
+        self._state = run_state.from_content(path, sealed, self._env.spec, self._config)
+        self._learner.load(path, tensors)
+        self._journal.take_up(self._state.lines, self._state.steps)
+        try:
+            self._anchor.moor(snapshot.numpy().tobytes())
+        except ValueError as error:
+            raise ValueError(f'{path}: {error}') from error
+        self._journal.message(f'resumed from {path.name}')
+
+    def _imitate(self) -> None:
+        """Clone the expert into the policy."""
+        if not self._config.demonstration.demonstration_episodes:
+            return
+        samples = self._demonstrate()
+        self._journal.begin('clone', self._config.clone.clone_epochs)
+
+        def report(epoch: CloneEpoch) -> None:
+            numbers = asdict(epoch)
+            self._journal.entry(numbers.pop('epoch'), self._state.steps, **numbers)
+
+        clone(self._learner.policy, samples, self._config.clone, self._config.run.seed, report,
+              self._poll)
+        self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
+
+    def _demonstrate(self) -> Demonstrations:
+        config, rockets = self._config.demonstration, self._env.spec.num_envs
+        waves = -(-config.demonstration_episodes // rockets)
+        expert = self._expert
+        assert expert is not None  # noqa: S101 - the constructor saw to it
+        self._journal.begin('demonstrate', waves)
+        parts = []
+        for wave in range(waves):
+            samples, episodes = self._anchor.excursion(functools.partial(
+                fly_wave, self._env, expert, config, self._level, self._config.run.seed, wave,
+                self._poll))
+            parts.append(samples)
+            self._state = replace(
+                self._state, steps=self._state.steps + int(episodes.length.max()) * rockets)
+            self._journal.entry(
+                wave + 1, self._state.steps, samples=len(samples.episode),
+                **self._flight_numbers(episodes))
+        return Demonstrations.join(parts)
+
+    def _begin_finetuning(self) -> None:
+        """Score the clone, put the world at the first level and save: iteration 0."""
+        self._journal.begin('finetune', self._config.ppo.iterations)
+        self._reset_world()
+        best, numbers = self._select()
+        self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
+
+    def _finetune(self) -> None:
+        state = self._state
+        self._journal.begin('finetune', self._config.ppo.iterations, state.iteration)
+        while self._state.iteration < self._config.ppo.iterations:
+            state, tensors = self._state, self._tensors()
+            try:
+                self._iterate()
+            except _Stopped:
+                self._state = state
+                self._save(tensors)
+                raise
+
+    def _iterate(self) -> None:
+        """Fly a roll-out, learn from it, and see what follows."""
+        iteration, before = self._state.iteration + 1, self._state.curriculum
+        began = self._state.steps
+        rollout, policy = self._rollout, self._learner.policy
+
+        def fly(observation: F32) -> tuple[F32, Episodes]:
+            noise = streams.generator(self._config.run.seed, 'roll-out', iteration)
+            return rollout.collect(self._env, observation, policy, noise, self._poll)
+
+        episodes = self._anchor.advance(fly)
+        diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
+        curriculum = before.advance(self._landed(episodes))
+        self._state = replace(
+            self._state, iteration=iteration, curriculum=curriculum,
+            steps=began + rollout.reward.numel())
+        message = ''
+        if curriculum.level != before.level:
+            message = f'level {before.level} -> {curriculum.level}'
+            self._reset_world()
+        best, numbers = None, {}
+        last = iteration == self._config.ppo.iterations
+        if last or iteration % self._config.run.selection_interval == 0:
+            best, numbers = self._select()
+        self._finish_iteration(
+            best, message, level=before.level, learning_rate=learning_rate,
+            **self._flight_numbers(episodes), **asdict(diagnostics), **policy.diagnostics(),
+            **numbers)
+
+    def _reset_world(self) -> None:
+        """Begin new episodes on the curriculum's level."""
+        level = self._state.curriculum.level
+        seed = streams.derived_seed(self._config.run.seed, 'world', self._state.iteration)
+        self._anchor.cast(lambda: self._env.reset(seed, **({'level': level} if level else {})))
+
+    def _select(self) -> tuple[Score | None, dict[str, float]]:
+        """Fly the policy without noise; return its score if it is the best, and numbers."""
+        score, steps = self._anchor.excursion(lambda: fly_selection(
+            self._env, self._learner.policy, self._state.iteration, self._level,
+            self._config.run.selection_episodes, self._config.run.seed, self._poll))
+        best = self._state.best
+        better = best is None or score.mean_return > best.mean_return
+        self._state = replace(
+            self._state, steps=self._state.steps + steps, best=score if better else best)
+        return score if better else None, {
+            'selection_return': score.mean_return, 'selection_landing_rate': score.landing_rate}
+
+    def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:  # noqa: ANN401 - JSON
+        """Write the log's line, and the files that are due."""
+        state, config = self._state, self._config
+        due = best or state.iteration in (0, config.ppo.iterations) or (
+            state.iteration % config.run.checkpoint_interval == 0)
+        if best:
+            message = f'{message}, best policy so far'.removeprefix(', ')
+        self._journal.entry(state.iteration, state.steps, message, **numbers)
+        self._state = replace(state, lines=self._journal.lines)
+        if due:
+            self._save(self._tensors(), best)
+
+    def _tensors(self) -> Tensors:
+        return {
+            **self._learner.tensors(), WORLD: run_state.snapshot_tensor(self._anchor.snapshot)}
+
+    def _save(self, tensors: Tensors, best: Score | None = None) -> None:
+        state, spec = self._state, self._env.spec
+        content = run_state.content(state, spec, self._config)
+        self._folder.save(state.iteration, tensors, content)
+        if best:
+            self._folder.save_best(tensors, content)
+            save_policy(
+                self._folder.policy, self._learner.policy, spec,
+                self._config.network.hidden_sizes, self._config.run.seed,
+                {'run': self._folder.name, 'steps': state.steps, **asdict(best)})
+
+    def _landed(self, episodes: Episodes) -> list[bool]:
+        outcome = episodes.outcome == self._env.spec.outcomes.index('landed')
+        return [bool(landed) for landed in outcome]
+
+    def _flight_numbers(self, episodes: Episodes) -> dict[str, Any]:
+        """Return what a line says about the episodes that ended."""
+        if not len(episodes):
+            return {'episodes': 0}
+        landed = sum(self._landed(episodes))
+        low, high = wilson_interval(landed, len(episodes))
+        return {
+            'episodes': len(episodes), 'landing_rate': landed / len(episodes),
+            'landing_rate_low': low, 'landing_rate_high': high,
+            'mean_return': float(np.mean(episodes.episode_return)),
+            'mean_length': float(np.mean(episodes.length)),
+        }

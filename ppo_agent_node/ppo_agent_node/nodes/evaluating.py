@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An evaluation as the nodes do it: flown, told, and written to a folder."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation import plots
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.nodes.connection import level_setting
+from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import VectorEnv
+
+_REPORTS = 20
+"""reports of progress, at most"""
+
+
+def fly_and_write(
+    env: VectorEnv, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
+    report: Callable[[Status], None], run: str = '', **extra: Any,
+) -> dict[str, Any]:
+    """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
+
+    :param level: curriculum level, 0: the simulator's own.
+    :param folder: where `evaluation.json` and `plots/` go; None: nowhere.
+    :param extra: facts to be kept with the figures.
+    """
+    start = time.monotonic()
+    told = 0
+
+    def progress(done: int, total: int) -> None:
+        nonlocal told
+        if done * _REPORTS // total > told:
+            told = done * _REPORTS // total
+            elapsed = time.monotonic() - start
+            report(Status(
+                run=run, stage='evaluate', iteration=done, iterations=total, level=level,
+                elapsed=elapsed, remaining=elapsed / done * (total - done)))
+
+    while True:
+        try:
+            result = evaluate(env, pilot, episodes, seed, progress, **level_setting(level))
+            break
+        except EnvironmentRestarted as error:
+            told = 0
+            report(Status(run=run, stage='evaluate', level=level, message=f'{error}: anew'))
+    summary = metrics.summarise(result, **extra)
+    if folder is not None:
+        metrics.write_json(folder / 'evaluation.json', summary)
+        plots.evaluation_plots(result, folder / 'plots')
+    return summary

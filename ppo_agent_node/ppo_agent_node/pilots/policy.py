@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pilot that a training run made: flies what the policy thinks best, without noise."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+
+from ppo_agent_node.learning.policy_file import load_policy
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import F32
+
+
+class PolicyPilot:
+    """Flies a policy file in a world that it fits."""
+
+    def __init__(self, path: Path | str, spec: WorldSpec) -> None:
+        """Load the policy.
+
+        :raises FileNotFoundError: when there is no such file.
+        :raises ValueError: when it is damaged, has weights that are not finite, or was made for
+            other observations or actions than `spec` has; the message names file and difference.
+        """
+        self.policy, self.description = load_policy(Path(path), spec)
+
+    @torch.inference_mode()
+    def __call__(self, observation: F32) -> NDArray[Any]:
+        """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
+        action: NDArray[Any] = self.policy.mode(torch.tensor(observation)).numpy()
+        return action

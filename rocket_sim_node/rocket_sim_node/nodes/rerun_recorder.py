@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `rerun_recorder`: listens to a simulator and an agent, and records what it hears.
+
+Nothing waits for it: it may start late, fall behind, die and come back.
+"""
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.executors import Executor
+from rclpy.executors import ExternalShutdownException
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.live_sink import LiveSink
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.recorder import Sink
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.training_log import CURVES
+from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.viewer import ViewerError
+from rocket_sim_node.recording.web_page import WebPage
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.parameters import ParameterError
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import run
+
+_SPIN_PERIOD = 0.2
+"""s; the events executor needs a finite time-out, and Python looks after signals in between"""
+_QUIET = 0.2
+_DRAIN = 1.5
+"""s without a message after which, and s after which at the latest, a recorder told to end does"""
+_DRAINED_AT_ONCE = 20
+
+
+@dataclass(frozen=True)
+class Destinations:
+    """Where recordings go; several at once, or none at all."""
+
+    output: str = setting(
+        '', '', 'file to write, .rrd; it appears under its name at the end, an existing one is '
+        'never overwritten but the new one numbered (-2, -3, ...); empty: none')
+    connect: str = setting(
+        '', '', 'URL of a running viewer, e.g. rerun+http://127.0.0.1:9876/proxy; empty: none')
+    serve_web: bool = setting(
+        False, '', 'serve a live web page, to this machine only')
+    web_port: int = setting(9090, '', 'port of the web page', 1, 65535)
+
+
+class RecorderNode:
+    """Hands messages to a recorder; `count` says how many there were."""
+
+    def __init__(self, node: Node, recorder: Recorder) -> None:
+        """Subscribe."""
+        self._node = node
+        self._recorder = recorder
+        self.count = 0
+        for kind, topic, callback, profile in (
+            (msg.World, 'world', self._on_world, qos.WORLD),
+            (msg.RocketState, 'state', self._on_state, qos.EVENTS),
+            (msg.TrainingStatus, 'training', self._on_training, qos.EVENTS),
+        ):
+            node.create_subscription(kind, topic, callback, profile)
+
+    def _on_world(self, message: msg.World) -> None:
+        self.count += 1
+        self._recorder.world(
+            Stage.build(
+                message.world, message.dt, tuple(message.outcomes),
+                messages.settings_from_message(message.settings)),
+            message.session)
+
+    def _on_state(self, message: msg.RocketState) -> None:
+        self.count += 1
+        try:
+            samples = samples_from_message(message)
+        except ValueError as error:
+            self._node.get_logger().warning(
+                f'refused state: {error}', throttle_duration_sec=1.0)
+            return
+        self._recorder.states(message.session, samples)
+
+    def _on_training(self, message: msg.TrainingStatus) -> None:
+        self.count += 1
+        self._recorder.training(training_from_message(message))
+
+
+def samples_from_message(message: msg.RocketState) -> Samples:
+    """Return the samples in a message.
+
+    :raises ValueError: when a field's length does not fit, naming it.
+    """
+    return Samples.build(
+        messages.from_sequence(message.step, 'u8'), messages.from_sequence(message.row, 'u4'),
+        messages.from_sequence(message.episode, 'u8'),
+        messages.from_sequence(message.outcome, 'u1'),
+        **{name: messages.from_sequence(getattr(message, name), 'f8') for name in FIELDS})
+
+
+def training_from_message(message: msg.TrainingStatus) -> Training:
+    """Return an agent's report; where there are no levels, level 0, there is no curve either."""
+    names = {curve.value for _, curves in CURVES.values() for curve in curves}
+    values = {name: float(getattr(message, name)) for name in names}
+    if not message.level:
+        del values['level']
+    return Training(message.stage, message.iteration, values, message.message)
+
+
+def record(node: Node, executor: Executor) -> None:
+    """Record until ROS shuts down."""
+    parameters = Parameters(node)
+    destinations = parameters.declare(Destinations)
+    choice = parameters.declare(Choice)
+    parameters.finish()
+
+    def note(level: str, text: str) -> None:
+        # The node's own logger also publishes, which fails once ROS has shut down.
+        logger = node.get_logger() if node.context.ok() else get_logger('recording')
+        # One call for each: a logger refuses another severity from the same place.
+        if level == 'ERROR':
+            logger.error(text)
+        elif level == 'WARN':
+            logger.warning(text)
+        else:
+            logger.info(text)
+
+    with ExitStack() as stack:
+        sinks: list[Sink] = []
+        if destinations.connect:
+            sinks.append(LiveSink(destinations.connect, note))
+        if destinations.serve_web:
+            page = WebPage(destinations.web_port)
+            stack.callback(page.close)
+            sinks.append(LiveSink(page.url, note))
+            note('INFO', f'watch it in a browser: {page.page}')
+        if destinations.output:
+            sinks.append(FileSink(Path(destinations.output).absolute(), note))
+            note('INFO', f'recording to {destinations.output}')
+        if not sinks:
+            note('WARN', 'nothing to do: set output, connect or serve_web')
+        recorder = Recorder(choice, sinks, note)
+        stop = _on_signals()
+        heard = RecorderNode(node, recorder)
+        try:
+            while not stop and node.context.ok():
+                executor.spin_once(timeout_sec=_SPIN_PERIOD)
+                recorder.tick()
+            _drain(executor, heard)
+        except ExternalShutdownException:
+            pass
+        finally:
+            recorder.close()
+            note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps')
+
+
+def _on_signals() -> list[int]:
+    """Return a list that is empty until somebody asks this process to end.
+
+    The handlers of rclpy would end ROS at once and interrupt Python anywhere, in the midst of a
+    flight too; these let what has arrived be recorded, and a second Ctrl-C changes nothing.
+    """
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: stop.append(number))
+    return stop
+
+
+def _drain(executor: Executor, heard: RecorderNode) -> None:
+    """Take what is still on its way: simulator and agent may be ending as well."""
+    end = time.monotonic() + _DRAIN
+    before = -1
+    while before != heard.count and time.monotonic() < end:
+        before = heard.count
+        for _ in range(_DRAINED_AT_ONCE):
+            executor.spin_once(timeout_sec=_QUIET / _DRAINED_AT_ONCE)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(
+        'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError)))
+
+
+if __name__ == '__main__':
+    main()

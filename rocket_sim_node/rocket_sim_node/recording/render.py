@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of recordings, rendered by the viewer without a screen."""
+from __future__ import annotations
+
+import io
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.rewrite import rewrite
+from rocket_sim_node.recording.viewer import LOCAL
+
+BARS = (36, 32)
+"""Pixels of the viewer's bars at the top and at the bottom."""
+HINT = (
+    'a Vulkan driver is missing; one that needs no graphics card comes with: '
+    'apt-get install --no-install-recommends mesa-vulkan-drivers')
+
+
+class RendererMissing(viewer.ViewerError):
+    """There is no graphics driver to render with."""
+
+
+def render(
+    recording: Path, times: Sequence[float], *, size: tuple[int, int] = (1600, 900),
+    tab: str = 'flight', patience: float = 30.0,
+) -> list[Image.Image]:
+    """Return what the viewer shows of a recording at some times (s on `sim_time`).
+
+    On the tab 'training' times are iterations instead.
+
+    :param size: of the window, pixels; its bars are cut off from the pictures.
+    :raises RendererMissing: when this machine has no graphics driver.
+    :raises viewer.ViewerError: when the viewer fails, or a view of it reports an error.
+    """
+    port = viewer.free_port()
+    with tempfile.TemporaryDirectory() as folder:
+        shown = recording
+        if tab != 'flight':
+            shown = Path(folder) / 'shown.rrd'
+            rewrite(recording, shown, tab)
+        program = viewer.Program(
+            '--headless', '--bind', LOCAL, '--port', str(port), '--hide-welcome-screen',
+            '--window-size', f'{size[0]}x{size[1]}', XDG_RUNTIME_DIR=folder, TMPDIR=folder)
+        try:
+            try:
+                program.wait_for(lambda: viewer.reachable(LOCAL, port), 'the viewer', patience)
+                client = ViewerClient.connect(f'rerun+http://{LOCAL}:{port}/proxy')
+                client.open(str(shown.absolute()))
+                _wait_for_load(client, patience)
+            except (viewer.ViewerError, RuntimeError, ConnectionError) as error:
+                if 'adapter' in program.said():
+                    raise RendererMissing(HINT) from error
+                raise viewer.ViewerError(f'{error} {program.said()}') from error
+            pictures = []
+            for moment in times:
+                if tab == 'training':
+                    client.set_time('iteration', sequence=int(moment), play_state='paused')
+                else:
+                    client.set_time('sim_time', duration=float(moment), play_state='paused')
+                pictures.append(_settled(client, patience))
+            _complain(client)
+            return pictures
+        finally:
+            program.stop()
+
+
+def _wait_for_load(client: ViewerClient, patience: float) -> None:
+    """Wait until the viewer has read what it was told to open."""
+    deadline = time.monotonic() + patience
+    state = client.get_state()
+    while state.loading or state.active_recording is None:
+        if time.monotonic() > deadline:
+            raise viewer.ViewerError(f'the viewer has not read the recording in {patience:g} s')
+        time.sleep(0.1)
+        state = client.get_state()
+
+
+def _settled(client: ViewerClient, patience: float) -> Image.Image:
+    """Return the picture when it has stopped to change."""
+    deadline = time.monotonic() + patience
+    last, same = b'', 0
+    while same < 2 and time.monotonic() < deadline:
+        now = client.take_screenshot()
+        same = same + 1 if now == last else 0
+        last = now
+        time.sleep(0.1)
+    picture = Image.open(io.BytesIO(last)).convert('RGB')
+    return picture.crop((0, BARS[0], picture.width, picture.height - BARS[1]))
+
+
+def _complain(client: ViewerClient) -> None:
+    """Raise what the viewer itself complains of."""
+    complaints = [
+        f'{view.name}: {report.summary} {report.details or ""}'
+        for view in client.get_state().views for report in view.reports
+        if report.severity == 'error']
+    complaints += [entry.message for entry in client.get_logs() if entry.level == 'ERROR']
+    if complaints:
+        raise viewer.ViewerError('the viewer reports: ' + '; '.join(complaints))

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command `screenshot`: a picture of a recording, made without a screen."""
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rocket_sim_node import settings
+from rocket_sim_node.recording.blueprint import TABS
+from rocket_sim_node.recording.read import Trajectory
+from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.render import render
+from rocket_sim_node.recording.viewer import ViewerError
+from rocket_sim_node.settings import setting
+
+BURN_HEIGHT = 26.0
+"""m above the pad at which the picture `at:=burn` is taken"""
+MOMENTS = ('burn', 'touchdown', 'end')
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Arguments of the command."""
+
+    recording: str = setting('', '', 'the .rrd file')
+    output: str = setting('screenshot.png', '', 'the picture, .png')
+    at: str = setting(
+        'burn', '', "'burn', 'touchdown', 'end', or seconds on the recording's sim_time")
+    flight: int = setting(
+        -1, '', 'which flight, from 0; -1: the last that landed', -1, 1e9)
+    tab: str = setting('flight', '', 'the tab in front', choices=TABS)
+    width: int = setting(1600, 'px', 'width of the window', 640, 7680)
+    height: int = setting(968, 'px', 'height of the window', 480, 4320)
+
+
+def moment(picture: Picture, flights: list[Trajectory]) -> float:
+    """Return the time of the picture, s on the recording's `sim_time`.
+
+    :raises ValueError: when there is no such flight or moment.
+    """
+    if picture.at not in MOMENTS:
+        try:
+            return float(picture.at)
+        except ValueError:
+            raise ValueError(
+                f'at: got {picture.at!r}, expected {", ".join(MOMENTS)} or seconds') from None
+    if not flights:
+        raise ValueError(f'recording: {picture.recording} holds no flights')
+    if picture.flight >= len(flights):
+        raise ValueError(f'flight: got {picture.flight}, expected 0 to {len(flights) - 1}')
+    landed = [k for k, flight in enumerate(flights) if flight.outcome == 'landed']
+    number = picture.flight if picture.flight >= 0 else (landed or [len(flights) - 1])[-1]
+    flight = flights[number]
+    last = flights[-1]
+    if picture.at == 'end':
+        return last.start + float(last.time[-1]) + 1.0
+    if picture.at == 'touchdown':
+        return flight.start + float(flight.time[-1]) + 1.0
+    low = np.flatnonzero(
+        (flight.position[:, 2] - flight.position[-1, 2] < BURN_HEIGHT) & (flight.throttle > 0))
+    return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
+
+
+def parse(arguments: list[str]) -> Picture:
+    """Return what `NAME:=VALUE …` asks for.
+
+    :raises ValueError: for an unknown name or a value out of range.
+    :raises TypeError: for a value of another kind.
+    """
+    values: dict[str, object] = {}
+    kinds = {info.name: info.default for info in settings.describe(Picture)}
+    for argument in arguments:
+        name, found, text = argument.partition(':=')
+        if not found:
+            raise ValueError(f'got {argument!r}, expected NAME:=VALUE, e.g. at:=touchdown')
+        whole = isinstance(kinds.get(name), int) and text.lstrip('-').isdigit()
+        values[name] = int(text) if whole else text
+    return settings.build(Picture, values)
+
+
+def usage() -> str:
+    """Return how to call the command."""
+    lines = ['Usage: screenshot recording:=FILE [NAME:=VALUE ...]', '',
+             'Makes a picture of a recording, without a screen.', '', 'Arguments:']
+    lines += [
+        f'  {info.name:<12} {info.description}'
+        + (f' [{info.default}]' if info.default != '' else '')
+        for info in settings.describe(Picture)]
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Run the command."""
+    arguments = sys.argv[1:]
+    if not arguments or arguments[0] in ('-h', '--help'):
+        sys.stdout.write(usage() + '\n')
+        return
+    try:
+        picture = parse(arguments)
+        recording = Path(picture.recording)
+        when = moment(picture, trajectories(recording))
+        if picture.tab == 'training':
+            when = 2**31  # its timeline counts iterations: the last one
+        image, = render(
+            recording, [when], size=(picture.width, picture.height), tab=picture.tab)
+        Path(picture.output).parent.mkdir(parents=True, exist_ok=True)
+        image.save(picture.output, optimize=True)
+    except (ValueError, TypeError, OSError, ViewerError) as error:
+        sys.stderr.write(f'screenshot: {error}\n')
+        sys.exit(2)
+    sys.stdout.write(f'{picture.output}\n')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder as a process: it hears a simulator, and leaves whole files however it ends."""
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+import rclpy
+from processes import Process
+from processes import Processes
+from processes import wait_until
+from rclpy.context import Context
+from rclpy.node import Node
+from rocket_msgs import msg
+from rocket_sim_node.recording import read
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.file_sink import partial_path
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.base import Telemetry
+
+ROCKETS = 2
+FALL = 317
+"""samples of a fall from the spawn height to the ground"""
+
+
+class Simulator:
+    """Publishes rockets that fall, as a simulator would."""
+
+    def __init__(self, processes: Processes, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=processes.domain)
+        node = Node('simulator', context=self.context)
+        self._world = make('rocket', ROCKETS, level=1, spawn_angle=1.0)
+        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
+        self._state_publisher = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
+        self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
+        self._session = 0
+
+    def begin(self) -> None:
+        """Begin a session, when somebody listens."""
+        wait_until(
+            lambda: self._state_publisher.get_subscription_count() > 0
+            and self.training.get_subscription_count() > 0, 20.0)
+        self._session += 1
+        self._world_publisher.publish(
+            messages.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
+        self._world.reset(self._session)
+        self._step = 0
+        self._parts: list[tuple[int, Telemetry]] = []
+        self._add()
+
+    def _add(self) -> None:
+        if len(self._world.finished.row):
+            self._parts.append((self._step, self._world.finished))
+        self._parts.append((self._step, self._world.telemetry(np.arange(ROCKETS))))
+
+    def fall(self, steps: int) -> None:
+        """Fly for some steps and publish the states, 25 steps to a message."""
+        idle = np.tile(np.float32([-1, 0, 0]), (ROCKETS, 1))
+        for _ in range(steps):
+            self._world.step(idle)
+            self._step += 1
+            self._add()
+        for start in range(0, len(self._parts), 25):
+            self._state_publisher.publish(
+                messages.state_to_message(self._parts[start:start + 25], self._session))
+        self._parts = []
+
+
+@pytest.fixture
+def simulator(
+    processes: Processes, monkeypatch: pytest.MonkeyPatch,
+) -> Iterator[Simulator]:
+    """A simulator in this process."""
+    simulator = Simulator(processes, monkeypatch)
+    yield simulator
+    rclpy.shutdown(context=simulator.context)
+
+
+def start(processes: Processes, path: Path, **parameters: object) -> Process:
+    """Start a recorder."""
+    recorder = processes.run_node(
+        'rocket_sim_node', 'rerun_recorder', output=path, **parameters)
+    recorder.wait_for('recording to', 20.0)
+    return recorder
+
+
+def wait_for_bytes(path: Path, more_than: int) -> int:
+    """Wait until a file has grown and return its size."""
+    wait_until(lambda: path.stat().st_size > more_than, 10.0)
+    return path.stat().st_size
+
+
+@pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
+def test_what_flew_is_in_the_file(
+    processes: Processes, simulator: Simulator, tmp_path: Path, how: signal.Signals,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = start(processes, path)
+    empty = partial_path(path).stat().st_size
+    simulator.begin()
+    simulator.training.publish(msg.TrainingStatus(
+        stage='evaluate', iteration=1, landing_rate=0.5, message='evaluation begins'))
+    simulator.fall(2 * FALL)
+    wait_for_bytes(partial_path(path), empty + 100_000)
+    recorder.signal(how)
+    assert recorder.wait(5.0) == 0
+    assert 'recording saved' in recorder.output()
+    assert 'Traceback' not in recorder.output()
+    viewer.verify(path)
+    flights = read.trajectories(path)
+    assert [(f.row, f.episode, f.outcome) for f in flights] == [
+        (0, 0, 'too_fast'), (1, 0, 'too_fast'), (0, 1, 'too_fast'), (1, 1, 'too_fast')]
+    for flight in flights:
+        assert len(flight.time) == FALL
+        assert flight.position[0, 2] == pytest.approx(200.0)
+        assert flight.velocity[-1, 2] == pytest.approx(-61.34, abs=0.01)
+    assert list(tmp_path.glob('*.rrd')) == [path]
+
+
+def test_killed_and_started_again(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = start(processes, path)
+    empty = partial_path(path).stat().st_size
+    simulator.begin()
+    simulator.fall(2 * FALL)
+    wait_for_bytes(partial_path(path), empty + 150_000)
+    recorder.signal(signal.SIGKILL)
+    recorder.wait(5.0)
+    assert not path.exists()
+
+    again = start(processes, path)
+    assert 'its recording is repaired' in again.output()
+    viewer.verify(path)
+    assert 1 <= len(read.trajectories(path)) <= 4
+    again.signal(signal.SIGTERM)
+    assert again.wait(5.0) == 0
+    assert 'nothing was heard' in again.output()
+    assert list(tmp_path.glob('*.rrd')) == [path]
+
+
+def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) -> None:
+    port = viewer.free_port()
+    recorder = processes.run_node(
+        'rocket_sim_node', 'rerun_recorder', serve_web=True, web_port=port)
+    recorder.wait_for('watch it in a browser', 25.0)
+    with urlopen(f'http://127.0.0.1:{port}/', timeout=5.0) as page:
+        assert b'<canvas' in page.read()
+    listening = Path('/proc/net/tcp').read_text().splitlines()[1:]
+    mine = [line.split()[1] for line in listening if line.split()[1].endswith(f':{port:04X}')]
+    assert '00000000' not in {address.split(':')[0] for address in mine}
+    recorder.signal(signal.SIGKILL)
+    recorder.wait(5.0)
+    wait_until(lambda: not viewer.reachable('127.0.0.1', port), 5.0)
+
+
+@pytest.mark.parametrize(('parameters', 'complaint'), [
+    ({'output': '/proc/run.rrd'}, '/proc/run'),
+    ({'connect': 'localhost'}, "connect: got 'localhost'"),
+])
+def test_wrong_parameters_are_named(
+    processes: Processes, parameters: dict[str, object], complaint: str,
+) -> None:
+    recorder = processes.run_node('rocket_sim_node', 'rerun_recorder', **parameters)
+    assert recorder.wait(20.0) == 2
+    assert complaint in recorder.output()
+    assert 'Traceback' not in recorder.output()

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The evaluation: who counts, what is written, and that it is the same each time."""
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.evaluation.metrics import summarise
+from ppo_agent_node.evaluation.metrics import table
+from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.evaluation.plots import evaluation_plots
+from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.evaluation.runner import quotas
+from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.random import RandomPilot
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import WorldSpec
+
+
+class CoinWorld:
+    """Half of all episodes crash after 10 steps, the other half land after 100. Discrete."""
+
+    def __init__(self, num_envs: int) -> None:
+        self.spec = WorldSpec(
+            name='coin', num_envs=num_envs, dt=0.02, observation_names=('age',),
+            action_names=('nothing',), continuous=False, action_low=(), action_high=(),
+            action_idle=(0.0,), action_count=2, outcomes=('landed', 'crashed'), settings={})
+
+    def _lands(self, row: np.ndarray, episode: np.ndarray) -> np.ndarray:
+        words = np.stack((row, episode))
+        return np.array([
+            np.random.default_rng((self._seed, *word)).random() < 0.5 for word in words.T], bool)
+
+    def reset(self, seed: int | None = None, **settings: float) -> np.ndarray:
+        assert not settings
+        self._seed = int(seed or 0)
+        self.rows = np.arange(self.spec.num_envs)
+        self.episode = np.zeros_like(self.rows)
+        self.age = np.zeros_like(self.rows)
+        self.lands = self._lands(self.rows, self.episode)
+        return self.age[:, None].astype(np.float32)
+
+    def step(self, action: np.ndarray) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        assert action.dtype.kind == 'i'
+        assert action.shape == self.rows.shape
+        self.age += 1
+        done = np.flatnonzero(self.age == np.where(self.lands, 100, 10))
+        landed, zeros = self.lands[done], np.zeros(len(done))
+        info = {
+            'final_rows': done, 'final_observation': self.age[done, None].astype(np.float32),
+            'episodes': Episodes(
+                done, self.episode[done], np.where(landed, 100.0, -100.0), self.age[done],
+                np.where(landed, 0, 1).astype(np.uint8), zeros, zeros, zeros, zeros),
+        }
+        self.episode[done] += 1
+        self.age[done] = 0
+        self.lands[done] = self._lands(done, self.episode[done])
+        none = np.zeros(self.spec.num_envs)
+        return self.age[:, None].astype(np.float32), none, none > 0, none > 0, info
+
+    def snapshot(self) -> bytes:
+        raise NotImplementedError
+
+    def restore(self, state: bytes) -> np.ndarray:
+        raise NotImplementedError
+
+
+def _first_come(env: CoinWorld, episodes: int, seed: int) -> int:
+    """Count landings the naive way: the first episodes that end."""
+    env.reset(seed)
+    ended: list[Episodes] = []
+    while sum(map(len, ended)) < episodes:
+        ended.append(env.step(np.zeros(env.spec.num_envs, np.int64))[4]['episodes'])
+    return int((Episodes.concatenate(ended).outcome[:episodes] == 0).sum())
+
+
+def test_short_episodes_do_not_bias_but_first_come_counting_would() -> None:
+    env = CoinWorld(250)
+    naive = wilson(_first_come(env, 250, seed=1), 250)
+    fair = wilson(int(evaluate(env, RandomPilot(env.spec), 250, seed=1).landed.sum()), 250)
+    assert naive[1] < 0.3, 'the construct must bite'
+    assert fair[0] < 0.5 < fair[1]
+
+
+@pytest.mark.parametrize(('episodes', 'num_envs', 'share'), [
+    (10, 4, [3, 3, 2, 2]), (8, 4, [2, 2, 2, 2]), (2, 4, [1, 1, 0, 0])])
+def test_each_row_flies_its_quota(episodes: int, num_envs: int, share: list[int]) -> None:
+    assert quotas(episodes, num_envs).tolist() == share
+    env = CoinWorld(num_envs)
+    result = evaluate(env, RandomPilot(env.spec), episodes, seed=3)
+    assert np.bincount(result.episodes.row, minlength=num_envs).tolist() == share
+    # And it is the first ones, in order: an episode that is skipped would be a choice.
+    expected = [(row, k) for row, count in enumerate(share) for k in range(count)]
+    rows, numbers = result.episodes.row.tolist(), result.episodes.episode.tolist()
+    assert list(zip(rows, numbers, strict=True)) == expected
+
+
+def test_less_than_one_episode_is_refused() -> None:
+    env = CoinWorld(2)
+    with pytest.raises(ValueError, match='0 episodes'):
+        evaluate(env, RandomPilot(env.spec), 0)
+
+
+def _expert(seed: int, num_envs: int = 40, **settings: float) -> EvaluationResult:
+    env = worlds.make('rocket', num_envs, seed=99)
+    return evaluate(env, ExpertPilot(env.spec), 60, seed, **settings)
+
+
+def _same(left: EvaluationResult, right: EvaluationResult) -> bool:
+    """Compare every number of two results, bit for bit."""
+    def numbers(result: EvaluationResult) -> list[bytes]:
+        arrays = [getattr(result.episodes, f.name) for f in dataclasses.fields(Episodes)]
+        arrays += [result.first_velocity_y, result.fuel_bound, result.end_position]
+        return [array.tobytes() for array in arrays]
+
+    return numbers(left) == numbers(right)
+
+
+def test_equal_seeds_give_equal_results_and_others_differ() -> None:
+    result = _expert(5, level=8)
+    assert _same(result, _expert(5, level=8))
+    assert not _same(result, _expert(6, level=8))
+
+
+def test_an_episode_is_known_by_its_row_and_number_alone() -> None:
+    # The streams of a world are counter-based: more rockets must not change those there were.
+    few, many = _expert(5, num_envs=30, level=7), _expert(5, num_envs=60, level=7)
+    first = few.episodes.episode == 0
+    assert few.episodes.episode_return[first].tolist() == (
+        many.episodes.episode_return[:30].tolist())
+
+
+def test_the_bound_uses_the_first_velocity_of_each_episode() -> None:
+    result = _expert(5, level=8)
+    assert len(set(result.first_velocity_y.tolist())) == 60
+    assert (result.first_velocity_y <= 0).all()
+    assert (result.first_velocity_y >= -30.0001).all()
+    order = np.argsort(-result.first_velocity_y)
+    assert (np.diff(result.fuel_bound[order]) >= 0).all()
+    assert np.hypot(*result.end_position.T) == pytest.approx(
+        result.episodes.distance, abs=1e-4)
+    env = worlds.make('rocket', 10)
+    low = evaluate(env, ExpertPilot(env.spec), 10, 1, level=1, spawn_height=100.0)
+    assert (low.fuel_bound < 600).all()
+
+
+def test_the_summary_says_what_was_flown_and_is_json() -> None:
+    result = _expert(5, level=7)
+    summary = summarise(result, policy_hash='abc')
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    e = result.episodes
+    assert summary['world'] == 'rocket'
+    assert (summary['level'], summary['seed'], summary['episodes']) == (7, 5, 60)
+    assert (summary['policy'], summary['policy_hash']) == ('expert', 'abc')
+    assert summary['landed'] == summary['outcomes']['landed'] == 60
+    assert list(summary['outcomes']) == list(result.spec.outcomes)
+    assert sum(summary['outcomes'].values()) == 60
+    assert summary['landing_rate_interval'] == list(wilson(60, 60))
+    low, high = summary['mean_return_interval']
+    assert low < summary['mean_return'] < high
+    assert summary['mean_return'] == pytest.approx(e.episode_return.mean())
+    for name, values in (('touchdown_speed', e.touchdown_speed), ('tilt', e.tilt),
+                         ('distance', e.distance), ('fuel_used_kg', e.fuel_used)):
+        assert summary[name] == {
+            'mean': pytest.approx(values.mean()), 'p95': pytest.approx(np.quantile(values, 0.95))}
+    assert summary['fuel_ratio'] == pytest.approx((e.fuel_used / result.fuel_bound).mean())
+    assert 1.0 < summary['fuel_ratio'] < 1.2
+    text = table(summary)
+    assert '100.00 %' in text
+    assert 'landed 60' in text
+    with pytest.raises(ValueError, match='seed'):
+        summarise(result, seed=3)
+
+
+def test_a_pilot_that_never_lands_leaves_nulls_and_no_nan(tmp_path: Path) -> None:
+    env = worlds.make('rocket', 20)
+    result = evaluate(env, RandomPilot(env.spec, 3), 30, 3, level=8)
+    summary = summarise(result)
+    assert summary['landed'] == 0
+    assert summary['outcomes']['tilt_limit'] == 30
+    assert summary['fuel_ratio'] is None
+    assert summary['touchdown_speed'] == {'mean': None, 'p95': None}
+    write_json(tmp_path / 'evaluation.json', summary)
+    assert 'NaN' not in (tmp_path / 'evaluation.json').read_text()
+    assert 'tilt_limit 30' in table(summary)
+    assert {path.name for path in evaluation_plots(result, tmp_path)} == {
+        'outcomes.png', 'returns.png', 'fuel.png'}
+
+
+def test_a_world_without_fuel_has_no_fuel_figures(tmp_path: Path) -> None:
+    env = CoinWorld(10)
+    result = evaluate(env, RandomPilot(env.spec), 30, 3)
+    summary = summarise(result)
+    assert summary['level'] is None
+    assert summary['fuel_used_kg'] == {'mean': None, 'p95': None}
+    assert summary['fuel_bound_kg'] is summary['fuel_ratio'] is None
+    assert json.dumps(summary, allow_nan=False)
+    assert 'fuel' not in table(summary)
+    assert 'fuel.png' not in {path.name for path in evaluation_plots(result, tmp_path)}
+
+
+def test_writing_replaces_the_file_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / 'runs' / 'evaluation.json'
+    write_json(path, {'landed': 1})
+    with pytest.raises(ValueError, match='JSON'):
+        write_json(path, {'landed': float('nan')})
+    assert json.loads(path.read_text()) == {'landed': 1}
+    write_json(path, {'landed': 2})
+    assert json.loads(path.read_text()) == {'landed': 2}
+    assert [entry.name for entry in path.parent.iterdir()] == ['evaluation.json']
+
+
+def test_progress_counts_up_to_the_end() -> None:
+    env = CoinWorld(4)
+    told: list[tuple[int, int]] = []
+    evaluate(env, RandomPilot(env.spec), 10, 1, lambda done, total: told.append((done, total)))
+    assert told[-1] == (10, 10)
+    assert [done for done, _ in told] == sorted({done for done, _ in told})
+
+
+def test_plots_are_pictures_of_something(tmp_path: Path) -> None:
+    paths = evaluation_plots(_expert(5, level=7), tmp_path)
+    assert {path.name for path in paths} == {
+        'outcomes.png', 'returns.png', 'touchdown.png', 'footprint.png', 'fuel.png'}
+    for path in paths:
+        image = imread(path)[..., :3]
+        assert min(image.shape[:2]) > 400
+        ink = (image < 0.9).any(axis=-1).mean()
+        assert 0.01 < ink < 0.6, f'{path.name} is blank or black'
+        assert np.unique((image * 255).astype(int) @ (65536, 256, 1)).size > 30
+
+
+def test_random_pilots_fill_the_action_space() -> None:
+    spec = worlds.make('rocket').spec
+    actions = RandomPilot(spec, 1)(np.zeros((5000, 15), np.float32))
+    assert (actions.shape, actions.dtype) == ((5000, 3), np.float32)
+    assert np.abs(actions).max() <= 1
+    assert actions.mean(axis=0) == pytest.approx([0, 0, 0], abs=0.03)
+    assert actions.std(axis=0) == pytest.approx([3**-0.5] * 3, abs=0.02)
+    assert (RandomPilot(spec, 1)(np.zeros((5000, 15), np.float32)) == actions).all()
+    assert (RandomPilot(spec, 2)(np.zeros((5000, 15), np.float32)) != actions).any()
+    discrete = RandomPilot(CoinWorld(1).spec, 1)(np.zeros((1000, 1), np.float32))
+    assert discrete.dtype == np.int64
+    assert set(discrete.tolist()) == {0, 1}

@@ -1,0 +1,471 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings: what is put in comes out again, whole, small, and under a name of its own."""
+from __future__ import annotations
+
+import itertools
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from rocket_sim_node.recording import blueprint
+from rocket_sim_node.recording import camera
+from rocket_sim_node.recording import flight_log
+from rocket_sim_node.recording import palette
+from rocket_sim_node.recording import read
+from rocket_sim_node.recording import render
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import screenshot
+from rocket_sim_node.recording import training_log
+from rocket_sim_node.recording import vehicle
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.file_sink import partial_path
+from rocket_sim_node.recording.live_sink import LiveSink
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import FLYING
+from rocket_sim_node.recording.samples import Flight
+from rocket_sim_node.recording.samples import FlightBuffer
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.wire import frames
+from rocket_sim_node.worlds import make
+
+OUTCOMES = ('landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds')
+STAGE = Stage('rocket', 0.02, OUTCOMES)
+Notes = list[tuple[str, str]]
+
+
+def simulate(rockets: int, steps: int, seed: int = 0) -> Samples:
+    """Fly: even rows brake in time and land, odd ones fall to the ground.
+
+    Returns what a simulator publishes: all rows at each step, finished flights twice.
+    """
+    world = make('rocket', rockets, seed, level=1, spawn_angle=0.3)
+    rows = np.arange(rockets)
+    parts = [(0, world.telemetry(rows))]
+    for step in range(1, steps + 1):
+        now = parts[-1][1]
+        height = np.maximum(now.position[:, 1] - 5.2, 0.05)
+        wanted = now.mass * (9.81 + now.linear_velocity[:, 1] ** 2 / (2 * height)) / 470_880
+        late = -now.linear_velocity[:, 1] > np.sqrt(2 * 5.0 * height) + 0.5
+        throttle = np.where((late | (now.throttle > 0)) & (rows % 2 == 0), wanted, 0.0)
+        action = np.zeros((rockets, 3), np.float32)
+        action[:, 0] = np.clip(2 * throttle - 1, -1, 1)
+        action[:, 1] = 0.002 * np.cos(0.1 * step)
+        world.step(action)
+        if len(world.finished.row):
+            parts.append((step, world.finished))
+        parts.append((step, world.telemetry(rows)))
+
+    def join(name: str) -> np.ndarray:
+        values = np.concatenate([getattr(part, name) for _, part in parts])
+        if name == 'orientation':
+            return frames.quaternion_to_ros(values)
+        return frames.vector_to_ros(values) if values.ndim == 2 else values
+
+    return Samples.build(
+        np.concatenate([np.full(len(part.row), step) for step, part in parts]),
+        join('row'), join('episode'), join('outcome'), **{name: join(name) for name in FIELDS})
+
+
+@pytest.fixture(scope='module')
+def flown() -> Samples:
+    """Four rockets for 1 300 steps."""
+    return simulate(4, 1300)
+
+
+def flights_of(samples: Samples, row: int) -> list[np.ndarray]:
+    """Return the values of the whole flights of one rocket, by other means than the recorder's."""
+    mine = samples.take(np.flatnonzero(samples.row == row))
+    return [
+        mine.values[mine.episode == episode] for episode in np.unique(mine.episode)
+        if np.any(mine.outcome[mine.episode == episode] != FLYING)]
+
+
+def feed(recorder: Recorder, samples: Samples, session: int = 1, piece: int = 100) -> None:
+    """Hand samples to a recorder in messages of `piece`, as they would arrive."""
+    recorder.world(STAGE, session)
+    for start in range(0, len(samples.step), piece):
+        recorder.states(session, samples.take(slice(start, start + piece)))
+
+
+def record(path: Path, samples: Samples, choice: Choice | None = None) -> tuple[Recorder, Notes]:
+    """Record samples to a file."""
+    notes: Notes = []
+    recorder = Recorder(
+        choice or Choice(), [FileSink(path, lambda *note: notes.append(note))],
+        lambda *note: notes.append(note))
+    feed(recorder, samples)
+    recorder.close()
+    return recorder, notes
+
+
+def test_what_is_recorded_can_be_read_back(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'flights.rrd'
+    recorder, _ = record(path, flown)
+    viewer.verify(path)
+    flights = read.trajectories(path)
+    assert recorder.flights == len(flights) == sum(len(flights_of(flown, k)) for k in range(4))
+    assert {flight.outcome for flight in flights} == {'landed', 'too_fast'}
+    for row in range(4):
+        read_back = [flight for flight in flights if flight.row == row]
+        for flight, values in zip(read_back, flights_of(flown, row), strict=True):
+            def given(name: str, values: np.ndarray = values) -> np.ndarray:
+                return values[:, FIELDS[name]].squeeze()
+
+            close = {'rtol': 2e-6, 'atol': 1e-5}
+            np.testing.assert_allclose(flight.time, given('time'), **close)
+            np.testing.assert_array_equal(
+                flight.position, given('position').astype(np.float32))
+            np.testing.assert_array_equal(
+                flight.orientation, given('orientation').astype(np.float32))
+            np.testing.assert_allclose(flight.velocity, given('linear_velocity'), **close)
+            np.testing.assert_allclose(flight.throttle, given('throttle'), **close)
+            np.testing.assert_allclose(flight.fuel, given('fuel'), **close)
+            np.testing.assert_allclose(flight.reward[1:], given('reward')[1:], **close)
+            assert flight.summary['return'] == pytest.approx(given('reward')[1:].sum())
+            assert flight.summary['speed'] == pytest.approx(
+                np.linalg.norm(given('linear_velocity')[-1]))
+
+
+def test_flights_follow_one_another_with_a_pause(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'flights.rrd'
+    record(path, flown)
+    flights = read.trajectories(path)
+    assert flights[0].start == pytest.approx(0.0)
+    for before, after in itertools.pairwise(flights):
+        pause = after.start - (before.start + float(before.time[-1]))
+        assert pause == pytest.approx(flight_log.PAUSE + STAGE.dt, abs=1e-6)
+
+
+def test_size_and_layout(tmp_path: Path, flown: Samples) -> None:
+    more = simulate(4, 5000, seed=1)
+    sizes, steps = [], []
+    for name, samples in (('few', flown), ('many', more)):
+        recorder, _ = record(tmp_path / f'{name}.rrd', samples)
+        sizes.append((tmp_path / f'{name}.rrd').stat().st_size)
+        steps.append(recorder.steps)
+    assert sizes[1] / steps[1] <= 150 * 1024 / 1000
+    assert (sizes[1] - sizes[0]) / (steps[1] - steps[0]) <= 140 * 1024 / 1000
+    assert len(RrdReader(tmp_path / 'few.rrd').blueprints()) == 1
+
+
+def test_nothing_is_overwritten(tmp_path: Path, flown: Samples) -> None:
+    part = flown.take(slice(0, 1500))
+    for name in ('run.rrd', 'run-2.rrd', 'run-3.rrd'):
+        _, notes = record(tmp_path / 'run.rrd', part)
+        assert (tmp_path / name).is_file()
+        assert name in notes[-1][1]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run-2.rrd', 'run-3.rrd', 'run.rrd']
+
+
+def test_two_recorders_cannot_write_one_file(tmp_path: Path) -> None:
+    first = FileSink(tmp_path / 'run.rrd', lambda *note: None)
+    with pytest.raises(OSError, match=r'another recorder writes this file.*run\.partial\.rrd'):
+        FileSink(tmp_path / 'run.rrd', lambda *note: None)
+    first.close()
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(OSError, match=str(tmp_path / 'file')):
+        FileSink(tmp_path / 'file' / 'run.rrd', lambda *note: None)
+
+
+def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'run.rrd'
+    sink = FileSink(path, lambda *note: None)
+    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    feed(recorder, flown)
+    time.sleep(0.3)
+    cut_off = partial_path(path).read_bytes()[:-1000]
+    recorder.close()
+    path.unlink()
+    partial_path(path).write_bytes(cut_off)
+    notes: Notes = []
+    FileSink(path, lambda *note: notes.append(note)).close()
+    assert any('repaired' in text and level == 'WARN' for level, text in notes)
+    viewer.verify(path)
+    assert 0 < len(read.trajectories(path)) <= recorder.flights
+    assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
+
+
+def test_what_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
+    partial_path(tmp_path / 'run.rrd').write_bytes(b'no recording' * 100)
+    notes: Notes = []
+    FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note)).close()
+    assert 'cannot be repaired' in notes[0][1]
+    assert (tmp_path / 'run.damaged').read_bytes() == b'no recording' * 100
+
+
+def test_a_full_disk_ends_the_recording_whole(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    notes: Notes = []
+    sink = FileSink(path, lambda *note: notes.append(note))
+    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    half = len(flown.step) // 2
+    feed(recorder, flown.take(slice(0, half)))
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=2**20))
+    feed(recorder, flown.take(slice(half, None)))
+    assert notes[0][0] == 'ERROR'
+    assert 'only 1 MiB of disk left' in notes[0][1]
+    viewer.verify(path)
+    recorder.close()
+
+
+def buffer_feed(buffer: FlightBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:
+    return [buffer.extend(samples.take(slice(*span))) for span in spans]
+
+
+def test_a_flight_with_a_gap_is_dropped(flown: Samples) -> None:
+    mine = flown.take(np.flatnonzero(flown.row == 0))
+    buffer = FlightBuffer(capacity=8)
+    assert buffer_feed(buffer, mine, (0, 10), (10, 100)) == [True, True]
+    assert len(buffer) == 100
+    assert buffer_feed(buffer, mine, (101, 110), (110, 120)) == [False, False]
+    assert len(buffer) == 0
+    assert buffer_feed(buffer, mine, (5, 20)) == [False]
+    twice = mine.take(np.array([0, 1, 1, 2]))
+    assert not buffer.extend(twice)
+
+
+def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) -> None:
+    recorder = Recorder(Choice(rows=(0,)), [], lambda *note: None)
+    first_end = int(np.flatnonzero((flown.row == 0) & (flown.outcome != FLYING))[0])
+    feed(recorder, flown.take(slice(0, first_end - 20)), session=1)
+    rest = flown.take(slice(first_end - 20, first_end + 1))
+    recorder.states(2, rest)
+    recorder.world(STAGE, 2)
+    recorder.states(2, rest)
+    recorder.states(1, rest)
+    assert recorder.flights == 0
+
+
+@pytest.mark.parametrize(('choice', 'learning', 'expected'), [
+    (Choice(rows=(0, 1), every_nth_episode=2), True, [(0, 0), (1, 0), (1, 2)]),
+    (Choice(rows=(0, 1), every_nth_episode=2, crashes=True), True,
+     [(0, 0), (1, 0), (1, 1), (1, 2), (1, 3)]),
+    (Choice(rows=(1,), every_nth_episode=2), False, [(1, 0), (1, 1), (1, 2), (1, 3)]),
+    (Choice(rows=(7,)), False, []),
+])
+def test_choice(
+    tmp_path: Path, flown: Samples, choice: Choice, learning: bool,
+    expected: list[tuple[int, int]],
+) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(choice, [FileSink(path, lambda *note: None)], lambda *note: None)
+    recorder.world(STAGE, 1)
+    if learning:
+        recorder.training(Training('finetune', 1, {}))
+    feed(recorder, flown)
+    recorder.close()
+    got = {(flight.row, flight.episode) for flight in read.trajectories(path)}
+    assert {pair for pair in got if pair in expected} == got
+    assert got == {pair for pair in expected if pair in got}
+    assert len(got) == len([pair for pair in expected if has_ended(flown, pair)])
+
+
+def has_ended(samples: Samples, pair: tuple[int, int]) -> bool:
+    mine = (samples.row == pair[0]) & (samples.episode == pair[1])
+    return bool(np.any(samples.outcome[mine] != FLYING))
+
+
+def test_room(flown: Samples) -> None:
+    notes: Notes = []
+    recorder = Recorder(Choice(max_steps=2000), [], lambda *note: notes.append(note))
+    recorder.training(Training('finetune', 1, {}))
+    feed(recorder, flown)
+    assert 0 < recorder.steps <= 1000
+    assert len(notes) == 1
+    assert 'until the agent has learnt' in notes[0][1]
+    recorder.training(Training('evaluate', 1, {}))
+    feed(recorder, flown, session=2)
+    assert 1000 < recorder.steps <= 2000
+    assert len(notes) == 2
+
+
+def test_training(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(Choice(), [FileSink(path, lambda *note: None)], lambda *note: None)
+    recorder.training(Training('clone', 1, {'clone_loss': 0.5, 'mean_return': float('nan')}))
+    feed(recorder, flown)
+    for k in range(1, 4):
+        recorder.training(Training(
+            'finetune', k, {'mean_return': 10.0 * k, 'landing_rate': 0.25 * k, 'level': 3}))
+    recorder.close()
+    viewer.verify(path)
+    columns: dict[str, list[tuple[int, list[float]]]] = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        if 'Scalars:scalars' in batch.schema.names:
+            columns[chunk.entity_path] = list(zip(
+                batch.column('iteration').to_pylist(),
+                batch.column('Scalars:scalars').to_pylist(), strict=True))
+    assert columns['/training/return'] == [(2, [10.0]), (3, [20.0]), (4, [30.0])]
+    assert columns['/training/cloning'][0][0] == 1
+    assert columns['/training/cloning'][0][1][0] == 0.5
+    rate = [row[1][2] for row in columns['/training/landing_rate']]
+    assert rate == [25.0, 50.0, 75.0]
+    assert '/training/loss' not in columns
+
+
+def test_iterations_go_on_through_the_stages() -> None:
+    counter = training_log.IterationCounter()
+    stages = [('clone', 1), ('clone', 2), ('finetune', 1), ('finetune', 5), ('evaluate', 1)]
+    assert [counter.add(Training(stage, k, {})) for stage, k in stages] == [1, 2, 3, 7, 8]
+
+
+def straight(height: np.ndarray, throttle: np.ndarray) -> Flight:
+    """Return a flight straight down, upright."""
+    values = np.zeros((len(height), 22))
+    values[:, FIELDS['position'].start + 2] = height
+    values[:, FIELDS['orientation'].stop - 1] = 1.0
+    values[:, FIELDS['throttle'].start] = throttle
+    return Flight(0, 0, 0, 'landed', values)
+
+
+def test_phases_ignore_chatter() -> None:
+    throttle = np.concatenate((np.zeros(30), [0.5, 0.0, 0.5], np.zeros(20), np.full(40, 0.8)))
+    flight = straight(np.linspace(100, 5.2, len(throttle)), throttle)
+    assert flight_log.phases(flight) == [(0, 'fall'), (53, 'burn'), (92, 'landed')]
+
+
+def test_the_view_holds_rocket_and_pad() -> None:
+    height = np.linspace(200, 5.2, 400)
+    view = camera.shots(straight(height, np.zeros(400)), STAGE)
+    assert np.all(view[:, 2] + view[:, 3] / 2 >= height + vehicle.NOSE)
+    assert np.all(view[:, 2] - view[:, 3] / 2 <= 0.0)
+    assert view[-1, 3] < 0.4 * view[0, 3]
+
+
+def test_the_vehicle_stands_on_its_feet() -> None:
+    mesh = vehicle.rocket()
+    assert mesh.position[:, 2].min() == pytest.approx(-STAGE.touchdown_height)
+    assert mesh.position[:, 2].max() == pytest.approx(vehicle.NOSE)
+    assert mesh.triangle.max() < len(mesh.position)
+    np.testing.assert_allclose(np.linalg.norm(mesh.normal, axis=1), 1.0, atol=1e-5)
+    corner = mesh.position[mesh.triangle].astype(np.float64)
+    facing = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    given = mesh.normal[mesh.triangle].mean(axis=1)
+    assert np.all(np.einsum('ij,ij->i', facing, given) >= -1e-6)
+
+
+def test_body_vectors() -> None:
+    half = np.sqrt(0.5)
+    about_x = np.array([[half, 0.0, 0.0, half]])
+    np.testing.assert_allclose(
+        flight_log.to_body(about_x, np.array([[0.0, 0.0, 1.0]])), [[0.0, 1.0, 0.0]], atol=1e-12)
+
+
+def test_colours_differ() -> None:
+    for outcomes in (OUTCOMES, ('landed', 'crashed', 'asleep', 'out')):
+        colours = palette.outcome_colours(outcomes)
+        assert len(set(colours.values())) == len(outcomes)
+        assert colours['landed'] == palette.GREEN
+
+
+def test_wrong_samples_are_named() -> None:
+    whole = np.zeros(2, np.int64)
+    quantities = {
+        name: np.zeros(2 * (place.stop - place.start)) for name, place in FIELDS.items()}
+    quantities['position'] = np.zeros(5)
+    with pytest.raises(ValueError, match=r'position: 5 values, expected 6 \(2 samples x 3\)'):
+        Samples.build(whole, whole, whole, whole, **quantities)
+
+
+def wait(done: Callable[[], bool], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_viewer_that_is_away_holds_up_nobody(tmp_path: Path, flown: Samples) -> None:
+    notes: Notes = []
+    live = LiveSink(
+        f'rerun+http://127.0.0.1:{viewer.free_port()}/proxy', lambda *note: notes.append(note))
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(Choice(), [live, FileSink(path, lambda *n: None)], lambda *n: None)
+    began = time.monotonic()
+    feed(recorder, flown)
+    recorder.close()
+    assert time.monotonic() - began < 5.0
+    assert live.dropped == recorder.flights
+    assert len(notes) == 1
+    assert 'no viewer at' in notes[0][1]
+    assert len(read.trajectories(path)) == recorder.flights
+
+
+def test_a_viewer_may_go_and_come_back(tmp_path: Path, flown: Samples) -> None:
+    port = viewer.free_port()
+    notes: Notes = []
+    live = LiveSink(
+        f'rerun+http://127.0.0.1:{port}/proxy', lambda *note: notes.append(note), patience=0.5)
+    recorder = Recorder(Choice(), [live], lambda *note: None)
+    for number in (1, 2):
+        server = viewer.Program('--serve-grpc', '--bind', viewer.LOCAL, '--port', str(port))
+        server.wait_for(lambda: viewer.reachable(viewer.LOCAL, port), 'the server', 20.0)
+        feed(recorder, flown, session=2 * number)
+        wait(lambda number=number: sum('streaming' in text for _, text in notes) == number)
+        server.stop()
+        lost = live.dropped
+        feed(recorder, flown, session=2 * number + 1)
+        wait(lambda lost=lost: live.dropped > lost)
+    began = time.monotonic()
+    recorder.close()
+    assert time.monotonic() - began < 2.0
+
+
+@pytest.mark.parametrize('url', ['', '127.0.0.1:9876', 'http://127.0.0.1:9876', 'rerun://x/y'])
+def test_a_wrong_url_is_refused(url: str) -> None:
+    with pytest.raises(ValueError, match='connect: got'):
+        LiveSink(url, lambda *note: None)
+
+
+@pytest.mark.parametrize(('arguments', 'complaint'), [
+    (['at'], 'expected NAME:=VALUE'), (['when:=burn'], "unknown setting 'when'"),
+    (['width:=10'], 'width: got 10'), (['tab:=x'], "tab: got 'x'"),
+])
+def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint: str) -> None:
+    with pytest.raises((ValueError, TypeError), match=complaint):
+        screenshot.parse(arguments)
+
+
+def test_no_recording_is_named(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match='no such recording'):
+        read.trajectories(tmp_path / 'none.rrd')
+    (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
+    with pytest.raises(OSError, match='not a readable recording'):
+        read.trajectories(tmp_path / 'junk.rrd')
+
+
+def test_every_plot_has_a_component() -> None:
+    assert {plot.component.split(':')[1] for plot in blueprint.PLOTS} == {
+        'motion', 'tilt', 'engine', 'reward'}
+    assert scene.TRAINING not in training_log.CURVES
+
+
+def test_picture(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'run.rrd'
+    record(path, flown)
+    flights = read.trajectories(path)
+    moment = screenshot.moment(screenshot.parse([f'recording:={path}', 'at:=burn']), flights)
+    try:
+        picture, = render.render(path, [moment], size=(960, 600))
+    except render.RendererMissing as error:
+        pytest.skip(str(error))
+    pixels = np.asarray(picture, np.int64)
+    landing = pixels[:, :pixels.shape[1] // 2]
+    assert len(np.unique(landing.reshape(-1, 3), axis=0)) > 500
+    orange = (landing[..., 0] > 200) & (landing[..., 2] < 130) & (landing[..., 1] > 60)
+    assert orange.sum() > 50, 'no flame and no ring in the picture'
