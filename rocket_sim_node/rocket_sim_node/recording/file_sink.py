@@ -18,7 +18,7 @@ from rocket_sim_node.recording.rewrite import rewrite
 APPLICATION = 'hoverslam'
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
-COMPACTED = 64 * 2**20
+COMPACTED = 32 * 2**20
 """bytes of a file that is worth compacting at its end; a larger one would take seconds"""
 
 Put = Callable[[rr.RecordingStream], None]

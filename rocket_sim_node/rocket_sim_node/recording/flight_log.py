@@ -28,6 +28,7 @@ THRUST_ARROW = 16.0
 """m of thrust arrow at full throttle"""
 FLAME_LENGTH = (5.0, 20.0)
 """m of flame when the engine is on, and more at full throttle"""
+FLAME_WIDTH = 1.5
 EFFECT_STEP = 5
 """Flame and puffs are logged every so many steps."""
 TRAIL_STEP = 12
@@ -111,7 +112,7 @@ def _flame(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Plac
     rows = _every(EFFECT_STEP, len(flight))
     throttle = np.append(flight.throttle[rows[:-1]], 0.0)
     flicker = 1.0 + 0.06 * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
-    scale = np.ones((len(rows), 3))
+    scale = np.full((len(rows), 3), FLAME_WIDTH)
     scale[:, 2] = (FLAME_LENGTH[0] + FLAME_LENGTH[1] * throttle) * flicker
     scale[throttle <= 0.0] = 1e-3
     keep = changed(scale)
@@ -174,17 +175,19 @@ def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
 def _phases(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
     """Say in which phase the flight is, and above the rocket, until the next, how it ended."""
     changes = phases(flight)
+    # Said again at the end of the pause, so that the recording does not end with the flight.
+    changes.append((len(flight) + pause_steps(stage) - 2, flight.outcome))
     text = (
         f'{(flight.outcome or "unfinished").replace("_", " ")}\n'
         f'{flight.speed[-1]:.1f} m/s  {flight.tilt[-1]:.1f}°  {flight.distance[-1]:.1f} m')
     nose = flight.position[-1] + flight.up[-1] * (vehicle.NOSE + 5.0) * stage.scale
-    shown = [0] * (len(changes) - 1) + [1]
+    shown = [0] * (len(changes) - 2) + [1, 1]
     stream.send_columns(
         scene.PHASE, place.times(np.array([row for row, _ in changes]), stage.dt), [
             *rr.StateChange.columns(state=[name for _, name in changes]),
             *rr.Points3D.columns(
-                positions=[nose], colors=[palette.light(_colour(flight, stage))], labels=[text],
-            ).partition(shown),
+                positions=[nose] * 2, colors=[palette.light(_colour(flight, stage))] * 2,
+                labels=[text] * 2).partition(shown),
         ])
 
 
@@ -207,7 +210,7 @@ def _landing(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Pl
         *place.times(np.array([last]), stage.dt),
         rr.TimeColumn('iteration', sequence=[place.iteration])]
     stream.send_columns(scene.PATHS, times, rr.LineStrips3D.columns(
-        strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 150)]))
+        strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 110)]))
     stream.send_columns(
         scene.LANDINGS, times, [
             *rr.Points3D.columns(positions=[mark], colors=[colour]),

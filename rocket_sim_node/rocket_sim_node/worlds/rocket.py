@@ -93,6 +93,7 @@ class RocketWorld:
         self._apply(checked)
         self._seed, self.episode = new_seed, episode
         self._begin(self._rows, first)
+        self._reward = np.zeros(self.spec.num_envs)
         self._finished = self.telemetry(self._rows[:0])
         return self.observe()
 
@@ -157,10 +158,17 @@ class RocketWorld:
         """Put all rockets back into a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours)
+        for name in ('seed', 'age', 'episode', 'fuel'):
+            if (arrays[name] < 0).any():
+                raise ValueError(f'snapshot: {name} has a value below 0')
         values = dict(zip(spawn.CURRICULUM_SETTINGS, arrays.pop('curriculum').tolist(),
                           strict=True))
-        self._apply(settings_module.build(
-            RocketSettings, {**settings_module.as_dict(self._made_with), **values}))
+        try:
+            settings = settings_module.build(
+                RocketSettings, {**settings_module.as_dict(self._made_with), **values})
+        except TypeError as error:
+            raise ValueError(f'snapshot: {error}') from error
+        self._apply(settings)
         self._seed = int(arrays.pop('seed')[0])
         for name, array in arrays.items():
             ours[name][...] = array

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,12 @@ from numpy.typing import NDArray
 from rocket_sim_node.worlds.base import WorldSpec
 
 Arrays = dict[str, NDArray[Any]]
+
+# What NumPy and zipfile raise for damaged archives, a bare array (TypeError) and pickles included.
+_UNREADABLE = (
+    ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, NotImplementedError,
+    zipfile.BadZipFile, zlib.error,
+)
 
 
 def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
@@ -30,7 +37,7 @@ def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
     try:
         with np.load(io.BytesIO(state), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise ValueError(f'snapshot: not readable, {len(state)} bytes: {error}') from error
     world = str(arrays.pop('world', '?'))
     if world != spec.name:
