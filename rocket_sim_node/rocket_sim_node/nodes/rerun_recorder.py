@@ -76,11 +76,9 @@ class RecorderNode:
 
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
-        self._recorder.world(
-            Stage.build(
-                message.world, message.dt, tuple(message.outcomes),
-                messages.settings_from_message(message.settings)),
-            message.session)
+        self._recorder.world(Stage.build(
+            message.world, message.dt, tuple(message.outcomes),
+            messages.settings_from_message(message.settings)))
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1

@@ -29,6 +29,9 @@ from rocket_sim_node.recording.training_log import Training
 TRAINING_PERIOD = 10.0
 """s of wall clock for which iterations are gathered before they are logged"""
 
+EARLY = 200
+"""messages kept that come before the description of their world"""
+
 
 class Sink(Protocol):
     """Where a recording goes."""
@@ -65,6 +68,7 @@ class Recorder:
         self._buffers = {row: FlightBuffer() for row in choice.rows}
         self._stage: Stage | None = None
         self._session = 0
+        self._early: list[tuple[int, Samples]] = []
         self._training: Training | None = None
         self._iterations = training_log.IterationCounter()
         self._pending: list[tuple[Place, Training]] = []
@@ -76,12 +80,8 @@ class Recorder:
 
     # What comes in
 
-    def world(self, stage: Stage, session: int) -> None:
-        """Take note of a world; a new session ends all flights that were under way."""
-        if session != self._session:
-            self._session = session
-            for buffer in self._buffers.values():
-                buffer.clear()
+    def world(self, stage: Stage) -> None:
+        """Take note of a world; what came before it was kept for it."""
         if stage == self._stage:
             return
         self._stage = stage
@@ -93,11 +93,23 @@ class Recorder:
 
         for sink in self._sinks:
             sink.begin(head)
+        early, self._early = self._early, []
+        for session, samples in early:
+            self.states(session, samples)
 
     def states(self, session: int, samples: Samples) -> None:
-        """Take samples in the order in which they were taken; those of other sessions are left."""
-        if self._stage is None or session != self._session:
+        """Take samples in the order in which they were taken.
+
+        A new session ends all flights that were under way. Samples may overtake the description
+        of their world on the wire: they wait for it.
+        """
+        if self._stage is None:
+            self._early = [*self._early[-EARLY:], (session, samples)]
             return
+        if session != self._session:
+            self._session = session
+            for buffer in self._buffers.values():
+                buffer.clear()
         for row, buffer in self._buffers.items():
             index = np.flatnonzero(samples.row == row)
             if index.size:

@@ -81,8 +81,9 @@ class RocketWorld:
                 f'reset: unknown setting {", ".join(map(repr, unknown))}, '
                 f'expected {", ".join(spawn.CURRICULUM_SETTINGS)}'
             )
-        if seed is not None and not 0 <= seed < 2**63:
-            raise ValueError(f'reset: seed is {seed}, expected 0 to 2**63 - 1')
+        if seed is not None and (seed != int(seed) or not 0 <= seed < 2**63):
+            raise ValueError(
+                f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
         checked = settings_module.build(
             RocketSettings, {**settings_module.as_dict(self._made_with), **settings})
         new_seed, episode = (
@@ -223,7 +224,7 @@ class RocketWorld:
         for _ in range(s.substeps):
             throttle[self.fuel <= 0.0] = 0.0
             per_mass = dt / (self.fuel + s.dry_mass)
-            speed = np.sqrt(np.einsum('ij,ij->j', self.velocity, self.velocity))
+            speed = rotation.norm(self.velocity)
             impulse = rotation.up_vector(self.attitude)
             impulse *= throttle * s.max_thrust * per_mass
             self.velocity *= 1.0 - self._drag * speed * per_mass
@@ -256,8 +257,7 @@ class RocketWorld:
 
     def _touchdown(self, rows: NDArray[np.integer]) -> tuple[F64, F64, F64]:
         """Return speed (m/s), tilt (deg) and distance from the pad (m), `(K,)` each."""
-        velocity = self.velocity[:, rows]
-        speed = np.sqrt(np.einsum('ij,ij->j', velocity, velocity))
+        speed = rotation.norm(self.velocity[:, rows])
         up = rotation.up_vector(self.attitude[:, rows])
         # atan2 keeps its precision near upright, where arccos loses half the digits.
         tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))

@@ -8,6 +8,19 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 
 
+def norm(vector: F64) -> F64:
+    """Return the lengths of vectors `(D, N)`, `(N,)`.
+
+    Written out: an einsum adds up in another order when N is 1, and a rocket would fly otherwise
+    alone than among others.
+    """
+    total = vector[0] * vector[0]
+    for component in vector[1:]:
+        total += component * component
+    length: F64 = np.sqrt(total, out=total)
+    return length
+
+
 def from_pitch_roll(pitch: F64, roll: F64) -> F64:
     """Return the attitudes `(4, N)` that turn by `roll` about Z, then by `pitch` about X (rad)."""
     sin_p, cos_p = np.sin(pitch / 2), np.cos(pitch / 2)
@@ -43,11 +56,11 @@ def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
     :param angular_velocity: `(3, N)`, rad/s.
     :return: `(4, N)`.
     """
-    half = np.sqrt(np.einsum('ij,ij->j', angular_velocity, angular_velocity)) * (0.5 * dt)
+    half = norm(angular_velocity) * (0.5 * dt)
     delta = np.empty_like(quaternion)
     # np.sinc(x) is sin(pi x) / (pi x): one and smooth at rest, where sin(a) / a would be 0 / 0.
     delta[:3] = angular_velocity * (np.sinc(half / np.pi) * (0.5 * dt))
     delta[3] = np.cos(half)
     turned = multiply(delta, quaternion)
-    turned /= np.sqrt(np.einsum('ij,ij->j', turned, turned))
+    turned /= norm(turned)
     return turned
