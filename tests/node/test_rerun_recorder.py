@@ -78,7 +78,7 @@ class Simulator:
 def simulator(
     processes: Processes, monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Simulator]:
-    """A simulator in this process."""
+    """Return a simulator in this process."""
     simulator = Simulator(processes, monkeypatch)
     yield simulator
     rclpy.shutdown(context=simulator.context)
@@ -109,7 +109,7 @@ def test_what_flew_is_in_the_file(
     simulator.training.publish(msg.TrainingStatus(
         stage='evaluate', iteration=1, landing_rate=0.5, message='evaluation begins'))
     simulator.fall(2 * FALL)
-    wait_for_bytes(partial_path(path), empty + 100_000)
+    wait_for_bytes(partial_path(path), empty + 300_000)
     recorder.signal(how)
     assert recorder.wait(5.0) == 0
     assert 'recording saved' in recorder.output()

@@ -86,3 +86,10 @@ def test_a_rocket_that_cannot_stop_has_no_bound_and_a_climb_counts_as_rest() -> 
     assert np.isnan(bound.burn_time(np.array([95.0]))[0])
     assert bound.fuel(np.array([3.0]))[0] == bound.fuel(np.array([0.0]))[0]
     assert bound.fuel(np.zeros(0)).shape == (0,)
+
+
+@pytest.mark.parametrize('change', [
+    {'max_thrust': 200_000.0}, {'max_thrust': 0.0}, {'fuel': 0.0}, {'fuel': 300.0}], ids=str)
+def test_a_vehicle_that_cannot_land_has_no_bound(change: dict[str, float]) -> None:
+    bound = StraightDropBound({**SETTINGS, **change})
+    assert np.isnan(bound.fuel(np.array([0.0, -10.0]))).all()

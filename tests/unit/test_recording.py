@@ -91,7 +91,7 @@ def flights_of(samples: Samples, row: int) -> list[np.ndarray]:
 
 def feed(recorder: Recorder, samples: Samples, session: int = 1, piece: int = 100) -> None:
     """Hand samples to a recorder in messages of `piece`, as they would arrive."""
-    recorder.world(STAGE, session)
+    recorder.world(STAGE)
     for start in range(0, len(samples.step), piece):
         recorder.states(session, samples.take(slice(start, start + piece)))
 
@@ -245,10 +245,18 @@ def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) 
     feed(recorder, flown.take(slice(0, first_end - 20)), session=1)
     rest = flown.take(slice(first_end - 20, first_end + 1))
     recorder.states(2, rest)
-    recorder.world(STAGE, 2)
-    recorder.states(2, rest)
     recorder.states(1, rest)
     assert recorder.flights == 0
+    feed(recorder, flown, session=1)
+    assert recorder.flights > 0
+
+
+def test_samples_may_overtake_their_world(flown: Samples) -> None:
+    recorder = Recorder(Choice(), [], lambda *note: None)
+    recorder.states(1, flown)
+    assert recorder.flights == 0
+    recorder.world(STAGE)
+    assert recorder.flights == sum(len(flights_of(flown, row)) for row in range(4))
 
 
 @pytest.mark.parametrize(('choice', 'learning', 'expected'), [
@@ -264,7 +272,7 @@ def test_choice(
 ) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(choice, [FileSink(path, lambda *note: None)], lambda *note: None)
-    recorder.world(STAGE, 1)
+    recorder.world(STAGE)
     if learning:
         recorder.training(Training('finetune', 1, {}))
     feed(recorder, flown)

@@ -20,7 +20,9 @@ FLOW = THRUST / (ISP * G)
 SPIN_UP = 2e6 / 5e5
 DRAG = 0.5 * 1.225 * 0.30 * 10.8
 OFF, FULL, HOVER = -1.0, 1.0, 0.0
-WIDE: dict[str, Any] = {'height_limit': 1e5, 'range_limit': 1e4, 'tilt_limit': 180.0, 'time_limit': 1e4}
+WIDE: dict[str, Any] = {
+    'height_limit': 1e5, 'range_limit': 1e4, 'tilt_limit': 180.0, 'time_limit': 1e4,
+}
 
 
 def upright(num_envs: int = 1, **settings: Any) -> RocketWorld:
