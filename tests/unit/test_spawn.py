@@ -197,8 +197,8 @@ def test_zero_is_a_range_too() -> None:
     ({'spawn_position': 201}, "'spawn_position': got 201.*range_limit, 200"),
     ({'spawn_height': 5.2}, "'spawn_height': got 5.2.*touchdown_height, 5.2"),
     ({'spawn_height': 400.1}, "'spawn_height': got 400.1.*height_limit, 400"),
-    ({'tilt_limit': 0.0}, "'tilt_limit': got 0.0"),
-    ({'spawn_angle': 180, 'tilt_limit': 1e-3}, "'spawn_angle': no attitude within tilt_limit"),
+    ({'tilt_limit': 0.0}, "'spawn_angle': got .*, expected at most 4 times tilt_limit, 0.0 deg"),
+    ({'spawn_angle': 180, 'tilt_limit': 1e-3}, "'spawn_angle': got 180.0, expected at most 4 times tilt_limit, 0.001"),
 ])
 def test_a_start_outside_the_field_is_refused(
     settings: dict[str, Any], message: str,

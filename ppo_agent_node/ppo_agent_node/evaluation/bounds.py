@@ -47,10 +47,11 @@ class StraightDropBound:
         self.mass = settings['dry_mass'] + settings['fuel']
         self.gravity = settings['gravity']
         self.thrust = settings['max_thrust']
-        self.flow = self.thrust / (settings['specific_impulse'] * self.gravity)
+        exhaust_speed = settings['specific_impulse'] * self.gravity
+        self.flow = self.thrust / exhaust_speed if exhaust_speed else 0.0
         self.drag = (
             0.5 * settings['air_density'] * settings['drag_coefficient'] * settings['drag_area'])
-        self.longest_burn = settings['fuel'] / self.flow
+        self.longest_burn = settings['fuel'] / self.flow if self.flow else 0.0
         self._table: tuple[F64, F64] | None = None
 
     def fuel(self, velocity: F64) -> F64:

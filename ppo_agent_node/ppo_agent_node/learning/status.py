@@ -2,7 +2,6 @@
 """What a training run says about itself, one report an iteration of a stage."""
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate', 'done')
@@ -39,18 +38,3 @@ class Status:
     clone_loss: float = NAN
     clone_validation_loss: float = NAN
     message: str = ''
-
-
-def wilson_interval(successes: int, trials: int, z: float = 1.959963984540054) -> tuple[
-        float, float]:
-    """Return the interval of a rate, 95 % by default; NaN without trials.
-
-    Wilson, 'Probable inference, the law of succession, and statistical inference', 1927.
-    """
-    if not trials:
-        return NAN, NAN
-    rate = successes / trials
-    centre = rate + z * z / (2 * trials)
-    spread = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    scale = 1 + z * z / trials
-    return max(0.0, (centre - spread) / scale), min(1.0, (centre + spread) / scale)

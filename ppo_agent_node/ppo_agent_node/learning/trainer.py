@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.anchor import Anchor
@@ -39,7 +40,6 @@ from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.selection import Score
 from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.status import wilson_interval
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds.base import F32
@@ -269,7 +269,7 @@ class Trainer:
         if not len(episodes):
             return {'episodes': 0}
         landed = sum(self._landed(episodes))
-        low, high = wilson_interval(landed, len(episodes))
+        low, high = wilson(landed, len(episodes))
         return {
             'episodes': len(episodes), 'landing_rate': landed / len(episodes),
             'landing_rate_low': low, 'landing_rate_high': high,

@@ -35,7 +35,7 @@ class ExpertSettings:
         0.935, '', 'planned deceleration, as a share of what full throttle gives at half fuel',
         0.1, 1.0)
     flare_rate: float = setting(12.5, '1/s', 'speed per height in the flare', 0.5, 100.0)
-    flare_speed: float = setting(0.006, 'm/s', 'speed at touchdown the flare aims at', 1e-4, 2.0)
+    flare_speed: float = setting(0.009, 'm/s', 'speed at touchdown the flare aims at', 1e-4, 2.0)
     speed_settling: float = setting(
         0.05, '', 'time in which errors in speed die out, as a share of the burn left', 0.0, 10.0)
     lateral_power: float = setting(

@@ -14,7 +14,9 @@ from rocket_sim_node.worlds.base import F32
 
 
 class PolicyPilot:
-    """Flies a policy file in a world that it fits."""
+    """Flies a policy file in a world that it fits. A `Pilot`."""
+
+    name = 'policy'
 
     def __init__(self, path: Path | str, spec: WorldSpec) -> None:
         """Load the policy.

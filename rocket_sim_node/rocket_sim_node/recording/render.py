@@ -54,7 +54,8 @@ def render(
                 client.open(str(shown.absolute()))
                 _wait_for_load(client, patience)
             except (viewer.ViewerError, RuntimeError, ConnectionError) as error:
-                if 'adapter' in program.said():
+                said = program.said(10_000)
+                if 'render context' in said or 'adapter' in said:
                     raise RendererMissing(HINT) from error
                 raise viewer.ViewerError(f'{error} {program.said()}') from error
             pictures = []

@@ -93,10 +93,10 @@ class Program:
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said,
             preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
 
-    def said(self) -> str:
-        """Return the last of what it complained of."""
+    def said(self, length: int = 600) -> str:
+        """Return the beginning of what it complained of."""
         self._said.seek(0)
-        return ' '.join(self._said.read().decode(errors='replace').split())[-600:]
+        return ' '.join(self._said.read().decode(errors='replace').split())[:length]
 
     def wait_for(self, ready: Callable[[], bool], what: str, patience: float) -> None:
         """Wait until it is ready.

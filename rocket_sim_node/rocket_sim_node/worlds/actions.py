@@ -2,12 +2,21 @@
 """Actions are checked once, here, before anything flies on them."""
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds.base import WorldSpec
+
+
+@lru_cache(maxsize=16)
+def _bounds(
+    low: tuple[float, ...], high: tuple[float, ...], num_envs: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    # Of the batch's shape: broadcasting a row of three to N would loop N times over three.
+    return np.tile(low, (num_envs, 1)), np.tile(high, (num_envs, 1))
 
 
 def checked_action(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
@@ -32,8 +41,9 @@ def checked_action(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
                 f'action: row {row}, {spec.action_names[column]!r} is '
                 f'{action[row, column]}, expected a finite number'
             )
-        clipped: NDArray[np.float64] = np.clip(
-            action, spec.action_low, spec.action_high, dtype=np.float64)
+        low, high = _bounds(spec.action_low, spec.action_high, spec.num_envs)
+        clipped = np.maximum(action.astype(np.float64), low)
+        np.minimum(clipped, high, out=clipped)
         return clipped
     if action.shape != (spec.num_envs,) or action.dtype.kind not in 'iu':
         raise ValueError(

@@ -29,19 +29,22 @@ def judge_touchdown(speed: F64, tilt: F64, distance: F64, task: TaskSettings) ->
     :param tilt: `(K,)` deg from vertical.
     :param distance: `(K,)` m from the pad's centre.
     """
-    return np.select(
-        (speed >= task.landed_speed, tilt >= task.landed_tilt, distance >= task.landed_distance),
-        (TOO_FAST, TIPPED, OFF_PAD), LANDED,
-    ).astype(np.uint8)
+    outcome = np.full(len(speed), LANDED, np.uint8)
+    outcome[distance >= task.landed_distance] = OFF_PAD
+    outcome[tilt >= task.landed_tilt] = TIPPED
+    outcome[speed >= task.landed_speed] = TOO_FAST
+    return outcome
 
 
 def judge_flight(
     tilted: NDArray[np.bool_], late: NDArray[np.bool_], outside: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
     """Return the outcomes of rockets in flight, `(K,)`; NO_OUTCOME for those that fly on."""
-    return np.select(
-        (tilted, late, outside), (TILT_LIMIT, TIMEOUT, OUT_OF_BOUNDS), NO_OUTCOME,
-    ).astype(np.uint8)
+    outcome = np.full(len(tilted), NO_OUTCOME, np.uint8)
+    outcome[outside] = OUT_OF_BOUNDS
+    outcome[late] = TIMEOUT
+    outcome[tilted] = TILT_LIMIT
+    return outcome
 
 
 def terminal_reward(

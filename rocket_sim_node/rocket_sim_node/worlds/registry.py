@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rocket_sim_node import settings as settings_module
-from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
 

@@ -50,6 +50,7 @@ class RocketWorld:
         self._made_with = settings_module.build(RocketSettings, settings)
         self._apply(self._made_with)
         self._rows = np.arange(num_envs)
+        self._all = slice(None)
         self.position = np.zeros((3, num_envs))
         self.velocity = np.zeros((3, num_envs))
         self.attitude = np.zeros((4, num_envs))
@@ -62,7 +63,7 @@ class RocketWorld:
         self._throttle = np.zeros(num_envs)
         self._torque = np.zeros((3, num_envs))
         self._reward = np.zeros(num_envs)
-        self._finished: Telemetry = self.telemetry(self._rows[:0])
+        self._none_finished = self._finished = self.telemetry(self._rows[:0])
         self._seed = seed
         self.spec = WorldSpec(
             name='rocket', num_envs=num_envs, dt=self.settings.dt,
@@ -81,7 +82,8 @@ class RocketWorld:
                 f'reset: unknown setting {", ".join(map(repr, unknown))}, '
                 f'expected {", ".join(spawn.CURRICULUM_SETTINGS)}'
             )
-        if seed is not None and (seed != int(seed) or not 0 <= seed < 2**63):
+        if seed is not None and not (
+                isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
             raise ValueError(
                 f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
         checked = settings_module.build(
@@ -93,9 +95,10 @@ class RocketWorld:
             new_seed, self._rows, episode, spawn.spawn_range(checked), checked)
         self._apply(checked)
         self._seed, self.episode = new_seed, episode
+        self._store_spawns()
         self._begin(self._rows, first)
         self._reward = np.zeros(self.spec.num_envs)
-        self._finished = self.telemetry(self._rows[:0])
+        self._finished = self._none_finished
         return self.observe()
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
@@ -103,34 +106,41 @@ class RocketWorld:
         command = checked_action(self.spec, action)
         self._advance(command)
         self.age += 1
-        done, outcome = self._judge()
+        up = rotation.up_vector(self.attitude)
+        observation = self._observe(self._all, up)
+        done = self._ended(up[1])
         reward = np.full(self.spec.num_envs, self.settings.reward_step)
         info: dict[str, Any] = {
-            'final_rows': self._rows[:0], 'final_observation': np.zeros((0, 15), np.float32),
+            'final_rows': done, 'final_observation': observation[:0],
             'episodes': NO_EPISODES,
         }
         self._reward = reward
         if done.size:
-            info = self._finish(done, outcome, reward)
+            info = self._finish(done, up[:, done], observation, reward)
         else:
             self.episode_return += reward
-            self._finished = self.telemetry(done)
+            self._finished = self._none_finished
         terminated = np.zeros(self.spec.num_envs, np.bool_)
         terminated[done] = True
         truncated = np.zeros(self.spec.num_envs, np.bool_)
-        return self.observe(), reward.astype(np.float32), terminated, truncated, info
+        return observation, reward.astype(np.float32), terminated, truncated, info
 
     def observe(self) -> F32:
         """Return the observation `(N, 15)` of the present state."""
+        return self._observe(self._all, rotation.up_vector(self.attitude))
+
+    def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
+        """Return the observation `(K, 15)` of the chosen rockets, whose up vectors are given."""
         s = self.settings
-        observation = np.empty((15, self.spec.num_envs))
-        np.divide(self.position, s.position_scale, out=observation[0:3])
-        np.divide(self.velocity, s.velocity_scale, out=observation[3:6])
-        observation[6:9] = rotation.up_vector(self.attitude)
-        np.divide(self.spin, s.spin_scale, out=observation[9:12])
+        observation = np.empty((15, up.shape[1]))
+        np.divide(self.position[:, rows], s.position_scale, out=observation[0:3])
+        np.divide(self.velocity[:, rows], s.velocity_scale, out=observation[3:6])
+        observation[6:9] = up
+        np.divide(self.spin[:, rows], s.spin_scale, out=observation[9:12])
         np.negative(observation[0:3], out=observation[12:15])
         observation[13] += s.touchdown_height / s.position_scale
-        np.clip(observation, -s.observation_limit, s.observation_limit, out=observation)
+        np.minimum(observation, s.observation_limit, out=observation)
+        np.maximum(observation, -s.observation_limit, out=observation)
         return np.ascontiguousarray(observation.T, dtype=np.float32)
 
     def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
@@ -162,6 +172,12 @@ class RocketWorld:
         for name in ('seed', 'age', 'episode', 'fuel'):
             if (arrays[name] < 0).any():
                 raise ValueError(f'snapshot: {name} has a value below 0')
+        found = arrays.pop('settings')
+        for name, ours_is, its_is in zip(
+                self.spec.settings, ours['settings'], found, strict=True):
+            if ours_is != its_is:
+                raise ValueError(
+                    f'snapshot: of a world with {name} {its_is:g}, expected {ours_is:g}')
         values = dict(zip(spawn.CURRICULUM_SETTINGS, arrays.pop('curriculum').tolist(),
                           strict=True))
         try:
@@ -176,7 +192,8 @@ class RocketWorld:
         self._throttle[:] = 0
         self._torque[:] = 0
         self._reward = np.zeros(self.spec.num_envs)
-        self._finished = self.telemetry(self._rows[:0])
+        self._finished = self._none_finished
+        self._store_spawns()
         return self.observe()
 
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
@@ -186,6 +203,7 @@ class RocketWorld:
             'spin': self.spin, 'fuel': self.fuel, 'age': self.age, 'episode': self.episode,
             'episode_return': self.episode_return,
             'seed': np.array([self._seed], np.int64),
+            'settings': np.array(list(self.spec.settings.values()), np.float64),
             'curriculum': np.array(
                 [getattr(self.settings, n) for n in spawn.CURRICULUM_SETTINGS], np.float64),
         }
@@ -197,6 +215,11 @@ class RocketWorld:
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
         self._drag = (
             0.5 * settings.air_density * settings.drag_coefficient * settings.drag_area)
+
+    def _store_spawns(self) -> None:
+        """Forget the starts drawn ahead: another seed or range is in force."""
+        self._spawns = spawn.SpawnStore(
+            self._seed, self.spec.num_envs, self._spawn_range, self.settings)
 
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
         """Put the given rockets into their first states."""
@@ -238,43 +261,40 @@ class RocketWorld:
             self.attitude = rotation.integrate(self.attitude, self.spin, dt)
         self._throttle = throttle
 
-    def _judge(self) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-        """Return which rockets finished at this step, `(K,)`, and how, `(K,)`."""
+    def _ended(self, up_y: F64) -> NDArray[np.int64]:
+        """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
         s = self.settings
         x, y, z = self.position
-        up_y = 1 - 2 * (self.attitude[0] ** 2 + self.attitude[2] ** 2)
-        touchdown = y <= s.touchdown_height
-        tilted = up_y < self._cos_tilt_limit
-        late = self.age > self._max_age
-        outside = (
+        self._down = y <= s.touchdown_height
+        self._tilted = up_y < self._cos_tilt_limit
+        self._late = self.age > self._max_age
+        self._outside = (
             (y > s.height_limit) | (np.abs(x) > s.range_limit) | (np.abs(z) > s.range_limit))
-        done = np.flatnonzero(touchdown | tilted | late | outside)
-        if not done.size:
-            return done, np.zeros(0, np.uint8)
-        landing = outcomes.judge_touchdown(*self._touchdown(done), s)
-        flight = outcomes.judge_flight(tilted[done], late[done], outside[done])
-        return done, np.where(touchdown[done], landing, flight)
-
-    def _touchdown(self, rows: NDArray[np.integer]) -> tuple[F64, F64, F64]:
-        """Return speed (m/s), tilt (deg) and distance from the pad (m), `(K,)` each."""
-        speed = rotation.norm(self.velocity[:, rows])
-        up = rotation.up_vector(self.attitude[:, rows])
-        # atan2 keeps its precision near upright, where arccos loses half the digits.
-        tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))
-        distance = np.hypot(self.position[0, rows], self.position[2, rows])
-        return speed, tilt, distance
+        return np.flatnonzero(self._down | self._tilted | self._late | self._outside)
 
     def _finish(
-        self, done: NDArray[np.int64], outcome: NDArray[np.uint8], reward: F64,
+        self, done: NDArray[np.int64], up: F64, observation: F32, reward: F64,
     ) -> dict[str, Any]:
-        """Pay and report the episodes that ended, and begin their rockets' next ones."""
-        speed, tilt, distance = self._touchdown(done)
+        """Pay and report the episodes that ended, and begin their rockets' next ones.
+
+        :param up: `(3, K)` up vectors of those rockets.
+        :param observation: `(N, 15)`; the rows that finished get their new first observation.
+        :param reward: `(N,)`, to which the ends are added.
+        """
+        speed = rotation.norm(self.velocity[:, done])
+        # atan2 keeps its precision near upright, where arccos loses half the digits.
+        tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))
+        distance = np.hypot(self.position[0, done], self.position[2, done])
+        outcome = np.where(
+            self._down[done],
+            outcomes.judge_touchdown(speed, tilt, distance, self.settings),
+            outcomes.judge_flight(self._tilted[done], self._late[done], self._outside[done]))
         reward[done] += outcomes.terminal_reward(outcome, speed, tilt, distance, self.settings)
         self.episode_return += reward
         self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)
         info = {
             'final_rows': done,
-            'final_observation': self.observe()[done],
+            'final_observation': observation[done],
             'episodes': Episodes(
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
@@ -283,8 +303,9 @@ class RocketWorld:
             ),
         }
         self.episode[done] += 1
-        self._begin(done, spawn.draw(
-            self._seed, done, self.episode[done], self._spawn_range, self.settings))
+        first = self._spawns.take(done, self.episode[done])
+        self._begin(done, first)
         self._reward = reward.copy()
         self._reward[done] = 0.0
+        observation[done] = self._observe(done, rotation.up_vector(first.attitude))
         return info

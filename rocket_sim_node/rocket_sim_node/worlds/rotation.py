@@ -31,19 +31,23 @@ def from_pitch_roll(pitch: F64, roll: F64) -> F64:
 def up_vector(quaternion: F64) -> F64:
     """Return the body's up axis (Y) in the world, `(3, N)`."""
     x, y, z, w = quaternion
-    return np.stack((2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)))
+    up = np.empty((3, len(x)))
+    up[0] = 2 * (x * y - w * z)
+    up[1] = 1 - 2 * (x * x + z * z)
+    up[2] = 2 * (y * z + w * x)
+    return up
 
 
 def multiply(left: F64, right: F64) -> F64:
     """Return the Hamilton product `(4, N)`: first `right`, then `left`."""
     lx, ly, lz, lw = left
     rx, ry, rz, rw = right
-    return np.stack((
-        lw * rx + lx * rw + ly * rz - lz * ry,
-        lw * ry - lx * rz + ly * rw + lz * rx,
-        lw * rz + lx * ry - ly * rx + lz * rw,
-        lw * rw - lx * rx - ly * ry - lz * rz,
-    ))
+    product = np.empty_like(right)
+    product[0] = lw * rx + lx * rw + ly * rz - lz * ry
+    product[1] = lw * ry - lx * rz + ly * rw + lz * rx
+    product[2] = lw * rz + lx * ry - ly * rx + lz * rw
+    product[3] = lw * rw - lx * rx - ly * ry - lz * rz
+    return product
 
 
 def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
@@ -56,10 +60,10 @@ def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
     :param angular_velocity: `(3, N)`, rad/s.
     :return: `(4, N)`.
     """
-    half = norm(angular_velocity) * (0.5 * dt)
+    # At rest sin(a) / a would be 0 / 0; the least positive angle has the right limit, one.
+    half = np.maximum(norm(angular_velocity) * (0.5 * dt), np.finfo(np.float64).tiny)
     delta = np.empty_like(quaternion)
-    # np.sinc(x) is sin(pi x) / (pi x): one and smooth at rest, where sin(a) / a would be 0 / 0.
-    delta[:3] = angular_velocity * (np.sinc(half / np.pi) * (0.5 * dt))
+    delta[:3] = angular_velocity * (np.sin(half) / half * (0.5 * dt))
     delta[3] = np.cos(half)
     turned = multiply(delta, quaternion)
     turned /= norm(turned)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
+from rocket_sim_node.worlds.vehicle import FROM_LEVEL
 from rocket_sim_node.worlds.vehicle import TaskSettings
 
 F64 = NDArray[np.float64]
@@ -45,6 +46,11 @@ CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS)
 """Settings that a reset may change."""
 
 _MAX_ATTEMPTS = 1000
+_WIDEST = 4
+_AHEAD = 32
+"""Most episodes of a rocket drawn at once."""
+_STORED = 2**16
+"""Most episodes of all rockets together that are kept drawn."""
 
 
 class Spawn(NamedTuple):
@@ -63,8 +69,8 @@ class Spawn(NamedTuple):
 def spawn_range(task: TaskSettings) -> SpawnRange:
     """Return the ranges in force: those of the level, save what is set by itself.
 
-    :raises ValueError: when no attitude in range would be within the tilt limit, or when the
-        spawn lies outside the field.
+    :raises ValueError: when hardly an attitude in range would be within the tilt limit, or when
+        the spawn lies outside the field.
     """
     level = LEVELS[task.level]
     chosen = {
@@ -73,8 +79,16 @@ def spawn_range(task: TaskSettings) -> SpawnRange:
         if getattr(task, name) >= 0
     }
     merged = SpawnRange(**{**level.__dict__, **chosen})
-    if task.tilt_limit <= 0:
-        raise ValueError(f"setting 'tilt_limit': got {task.tilt_limit}, expected more than 0 deg")
+    for name in SPAWN_SETTINGS:
+        if FROM_LEVEL < getattr(task, name) < 0:
+            raise ValueError(
+                f'setting {name!r}: got {getattr(task, name)}, expected 0 or more, '
+                f'or {FROM_LEVEL:g} for what the level says')
+    if task.tilt_limit * _WIDEST < merged.angle:
+        # Else hardly any attitude drawn would be allowed, and an episode could not begin.
+        raise ValueError(
+            f"setting 'spawn_angle': got {merged.angle}, expected at most {_WIDEST} times "
+            f'tilt_limit, {task.tilt_limit} deg')
     if merged.position > task.range_limit:
         raise ValueError(
             f"setting 'spawn_position': got {merged.position}, "
@@ -125,3 +139,35 @@ def draw(
         f"setting 'spawn_angle': no attitude within tilt_limit, {task.tilt_limit} deg, "
         f'in {_MAX_ATTEMPTS} draws of plus or minus {ranges.angle} deg'
     )
+
+
+class SpawnStore:
+    """First states of the next few episodes of each rocket, drawn many at a time.
+
+    A draw costs the calls it makes, hardly the numbers it draws, and a step seldom ends more than
+    a few episodes. As a spawn depends on (seed, row, episode) alone, drawing ahead changes none.
+    """
+
+    def __init__(
+        self, seed: int, num_envs: int, ranges: SpawnRange, task: TaskSettings,
+    ) -> None:
+        """Draw nothing yet."""
+        self._seed, self._ranges, self._task = seed, ranges, task
+        self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
+        self._from = np.full(num_envs, -self._ahead)
+        self._states = np.empty((13, num_envs, self._ahead))
+
+    def take(self, row: NDArray[np.integer], episode: NDArray[np.integer]) -> Spawn:
+        """Return what `draw` would return, `(K,)` rows and their episodes."""
+        slot = episode - self._from[row]
+        missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
+        if missing.size:
+            rows, first = row[missing], episode[missing]
+            episodes = (first[:, None] + np.arange(self._ahead)).ravel()
+            drawn = draw(
+                self._seed, np.repeat(rows, self._ahead), episodes, self._ranges, self._task)
+            self._states[:, rows] = np.concatenate(drawn).reshape(13, len(rows), -1)
+            self._from[rows] = first
+            slot[missing] = 0
+        states = self._states[:, row, slot]
+        return Spawn(states[0:3], states[3:6], states[6:10], states[10:13])

@@ -46,9 +46,9 @@ class TaskSettings:
     spawn_spin: float = setting(
         FROM_LEVEL, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', -1, 100.0)
     touchdown_height: float = setting(5.2, 'm', 'height of the origin when it stands', 0.0, 1e4)
-    landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 0.0, 1e3)
-    landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 0.0, 180.0)
-    landed_distance: float = setting(15.0, 'm', 'a landing is nearer than this', 0.0, 1e4)
+    landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 1e-6, 1e3)
+    landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 1e-6, 180.0)
+    landed_distance: float = setting(15.0, 'm', 'a landing is nearer than this', 1e-6, 1e4)
     tilt_limit: float = setting(45.0, 'deg', 'more tilt in flight is a crash', 0.0, 180.0)
     time_limit: float = setting(30.0, 's', 'a longer flight is a crash', 1e-4, 1e5)
     height_limit: float = setting(400.0, 'm', 'flying higher is a crash', 0.0, 1e5)
