@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a launch file knows while it is carried out, and the error that names a place in it."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+
+from ros2.errors import CommandError
+
+
+class LaunchError(CommandError):
+    """Something in a launch file that cannot be carried out."""
+
+
+@dataclass
+class Context:
+    """State of a launch: arguments by name, the environment of processes, where we are."""
+
+    arguments: dict[str, str]
+    environment: dict[str, str]
+    log_dir: Path
+    file: Path = field(default_factory=Path)
+    namespace: str = ''
+
+    def inner(self) -> Context:
+        """Return a copy for a scope whose changes end with it."""
+        return Context(
+            dict(self.arguments), dict(self.environment), self.log_dir, self.file, self.namespace)
+
+
+def join_namespaces(base: str, namespace: str | None) -> str:
+    """Return `namespace` below `base`, absolute; an absolute one stands alone."""
+    if namespace is None or namespace in ('', '/'):
+        joined = base
+    elif namespace.startswith('/') or not base:
+        joined = namespace
+    else:
+        joined = f'{base.rstrip("/")}/{namespace}'
+    if not joined:
+        return ''
+    return '/' + joined.strip('/')
+
+
+def parse_arguments(texts: list[str]) -> dict[str, str]:
+    """Return launch arguments by name; of several for one name the last wins.
+
+    :raises CommandError: when one is not of the form NAME:=VALUE.
+    """
+    result: dict[str, str] = {}
+    for text in texts:
+        name, separator, value = text.partition(':=')
+        if not name or not separator or (not value and text.count(':=') == 1):
+            # The real command refuses an empty value, too.
+            raise CommandError(
+                f"malformed launch argument '{text}', expected format '<name>:=<value>'")
+        result[name] = value
+    return result
+
+
+def as_environment(variables: Mapping[str, str]) -> dict[str, str]:
+    """Return a copy of `variables` fit for children: without the wheels' marker of a restart.
+
+    The marker stands for the library path of this interpreter; a node's own may differ.
+    """
+    return {k: v for k, v in variables.items() if k != '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the lines of a launch go: the screen, and launch.log in a folder of this run."""
+from __future__ import annotations
+
+import datetime
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+
+
+def new_folder() -> Path:
+    """Return a path for the logs of this run, below ROS_LOG_DIR, ROS_HOME/log or ~/.ros/log."""
+    base = os.environ.get('ROS_LOG_DIR')
+    if base:
+        root = Path(base).expanduser()
+    else:
+        root = Path(os.environ.get('ROS_HOME') or '~/.ros').expanduser() / 'log'
+    now = datetime.datetime.now().strftime('%Y-%m-%d-%H-%M-%S-%f')
+    return root / f'{now}-{socket.gethostname()}-{os.getpid()}'
+
+
+class Log:
+    """The lines of one launch."""
+
+    def __init__(self, folder: Path, debug: bool) -> None:
+        """Make the folder and launch.log, and let the link `latest` point there."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self.quiet = False
+        self._level = 'DEBUG' if debug else 'INFO'
+        self._file = (folder / 'launch.log').open('a', encoding='utf-8', buffering=1)
+        latest = folder.parent / 'latest'
+        spare = folder.parent / f'.latest-{os.getpid()}'
+        try:
+            spare.symlink_to(folder.name)
+            spare.replace(latest)
+        except OSError:
+            # The link is a convenience; two launches may race for it.
+            spare.unlink(missing_ok=True)
+
+    def message(self, level: str, name: str, text: str) -> None:
+        """Log a line of the launch itself."""
+        if level == 'DEBUG' and self._level != 'DEBUG':
+            return
+        self._file.write(f'{time.time():.7f} [{level}] [{name}]: {text}\n')
+        if not self.quiet or level not in ('DEBUG', 'INFO'):
+            self.screen(f'[{level}] [{name}]: {text}')
+
+    def output(self, name: str, line: str, to_screen: bool, to_file: bool) -> None:
+        """Log a line that a process printed."""
+        if to_file:
+            self._file.write(f'{time.time():.7f} [{name}] {line}\n')
+        if to_screen:
+            self.screen(f'[{name}] {line}')
+
+    def header(self) -> None:
+        """Print what the real command begins with."""
+        self.message('INFO', 'launch', f'All log files can be found below {self.folder}')
+        self.message('INFO', 'launch', f'Default logging verbosity is set to {self._level}')
+
+    @staticmethod
+    def screen(text: str) -> None:
+        """Print a line; a reader that went away must not end the launch."""
+        try:
+            print(text, flush=True)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

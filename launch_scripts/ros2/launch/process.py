@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One process of a launch: start, output, end; it never outlives the launch."""
+from __future__ import annotations
+
+import asyncio
+import codecs
+import collections
+import contextlib
+import ctypes
+import os
+import signal
+
+from ros2.launch.actions import ProcessPlan
+from ros2.launch.context import as_environment
+from ros2.launch.log import Log
+
+_PR_SET_PDEATHSIG = 1
+_TAIL = 20
+_DRAIN_SECONDS = 1.0
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _die_with_parent() -> None:
+    """Ask the kernel to kill this process when the launch dies, even by SIGKILL."""
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+class Process:
+    """A process in a session of its own, so that a signal reaches its children, too."""
+
+    def __init__(self, plan: ProcessPlan, log: Log, own_terminal: bool, quiet: bool) -> None:
+        """Do not start it yet.
+
+        `own_terminal` gives it our terminal; `quiet` keeps stderr off the screen, where another
+        process has the terminal.
+        """
+        self.plan = plan
+        self.tail: collections.deque[str] = collections.deque(maxlen=_TAIL)
+        self._log = log
+        self._own_terminal = own_terminal
+        self._quiet = quiet
+        self._child: asyncio.subprocess.Process | None = None
+
+    async def run(self) -> int:
+        """Start it and return its exit status, negative for a signal.
+
+        :raises OSError: when it cannot be started.
+        """
+        name = self.plan.name
+        pipe = None if self._own_terminal else asyncio.subprocess.PIPE
+        child = await asyncio.create_subprocess_exec(
+            *self.plan.command, env=as_environment(self.plan.environment), cwd=self.plan.cwd,
+            stdin=None if self._own_terminal else asyncio.subprocess.DEVNULL,
+            stdout=pipe, stderr=pipe, start_new_session=True, preexec_fn=_die_with_parent)
+        self._child = child
+        self._log.message('INFO', name, f'process started with pid [{child.pid}]')
+        output = self.plan.output
+        error_to_screen = output in ('screen', 'both') or not self._quiet
+        readers = [
+            asyncio.create_task(self._read(stream, to_screen))
+            for stream, to_screen in (
+                (child.stdout, output in ('screen', 'both')), (child.stderr, error_to_screen))
+            if stream is not None]
+        try:
+            status = await child.wait()
+        finally:
+            self._signal(signal.SIGKILL)
+        if readers:
+            await asyncio.wait(readers, timeout=_DRAIN_SECONDS)
+        for reader in readers:
+            reader.cancel()
+        self._child = None
+        if status == 0:
+            self._log.message('INFO', name, f'process has finished cleanly [pid {child.pid}]')
+        else:
+            self._log.message(
+                'ERROR', name, f'process has died [pid {child.pid}, exit code {status}, '
+                f"cmd '{' '.join(part for part in self.plan.command if part.strip())}'].")
+        return status
+
+    async def _read(self, stream: asyncio.StreamReader, to_screen: bool) -> None:
+        decoder = codecs.getincrementaldecoder('utf-8')(errors='replace')
+        rest = ''
+        while chunk := await stream.read(65536):
+            *lines, rest = (rest + decoder.decode(chunk)).split('\n')
+            for line in lines:
+                self._emit(line, to_screen)
+        if rest:
+            self._emit(rest, to_screen)
+
+    def _emit(self, line: str, to_screen: bool) -> None:
+        self.tail.append(line)
+        self._log.output(self.plan.name, line, to_screen, self.plan.output in ('log', 'both'))
+
+    def _signal(self, number: signal.Signals) -> None:
+        if self._child is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._child.pid, number)
+
+    async def stop(self) -> None:
+        """Ask it to end: SIGINT, later SIGTERM, at last SIGKILL. The caller cancels this."""
+        plan = self.plan
+        steps = (
+            (signal.SIGINT, plan.sigterm_timeout, signal.SIGTERM, plan.sigterm_timeout),
+            (signal.SIGTERM, plan.sigkill_timeout, signal.SIGKILL,
+             plan.sigterm_timeout + plan.sigkill_timeout),
+        )
+        for number, seconds, following, total in steps:
+            self._send(number)
+            await asyncio.sleep(seconds)
+            self._log.message(
+                'ERROR', plan.name,
+                f"process[{plan.name}] failed to terminate '{total}' seconds after receiving "
+                f"'{number.name}', escalating to '{following.name}'")
+        self._send(signal.SIGKILL)
+
+    def _send(self, number: signal.Signals) -> None:
+        if self._child is not None:
+            name = self.plan.name
+            self._log.message('INFO', name, f"sending signal '{number.name}' to process[{name}]")
+            self._signal(number)

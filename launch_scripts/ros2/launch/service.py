@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the processes of a launch until they have ended, or one end or a signal ends all."""
+from __future__ import annotations
+
+import asyncio
+import signal
+
+from ros2.launch.actions import ProcessPlan
+from ros2.launch.log import Log
+from ros2.launch.process import Process
+
+
+class Service:
+    """All processes of one launch."""
+
+    def __init__(self, plans: list[ProcessPlan], log: Log, terminal: bool) -> None:
+        """Do not start them yet.
+
+        With `terminal`, and exactly one process whose output is the screen, that one gets the
+        terminal itself, so that a live display works; the others then stay off the screen.
+        """
+        screens = [plan for plan in plans if plan.output == 'screen']
+        direct = terminal and len(screens) == 1
+        log.quiet = direct
+        self._log = log
+        self._quiet = direct
+        self._processes = [
+            Process(plan, log, own_terminal=direct and plan is screens[0], quiet=direct)
+            for plan in plans]
+        self._ending = asyncio.Event()
+        self._failed = False
+        self._interrupts = 0
+
+    async def run(self) -> int:
+        """Run all of them; returns 0, or 1 when one has failed before the end had begun."""
+        loop = asyncio.get_running_loop()
+        loop.add_signal_handler(signal.SIGINT, self._on_interrupt)
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            loop.add_signal_handler(number, self._on_terminate, number)
+        await asyncio.gather(*(self._keep(process) for process in self._processes))
+        return 1 if self._failed else 0
+
+    def _on_interrupt(self) -> None:
+        again = ' again, ignoring...' if self._interrupts else ''
+        self._interrupts += 1
+        self._log.message('WARNING', 'launch', f'user interrupted with ctrl-c (SIGINT){again}')
+        self._ending.set()
+
+    def _on_terminate(self, number: signal.Signals) -> None:
+        if not self._ending.is_set():
+            self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
+            self._failed = True
+        self._ending.set()
+
+    async def _keep(self, process: Process) -> None:
+        """Run one process, again where it is to respawn, until it or the launch ends."""
+        plan = process.plan
+        retries = 0
+        while not self._ending.is_set():
+            status = await self._once(process)
+            if self._ending.is_set():
+                return
+            respawn = plan.respawn and (
+                plan.respawn_max_retries < 0 or retries < plan.respawn_max_retries)
+            if status != 0 and not respawn:
+                self._failed = True
+                self._show_tail(process)
+            if plan.shutdown_on_exit:
+                self._ending.set()
+                return
+            if not respawn:
+                return
+            retries += 1
+            await self._pause(plan.respawn_delay)
+
+    async def _pause(self, seconds: float) -> None:
+        waiting = asyncio.create_task(self._ending.wait())
+        await asyncio.wait([waiting], timeout=seconds)
+        waiting.cancel()
+
+    async def _once(self, process: Process) -> int:
+        async def stop_at_end() -> None:
+            await self._ending.wait()
+            await process.stop()
+
+        stopper = asyncio.create_task(stop_at_end())
+        try:
+            return await process.run()
+        except OSError as error:
+            self._log.message(
+                'ERROR', process.plan.name,
+                f"cannot start '{process.plan.command[0]}': {error.strerror}")
+            return 1
+        finally:
+            stopper.cancel()
+
+    def _show_tail(self, process: Process) -> None:
+        """Show the last lines of a process that failed, unless they are on the screen already."""
+        if process.plan.output != 'log' or not process.tail:
+            return
+        name = process.plan.name
+        self._log.screen(f'[ERROR] [launch]: last lines of {name} '
+                         f'(all of them in {self._log.folder / "launch.log"}):')
+        for line in process.tail:
+            self._log.screen(f'[{name}] {line}')

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Call a service."""
+from __future__ import annotations
+
+import argparse
+
+import rclpy
+import yaml
+
+from ros2 import graph
+from ros2 import messages
+from ros2.errors import CommandError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    graph.add_arguments(parser)
+    parser.add_argument(
+        'service_name', help="Name of the ROS service to call to (e.g. '/add_two_ints')")
+    parser.add_argument('service_type', help="Type of the ROS service (e.g. 'std_srvs/srv/Empty')")
+    parser.add_argument(
+        'values', nargs='?', default='{}',
+        help="Values to fill the service request with in YAML format (e.g. '{a: 1, b: 2}'), "
+             'otherwise the service request will be published with default values')
+
+
+def main(args: argparse.Namespace) -> None:
+    """Call it once and print request and response."""
+    kind = graph.load_type(args.service_type, 'srv')
+    if not hasattr(kind, 'Request'):
+        raise CommandError('The passed type is not a service')
+    try:
+        values = yaml.safe_load(args.values)
+    except yaml.YAMLError as error:
+        raise CommandError(f'Failed to populate field: {error}') from None
+    request = kind.Request()
+    messages.fill(request, values or {})
+    with graph.direct_node(args) as node:
+        client = node.create_client(kind, args.service_name)
+        if not client.service_is_ready():
+            print('waiting for service to become available...', flush=True)
+            client.wait_for_service()
+        print(f'requester: making request: {request!r}\n', flush=True)
+        future = client.call_async(request)
+        rclpy.spin_until_future_complete(node, future)
+        print(f'response:\n{future.result()!r}\n')
