@@ -15,6 +15,7 @@ from ppo_agent_node.nodes import training
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.nodes import simulator
+from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
 
@@ -70,7 +71,7 @@ def text() -> str:
         table('`simulator`', describe(simulator.SimulatorParameters)),
         *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
           for name in worlds.names()),
-        table('`rerun_recorder`', describe(rerun_recorder.RecorderParameters)),
+        table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
         table('`ppo_agent`', describe(ppo_agent.AgentParameters)),
         *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
         table('`expert_pilot`', describe(expert_pilot.ExpertParameters)),

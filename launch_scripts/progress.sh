@@ -13,11 +13,19 @@ fail() {
   exit 1
 }
 
+# doze SECONDS: sleeps so that tick can end at once and leaves no sleep behind.
+doze() {
+  sleep "$1" > /dev/null 2>&1 &
+  nap=$!
+  wait "$nap"
+}
+
 # tick TEXT: the moving line of one step: elapsed time and what the log says last.
 tick() {
-  local started=$SECONDS last width
+  local started=$SECONDS last width nap=
+  trap '[[ -z $nap ]] || kill "$nap" 2> /dev/null; exit 0' TERM
   if [[ ! -t 2 ]]; then
-    while sleep 30 && kill -0 "$$" 2> /dev/null; do
+    while doze 30 && kill -0 "$$" 2> /dev/null; do
       printf '  %s: still at it, %d s\n' "$1" "$((SECONDS - started))" >&2
     done
     return
@@ -30,7 +38,7 @@ tick() {
       tail -n 1) || last=
     last=$(printf '  %s ... %d s  %s' "$1" "$((SECONDS - started))" "${last## }")
     printf '\r\033[K%s' "${last:0:width-1}" >&2
-    sleep 1
+    doze 1
   done
 }
 

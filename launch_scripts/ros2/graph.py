@@ -18,6 +18,7 @@ from rclpy.node import Node
 from ros2.errors import CommandError
 
 _SPIN_SECONDS = 0.5
+_QUIET_SECONDS = 0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,16 +46,32 @@ def direct_node(args: argparse.Namespace) -> Iterator[Node]:
             node.destroy_node()
 
 
-def discover(
-    node: Node, args: argparse.Namespace, done: Callable[[], bool] | None = None,
-) -> bool:
-    """Wait until `done()`, or, without it, for the whole spin time; returns whether it is done."""
-    end = time.monotonic() + args.spin_time
-    while time.monotonic() < end:
-        if done is not None and done():
-            return True
+def wait_for(node: Node, args: argparse.Namespace, done: Callable[[], bool]) -> bool:
+    """Wait until `done()`, for six spin times at most; returns whether it is.
+
+    There is no daemon that knows the graph already, and a loaded machine discovers slowly.
+    """
+    end = time.monotonic() + 6.0 * args.spin_time
+    while not done():
+        if time.monotonic() > end:
+            return False
         rclpy.spin_once(node, timeout_sec=0.02)
-    return done is not None and done()
+    return True
+
+
+def look_around(node: Node, args: argparse.Namespace) -> None:
+    """Wait for the spin time, longer while the graph still changes or nobody has been seen."""
+    start = changed = time.monotonic()
+    graph: list[Any] = []
+    while True:
+        rclpy.spin_once(node, timeout_sec=0.02)
+        now = time.monotonic()
+        seen = [node.get_node_names_and_namespaces(), node.get_topic_names_and_types()]
+        if seen != graph:
+            graph, changed = seen, now
+        seconds = args.spin_time * (3.0 if len(seen[0]) < 2 else 1.0)
+        if now - start > seconds and now - changed > _QUIET_SECONDS:
+            return
 
 
 def is_hidden(name: str) -> bool:
@@ -107,7 +124,7 @@ def topic_type(node: Node, args: argparse.Namespace, topic: str) -> Any:
         found[:] = dict(node.get_topic_names_and_types()).get(topic, [])
         return bool(found)
 
-    if not discover(node, args, look):
+    if not wait_for(node, args, look):
         return None
     if len(found) > 1:
         raise CommandError(

@@ -44,4 +44,4 @@ def main(args: argparse.Namespace) -> None:
     if len(parts) != 3 or parts[1] not in ('msg', 'srv', 'action'):
         raise CommandError(
             f"Invalid name '{args.type}'. Expected three parts separated by '/'")
-    print('\n'.join(lines(*parts, comments=not args.no_comments)))
+    print('\n'.join(lines(parts[0], parts[1], parts[2], not args.no_comments)))

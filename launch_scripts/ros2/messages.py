@@ -21,7 +21,7 @@ def to_plain(
     Lists and texts longer than `truncate` end with '...'; `no_arr` and `no_str` put a remark in
     the place of arrays and texts.
     """
-    options = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
+    options: dict[str, Any] = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
     if hasattr(value, 'get_fields_and_field_types'):
         return {
             name: to_plain(getattr(value, name), type_name=kind, **options)

@@ -10,7 +10,8 @@ from ros2 import graph
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     graph.add_arguments(parser)
-    parser.add_argument('-a', '--all', action='store_true', help='Display all nodes even hidden ones')
+    parser.add_argument(
+        '-a', '--all', action='store_true', help='Display all nodes even hidden ones')
     parser.add_argument(
         '-c', '--count-nodes', action='store_true',
         help='Only display the number of nodes discovered')
@@ -19,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Print one node a line."""
     with graph.direct_node(args) as node:
-        graph.discover(node, args)
+        graph.look_around(node, args)
         names = graph.node_names(node, args.all)
         if args.count_nodes:
             print(len(names))

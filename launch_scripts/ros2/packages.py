@@ -33,12 +33,10 @@ def prefixes() -> list[Path]:
 
 def names() -> list[str]:
     """Return the names of all packages, sorted."""
-    found = set()
-    for prefix in prefixes():
-        folder = prefix / _MARKERS
-        if folder.is_dir():
-            found.update(entry.name for entry in folder.iterdir() if not entry.name.startswith('.'))
-    return sorted(found)
+    folders = [prefix / _MARKERS for prefix in prefixes()]
+    return sorted({
+        entry.name for folder in folders if folder.is_dir()
+        for entry in folder.iterdir() if not entry.name.startswith('.')})
 
 
 def prefix_of(name: str) -> Path:

@@ -28,7 +28,7 @@ def main(args: argparse.Namespace) -> None:
         if args.node_name:
             names = [parameters.wait_for_node(node, args)]
         else:
-            graph.discover(node, args)
+            graph.look_around(node, args)
             names = sorted(set(graph.node_names(node, args.include_hidden_nodes)))
         for name in names:
             request = ListParameters.Request(prefixes=args.param_prefixes)

@@ -30,8 +30,8 @@ def wait_for_node(node: Node, args: argparse.Namespace) -> str:
     :raises CommandError: when it does not appear in time.
     """
     name = graph.absolute(args.node_name)
-    args.spin_time = args.timeout
-    if not graph.discover(
+    args.spin_time = max(args.spin_time, args.timeout / 6.0)
+    if not graph.wait_for(
             node, args, lambda: name in graph.node_names(node, args.include_hidden_nodes)):
         raise CommandError('Node not found')
     return name

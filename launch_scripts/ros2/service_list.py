@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> None:
     """Print one service a line."""
     with graph.direct_node(args) as node:
-        graph.discover(node, args)
+        graph.look_around(node, args)
         services = sorted(
             (name, types) for name, types in node.get_service_names_and_types()
             if args.include_hidden_services or not graph.is_hidden(name))

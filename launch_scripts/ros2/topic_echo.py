@@ -65,7 +65,7 @@ def select(message: Any, path: str | None) -> Any:
 
 def show(value: Any, args: argparse.Namespace) -> str:
     """Return the text for a message or a field."""
-    options = {
+    options: dict[str, Any] = {
         'truncate': None if args.full_length else args.truncate_length,
         'no_arr': args.no_arr, 'no_str': args.no_str}
     if args.csv:
@@ -88,7 +88,7 @@ def main(args: argparse.Namespace) -> None:
                 raise CommandError('Could not determine the type for the passed topic')
         else:
             kind = graph.load_type(args.message_type, 'msg')
-        graph.discover(node, args, lambda: node.count_publishers(topic) > 0)
+        graph.wait_for(node, args, lambda: node.count_publishers(topic) > 0)
         done: Future = Future()
 
         def on_message(message: Any) -> None:

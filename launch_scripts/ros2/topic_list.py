@@ -33,7 +33,7 @@ def _details(title: str, role: str, rows: list[tuple[str, list[str], int]]) -> s
 def main(args: argparse.Namespace) -> None:
     """Print one topic a line."""
     with graph.direct_node(args) as node:
-        graph.discover(node, args)
+        graph.look_around(node, args)
         topics = sorted(
             (name, types) for name, types in node.get_topic_names_and_types()
             if args.include_hidden_topics or not graph.is_hidden(name))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
@@ -23,6 +24,7 @@ from ros2.launch.substitutions import perform
 from ros2.launch.substitutions import substitute
 
 _OUTPUTS = ('screen', 'log', 'both')
+_MARK = '\N{OBJECT REPLACEMENT CHARACTER}'
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,7 @@ def run_entities(entities: list[Entity], context: Context, plan: Plan) -> None:
             if _wanted(entity, context):
                 _ACTIONS[entity.kind](entity, context, plan)
         except LaunchError as error:
-            text = str(error)
-            raise error if str(context.file) in text else entity.error(text) from None
+            raise error if error.placed else entity.error(str(error)) from None
         except CommandError as error:
             raise entity.error(str(error)) from None
 
@@ -138,19 +139,25 @@ def _include(entity: Entity, context: Context, plan: Plan) -> None:
 
 def words(text: str, context: Context) -> list[str]:
     """Return the arguments of a command line; what a substitution stands for is never split."""
-    result: list[str] = []
-    joined = False
-    for part in parse(text):
-        if not isinstance(part, str):
-            value = perform((part,), context)
-            result[len(result) - joined:] = [result[-1] + value if joined else value]
-            joined = True
-            continue
-        for index, token in enumerate(shlex.split(part)):
-            glue = joined and index == 0 and not part[0].isspace()
-            result[len(result) - glue:] = [result[-1] + token if glue else token]
-        joined = not part[-1].isspace()
-    return result
+    values: list[str] = []
+    line = ''
+    for part in parse(text, keep_escapes=True):
+        if isinstance(part, str):
+            line += part
+        else:
+            line += _MARK
+            values.append(perform((part,), context))
+    try:
+        tokens = shlex.split(line)
+    except ValueError as error:
+        raise LaunchError(f'command line {text!r}: {error}') from None
+    following = iter(values)
+    return [_replace(token, following) for token in tokens]
+
+
+def _replace(token: str, values: Iterator[str]) -> str:
+    first, *rest = token.split(_MARK)
+    return first + ''.join(next(values) + piece for piece in rest)
 
 
 def _process(entity: Entity, context: Context, plan: Plan, name: str, command: list[str]) -> None:

@@ -11,7 +11,12 @@ from ros2.errors import CommandError
 
 
 class LaunchError(CommandError):
-    """Something in a launch file that cannot be carried out."""
+    """Something in a launch file that cannot be carried out; `placed` when the text says where."""
+
+    def __init__(self, text: str, placed: bool = False) -> None:
+        """Keep both."""
+        super().__init__(text)
+        self.placed = placed
 
 
 @dataclass

@@ -40,11 +40,11 @@ class Entity:
         self.where = f'{where}: {kind}'
         if kind not in _KEYS:
             raise LaunchError(
-                f"{where}: entry '{kind}' is not supported, only {', '.join(sorted(_KEYS))}")
+                f"{where}: entry '{kind}' is not supported, only {', '.join(sorted(_KEYS))}", True)
         if kind == 'group' and isinstance(data, list):
             data = {'children': data}
         if not isinstance(data, dict):
-            raise LaunchError(f'{self.where}: expected keys and values, got {data!r}')
+            raise LaunchError(f'{self.where}: expected keys and values, got {data!r}', True)
         self.data: dict[str, Any] = data
         label = data.get('exec') or data.get('name')
         if isinstance(label, str):
@@ -56,7 +56,7 @@ class Entity:
 
     def error(self, text: str) -> LaunchError:
         """Return an error that names this entry."""
-        return LaunchError(f'{self.where}: {text}')
+        return LaunchError(f'{self.where}: {text}', placed=True)
 
     def get(self, key: str) -> str | None:
         """Return a text, or None.
@@ -79,7 +79,8 @@ class Entity:
     def number(self, key: str, default: float) -> float:
         """Return a number of seconds or a count, at least 0 (or -1 for no limit)."""
         value = self.data.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float) or value < min(default, 0):
+        right = isinstance(value, int | float) and not isinstance(value, bool)
+        if not right or value < min(default, 0):
             raise self.error(f"'{key}' must be a number, not negative, got {value!r}")
         return value
 
@@ -112,12 +113,13 @@ class Entity:
 
 def _entities(items: Any, where: str) -> list[Entity]:
     if not isinstance(items, list):
-        raise LaunchError(f'{where}: expected a list of entries, got {items!r}')
+        raise LaunchError(f'{where}: expected a list of entries, got {items!r}', True)
     result = []
     for number, item in enumerate(items, 1):
         if not isinstance(item, dict) or len(item) != 1:
             raise LaunchError(
-                f'{where}: entry {number} must have one key, which says what it is, got {item!r}')
+                f'{where}: entry {number} must have one key, which says what it is, got {item!r}',
+                True)
         (kind, data), = item.items()
         entity = Entity(str(kind), data, where)
         if kind == 'group':
@@ -133,13 +135,13 @@ def load(path: Path) -> list[Entity]:
     """
     if path.suffix in ('.py', '.xml'):
         raise LaunchError(
-            f'{path}: only YAML launch files are supported here; others need a full ROS 2')
+            f'{path}: only YAML launch files are supported here; others need a full ROS 2', True)
     try:
         data = yaml.safe_load(path.read_text())
     except OSError as error:
-        raise LaunchError(f'{path}: {error.strerror}') from None
+        raise LaunchError(f'{path}: {error.strerror}', True) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise LaunchError(f'{path}: not valid YAML: {error}') from None
+        raise LaunchError(f'{path}: not valid YAML: {error}', True) from None
     if not isinstance(data, dict) or set(data) != {'launch'}:
-        raise LaunchError(f"{path}: expected 'launch' as root tag")
+        raise LaunchError(f"{path}: expected 'launch' as root tag", True)
     return _entities(data['launch'], str(path))

@@ -66,7 +66,8 @@ def _flat(item: dict[str, Any], prefix: str, context: Context, entity: Entity) -
     unknown = set(item) - {'name', 'value', 'type', 'param'}
     if unknown or not isinstance(item.get('name'), str) or ('value' in item) == ('param' in item):
         raise entity.error(
-            f"each param needs 'name' and either 'value' or 'param', or 'from' alone, got {item!r}")
+            f"each param needs 'name' and either 'value' or 'param', or 'from' alone, "
+            f'got {item!r}')
     name = prefix + substitute(item['name'], context)
     if 'param' in item:
         result = {}
@@ -75,7 +76,8 @@ def _flat(item: dict[str, Any], prefix: str, context: Context, entity: Entity) -
         return result
     kind = item.get('type')
     if kind is not None and kind not in _TYPES:
-        raise entity.error(f"type '{kind}' of parameter '{name}' is not one of {', '.join(_TYPES)}")
+        raise entity.error(
+            f"type '{kind}' of parameter '{name}' is not one of {', '.join(_TYPES)}")
     return {name: typed(item['value'], context, entity, kind)}
 
 

@@ -29,8 +29,9 @@ Template = tuple['str | Substitution', ...]
 class _Parser:
     """A recursive-descent parser over one string."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, keep_escapes: bool = False) -> None:
         self.text = text
+        self.keep_escapes = keep_escapes
         self.at = 0
 
     def template(self, ends: str = '') -> Template:
@@ -47,7 +48,7 @@ class _Parser:
                 literal = ''
                 parts.append(self.substitution())
             elif rest[0] == '\\' and len(rest) > 1:
-                literal += rest[1]
+                literal += rest[:2] if self.keep_escapes else rest[1]
                 self.at += 2
             else:
                 literal += rest[0]
@@ -69,7 +70,8 @@ class _Parser:
             self.at += 1
             arguments.append(self.argument())
         if not name or self.at >= len(self.text) or self.text[self.at] != ')':
-            raise LaunchError(f"'{self.text[start:]}' is not a substitution of the form $(name ...)")
+            raise LaunchError(
+                f"'{self.text[start:]}' is not a substitution of the form $(name ...)")
         self.at += 1
         return Substitution(name, tuple(arguments))
 
@@ -86,12 +88,12 @@ class _Parser:
         return value
 
 
-def parse(text: str) -> Template:
-    """Return the parts of a text.
+def parse(text: str, keep_escapes: bool = False) -> Template:
+    """Return the parts of a text; backslashes stay where a shell's rules are to follow.
 
     :raises LaunchError: when a substitution is malformed.
     """
-    return _Parser(text).template()
+    return _Parser(text, keep_escapes).template()
 
 
 def perform(template: Template, context: Context) -> str:

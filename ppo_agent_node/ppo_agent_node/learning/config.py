@@ -25,32 +25,56 @@ UNSET = -1
 
 @dataclass(frozen=True)
 class DemonstrationConfig:
-    """What the expert flies before the policy imitates it."""
+    """What the expert flies before the policy imitates it.
+
+    The teacher is the expert with gentler gains than when it flies for itself: at its best it is
+    too sharp to be imitated, and has no reserve to recover from noise with.
+    """
 
     demonstration_episodes: int = setting(
-        2048, '', 'episodes that the expert flies; 0: neither demonstrations nor cloning',
+        512, '', 'episodes that the expert flies; 0: neither demonstrations nor cloning',
         0, 1_000_000)
     demonstration_noise: float = setting(
-        0.0, '', 'standard deviation of noise on the actions flown, not on those recorded',
+        0.2, '', 'standard deviation of noise on the actions flown, not on those recorded',
         0.0, 2.0)
     demonstration_spawn_angle: float = setting(
-        35.0, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', UNSET, 180.0)
+        37.0, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', UNSET, 180.0)
     demonstration_spawn_position: float = setting(
-        10.0, 'm', 'x and z at spawn, plus or minus; -1: by level', UNSET, 1e4)
+        8.0, 'm', 'x and z at spawn, plus or minus; -1: by level', UNSET, 1e4)
     demonstration_spawn_speed: float = setting(
-        4.0, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; -1: by level',
+        3.5, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; -1: by level',
         UNSET, 1e3)
     demonstration_spawn_spin: float = setting(
         0.05, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', UNSET, 100.0)
+    teacher_braking_share: float = setting(
+        0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
+    teacher_flare_rate: float = setting(
+        2.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
+    teacher_flare_speed: float = setting(
+        0.2, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
+    teacher_speed_settling: float = setting(
+        0.1, '', "time in which the expert's errors in speed die out, as a share of the burn left",
+        0.0, 10.0)
+    teacher_attitude_rate: float = setting(
+        12.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
+
+
+    def teacher_gains(self) -> dict[str, float]:
+        """Return the gains that the teacher flies with, by the expert's names."""
+        return {
+            name.removeprefix('teacher_'): value
+            for name, value in settings_module.as_dict(self).items()
+            if name.startswith('teacher_')
+        }
 
 
 @dataclass(frozen=True)
 class CloneConfig:
     """Behavioural cloning of the demonstrations."""
 
-    clone_epochs: int = setting(10, '', 'passes over the demonstrations, at most', 1, 10_000)
+    clone_epochs: int = setting(12, '', 'passes over the demonstrations, at most', 1, 10_000)
     clone_batch_size: int = setting(1024, '', 'samples in a minibatch', 1, 1_000_000)
-    clone_learning_rate: float = setting(1e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
+    clone_learning_rate: float = setting(2e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
     clone_validation_fraction: float = setting(
         0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
     clone_patience: int = setting(
@@ -74,10 +98,13 @@ class NetworkConfig:
 class PPOConfig:
     """Proximal policy optimisation."""
 
-    iterations: int = setting(60, '', 'roll-outs, each followed by an update', 0, 1_000_000)
-    n_steps: int = setting(512, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
+    iterations: int = setting(50, '', 'roll-outs, each followed by an update', 0, 1_000_000)
+    n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
+    scatter_steps: int = setting(
+        512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
+        'episode; 0: not', 0, 1_000_000)
     n_epochs: int = setting(2, '', 'passes over a roll-out', 1, 1000)
-    batch_size: int = setting(8192, '', 'samples in a minibatch', 1, 10_000_000)
+    batch_size: int = setting(4096, '', 'samples in a minibatch', 1, 10_000_000)
     clip_range: float = setting(0.1, '', 'clip of the probability ratio, epsilon', 1e-6, 10.0)
     gamma: float = setting(1.0, '', 'discount per step', 0.0, 1.0)
     gae_lambda: float = setting(0.997, '', 'lambda of generalised advantages', 0.0, 1.0)
@@ -95,7 +122,7 @@ class PPOConfig:
     normalise_advantages: bool = setting(
         True, '', 'advantages of a minibatch get mean 0 and standard deviation 1')
     critic_warmup_iterations: int = setting(
-        4, '', 'first iterations that train the critic only', 0, 1_000_000)
+        8, '', 'first iterations that train the critic only', 0, 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -108,7 +135,7 @@ class CurriculumConfig:
     curriculum_landing_rate: float = setting(
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
-        100, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
+        64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights outside the roll-out: each rocket's first episodes under a pilot, all counted alike."""
+"""Flights outside the roll-out: whole episodes under a pilot, and the way to mixed phases."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -56,3 +56,37 @@ def fly_once(
         flying = was_flying.copy()
         flying[info['final_rows']] = False
         yield Step(before, action, was_flying, episodes.take(was_flying[episodes.row]))
+
+
+def scatter(
+    env: VectorEnv,
+    observation: F32,
+    pilot: Pilot,
+    steps: int,
+    rng: np.random.Generator,
+    poll: Callable[[], None],
+) -> F32:
+    """Fly so that the rockets, which all begin together, end up in all phases of an episode.
+
+    Otherwise a roll-out shorter than an episode would hold one phase only, and the learner would
+    forget the others. Each rocket is handed to the pilot at a time of its own, uniform over the
+    flight. Until then it holds an extreme command, which ends episode after episode early.
+
+    :param steps: how long, about the length of an episode.
+    :return: the last observation.
+    :raises EnvironmentRestarted: what was flown is lost.
+    """
+    spec = env.spec
+    release = rng.integers(max(1, steps), size=spec.num_envs)
+    if spec.continuous:
+        extremes = np.array([spec.action_low, spec.action_high], np.float32)
+        corner = rng.integers(2, size=(spec.num_envs, spec.action_size))
+        held = extremes[corner, np.arange(spec.action_size)]
+    else:
+        held = rng.integers(spec.action_count, size=spec.num_envs)
+    for step in range(steps):
+        poll()
+        action = pilot(observation).copy()
+        action[step < release] = held[step < release]
+        observation = env.step(action)[0]
+    return observation

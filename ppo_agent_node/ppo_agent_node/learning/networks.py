@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch import nn
 
@@ -193,6 +196,17 @@ class Critic(nn.Module):
         """Return the values `(N,)` of observations `(N, D)`."""
         value: Tensor = self.value(self.normaliser(observation))
         return value[..., 0]
+
+
+def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
+    """Return the pilot that does what the policy finds likeliest, in NumPy."""
+
+    @torch.inference_mode()
+    def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
+        action: NDArray[Any] = policy.mode(torch.tensor(observation)).numpy()
+        return action
+
+    return fly
 
 
 def make_policy(

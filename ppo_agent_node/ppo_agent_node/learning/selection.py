@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import torch
-
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.networks import Policy
+from ppo_agent_node.learning.networks import without_noise
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 
@@ -51,11 +50,9 @@ def fly_selection(
     for wave in range(-(-episodes // env.spec.num_envs)):
         observation = env.reset(
             streams.derived_seed(seed, 'selection', wave), **({'level': level} if level else {}))
-        with torch.inference_mode():
-            for step in fly_once(
-                    env, observation, lambda seen: policy.mode(torch.tensor(seen)).numpy(), poll):
-                parts.append(step.episodes)
-                steps += env.spec.num_envs
+        for step in fly_once(env, observation, without_noise(policy), poll):
+            parts.append(step.episodes)
+            steps += env.spec.num_envs
     flown = Episodes.concatenate(parts)
     landed = int((flown.outcome == env.spec.outcomes.index('landed')).sum())
     return Score(iteration, len(flown), landed, float(flown.episode_return.mean())), steps

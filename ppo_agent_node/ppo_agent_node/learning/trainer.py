@@ -28,8 +28,10 @@ from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.flights import Pilot
+from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.learner import Learner
+from ppo_agent_node.learning.networks import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.run_folder import RunFolder
@@ -40,13 +42,11 @@ from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.selection import Score
 from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
+from ppo_agent_node.pilots.expert import ExpertPilot
+from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds.base import F32
-
-
-class _Stopped(Exception):  # noqa: N818 - not an error
-    """Somebody asked the run to stop."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,14 @@ class Trainer:
         """Prepare a run; nothing flies yet.
 
         :param report: is told of each iteration, and of what else happens.
-        :param expert: the pilot to imitate; may be None when there are no demonstrations.
+        :param expert: the pilot to imitate; by default the scripted one with the gains of the
+            settings.
         :param stop_requested: asked before each step and each minibatch.
-        :raises ValueError: when the world's actions are of a kind that no policy here has.
+        :raises ValueError: when the world's actions are of a kind that no policy here has, or
+            when there are to be demonstrations and the scripted pilot cannot fly the world.
         """
         if config.demonstration.demonstration_episodes and expert is None:
-            raise ValueError('demonstration_episodes: more than 0, but there is no expert')
+            expert = ExpertPilot(env.spec, **config.demonstration.teacher_gains())
         torch.set_num_threads(config.run.threads)
         self._env, self._config, self._folder = env, config, folder
         self._expert, self._stop_requested = expert, stop_requested
@@ -113,13 +115,13 @@ class Trainer:
                 self._take_up(*saved)
             self._finetune()
             finished = True
-        except _Stopped:
+        except EnvironmentClosed:
             self._journal.message('stopped; a resumed run goes on from here')
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
 
     def _poll(self) -> None:
         if self._stop_requested():
-            raise _Stopped
+            raise EnvironmentClosed('asked to stop')
 
     def _take_up(self, path: Path, sealed: Sealed) -> None:
         tensors = dict(sealed.tensors)
@@ -181,7 +183,7 @@ class Trainer:
             state, tensors = self._state, self._tensors()
             try:
                 self._iterate()
-            except _Stopped:
+            except EnvironmentClosed:
                 self._state = state
                 self._save(tensors)
                 raise
@@ -216,10 +218,19 @@ class Trainer:
             **numbers)
 
     def _reset_world(self) -> None:
-        """Begin new episodes on the curriculum's level."""
+        """Begin new episodes on the curriculum's level, and get them out of step."""
         level = self._state.curriculum.level
         seed = streams.derived_seed(self._config.run.seed, 'world', self._state.iteration)
-        self._anchor.cast(lambda: self._env.reset(seed, **({'level': level} if level else {})))
+
+        def begin() -> F32:
+            observation = self._env.reset(seed, **({'level': level} if level else {}))
+            return scatter(
+                self._env, observation, without_noise(self._learner.policy),
+                self._config.ppo.scatter_steps, np.random.default_rng(seed), self._poll)
+
+        self._anchor.cast(begin)
+        self._state = replace(self._state, steps=self._state.steps + (
+            self._config.ppo.scatter_steps * self._env.spec.num_envs))
 
     def _select(self) -> tuple[Score | None, dict[str, float]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""

@@ -2,6 +2,7 @@
 """A training run as a node: settings from parameters, reports to the terminal and `training`."""
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,9 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     with Terminal() as terminal:
         def report(status: Status) -> None:
             terminal.show(status)
-            publisher.publish(TrainingStatus(**asdict(status)))
+            if node.context.ok():
+                with suppress(RuntimeError):  # ROS shuts down just now
+                    publisher.publish(TrainingStatus(**asdict(status)))
 
         terminal.say(f'run {folder.path}')
         spec = client.connect()
@@ -72,8 +75,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except EnvironmentClosed:
             pass
         terminal.say(
-            'stopped; go on with: ros2 run ppo_agent_node ppo_agent --ros-args '
-            f'-p run_dir:={folder.path} -p resume:=true')
+            f'stopped; go on with: ./launch_scripts/train run_dir:={folder.path} resume:=true')
     return 0
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import torch
 from numpy.typing import NDArray
 
+from ppo_agent_node.learning.networks import without_noise
 from ppo_agent_node.learning.policy_file import load_policy
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
@@ -25,10 +25,9 @@ class PolicyPilot:
         :raises ValueError: when it is damaged, has weights that are not finite, or was made for
             other observations or actions than `spec` has; the message names file and difference.
         """
-        self.policy, self.description = load_policy(Path(path), spec)
+        policy, self.description = load_policy(Path(path), spec)
+        self._fly = without_noise(policy)
 
-    @torch.inference_mode()
     def __call__(self, observation: F32) -> NDArray[Any]:
         """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
-        action: NDArray[Any] = self.policy.mode(torch.tensor(observation)).numpy()
-        return action
+        return self._fly(observation)

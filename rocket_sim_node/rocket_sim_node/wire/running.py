@@ -2,6 +2,7 @@
 """How the nodes of this system start and end."""
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -50,13 +51,16 @@ def run(
         return USAGE_ERROR
 
     node = None
+    # rclpy shuts ROS down on Ctrl-C and then calls Python's handler, which would interrupt the
+    # program anywhere, in the midst of a step too. What waits notices the shutdown by itself.
+    signal.signal(signal.SIGINT, lambda number, frame: None)
     try:
         with rclpy.init(args=args):
             node = Node(name, automatically_declare_parameters_from_overrides=True)
             executor = make_executor()
             executor.add_node(node)
             return body(node, executor) or 0
-    except (KeyboardInterrupt, ExternalShutdownException, EnvironmentClosed):
+    except (ExternalShutdownException, EnvironmentClosed):
         return 0
     except expected as error:
         return fail(node, error)

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sealed files: what is written comes back, and what is damaged is refused by name."""
+from __future__ import annotations
+
+import errno
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+import safetensors.torch
+import torch
+from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.policy_file import load_policy
+from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.pilots.policy import PolicyPilot
+from rocket_sim_node import worlds
+
+TENSORS = {
+    'weight': torch.arange(6.0).reshape(2, 3), 'step': torch.tensor(7.0),
+    'world': torch.tensor([1, 2, 255], dtype=torch.uint8),
+    'half': torch.tensor([1.5], dtype=torch.bfloat16),
+}
+CONTENT = {'iteration': 3, 'best': None, 'settings': {'gamma': 0.99, 'name': 'ü'}}
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / 'one.safetensors'
+    sealed_file.write(file, 'checkpoint', TENSORS, CONTENT)
+    return file
+
+
+def test_what_is_written_comes_back(path: Path) -> None:
+    tensors, content = sealed_file.read(path, 'checkpoint')
+    assert content == CONTENT
+    assert set(tensors) == set(TENSORS)
+    for name, tensor in TENSORS.items():
+        assert torch.equal(tensors[name], tensor)
+        assert tensors[name].dtype == tensor.dtype
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_any_reader_of_safetensors_can_open_it(path: Path) -> None:
+    with safetensors.safe_open(path, 'pt') as file:
+        assert file.metadata()['hoverslam'] == 'checkpoint'
+        assert torch.equal(file.get_tensor('weight'), TENSORS['weight'])
+
+
+@pytest.mark.parametrize('keep', [0, 5, 8, 40, 0.5, -1])
+def test_truncated(path: Path, keep: float) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[:int(keep * len(data)) if isinstance(keep, float) else keep])
+    with pytest.raises(ValueError, match=r'one\.safetensors: damaged'):
+        sealed_file.read(path, 'checkpoint')
+
+
+def test_every_flipped_byte_is_noticed(path: Path) -> None:
+    data = path.read_bytes()
+    for place in range(0, len(data), 7):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1:])
+        with pytest.raises(ValueError, match=r'one\.safetensors'):
+            sealed_file.read(path, 'checkpoint')
+
+
+def test_foreign_files(tmp_path: Path) -> None:
+    path = tmp_path / 'foreign.bin'
+    safetensors.torch.save_file({'a': torch.zeros(2)}, path)
+    with pytest.raises(ValueError, match=r"foreign\.bin: holds 'something foreign', expected"):
+        sealed_file.read(path, 'checkpoint')
+    for data in (b'hello, world, this is no such file', os.urandom(300), b'\x08' + b'\0' * 7 + b'[]'
+                 b'      ', b'\x02' + b'\0' * 7 + b'{}'):
+        path.write_bytes(data)
+        with pytest.raises(ValueError, match=r'foreign\.bin'):
+            sealed_file.read(path, 'checkpoint')
+
+
+def test_other_kind_and_version(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="holds 'checkpoint', expected 'policy'"):
+        sealed_file.read(path, 'policy')
+    monkeypatch.setattr(sealed_file, 'FORMAT_VERSION', '2')
+    with pytest.raises(ValueError, match="format version '1', expected '2'"):
+        sealed_file.read(path, 'checkpoint')
+
+
+def test_reading_executes_nothing(tmp_path: Path) -> None:
+    class Bomb:
+        def __reduce__(self) -> Any:
+            return os.mkdir, (str(tmp_path / 'boom'),)
+
+    path = tmp_path / 'bomb.safetensors'
+    path.write_bytes(pickle.dumps(Bomb()))
+    with pytest.raises(ValueError, match='bomb'):
+        sealed_file.read(path, 'checkpoint')
+    torch.save({'x': Bomb()}, path)
+    with pytest.raises(ValueError, match='bomb'):
+        sealed_file.read(path, 'checkpoint')
+    assert not (tmp_path / 'boom').exists()
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
+    path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    before = path.read_bytes()
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(OSError, match=r'No space left on device.*one\.safetensors') as caught:
+        sealed_file.write(path, 'checkpoint', {}, {})
+    assert caught.value.errno == errno.ENOSPC
+    assert path.read_bytes() == before
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def policy(path: Path, **change: Any) -> GaussianPolicy:
+    import dataclasses
+    made = GaussianPolicy(15, 3, (8, 4), streams.generator(1, 'policy'))
+    spec = dataclasses.replace(worlds.make('rocket').spec, **change)
+    save_policy(path, made, spec, (8, 4), 1, {'mean_return': 290.5})
+    return made
+
+
+def test_a_policy_flies_what_it_was(tmp_path: Path) -> None:
+    path = tmp_path / 'policy.safetensors'
+    made = policy(path)
+    world = worlds.make('rocket', num_envs=5, seed=2)
+    pilot = PolicyPilot(path, world.spec)
+    observation = world.reset()
+    action = pilot(observation)
+    assert action.shape == (5, 3)
+    assert action.dtype == 'float32'
+    assert torch.equal(torch.from_numpy(action), made.mode(torch.from_numpy(observation)).detach())
+    assert (pilot(observation) == action).all()
+    assert pilot.description['training'] == {'mean_return': 290.5}
+    assert pilot.description['world'] == 'rocket'
+
+
+def test_policies_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    path, spec = tmp_path / 'policy.safetensors', worlds.make('rocket').spec
+    with pytest.raises(FileNotFoundError):
+        load_policy(path, spec)
+    policy(path, observation_names=('height',))
+    with pytest.raises(ValueError, match=r"policy\.safetensors: observation_names.*height"):
+        load_policy(path, spec)
+    policy(path, action_names=('left', 'right', 'up'))
+    with pytest.raises(ValueError, match="action_names.*'left'"):
+        load_policy(path, spec)
+    tensors, content = _contents(path, policy(path))
+    sealed_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': [8, 5]})
+    with pytest.raises(ValueError, match=r'of shape \(4, 8\), expected .* \(5, 8\)'):
+        load_policy(path, spec)
+    sealed_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': 'many'})
+    with pytest.raises(ValueError, match='hidden_sizes'):
+        load_policy(path, spec)
+    tensors['log_std'][1] = float('nan')
+    sealed_file.write(path, 'policy', tensors, content)
+    with pytest.raises(ValueError, match="tensor 'log_std' has a value that is not finite"):
+        load_policy(path, spec)
+    del tensors['log_std']
+    sealed_file.write(path, 'policy', tensors, content)
+    with pytest.raises(ValueError, match='holds tensors'):
+        load_policy(path, spec)
+
+
+def _contents(path: Path, made: GaussianPolicy) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    content = sealed_file.read(path, 'policy').content
+    return {name: tensor.clone() for name, tensor in made.state_dict().items()}, content

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations of landed episodes only, and the clone they make."""
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.cloning import CloneEpoch
+from ppo_agent_node.learning.cloning import clone
+from ppo_agent_node.learning.cloning import split_by_episode
+from ppo_agent_node.learning.config import CloneConfig
+from ppo_agent_node.learning.config import DemonstrationConfig
+from ppo_agent_node.learning.demonstrations import Demonstrations
+from ppo_agent_node.learning.demonstrations import fly_wave
+from ppo_agent_node.learning.demonstrations import spawn_settings
+from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.pilots.expert import ExpertPilot
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.base import F32
+
+CALM = DemonstrationConfig(demonstration_noise=0.0)
+
+
+def nothing() -> None:
+    """Poll nobody."""
+
+
+class Careless:
+    """An expert that falls asleep in every rocket that starts left of the pad."""
+
+    def __init__(self, world: Any) -> None:
+        self.expert, self.asleep = ExpertPilot(world.spec), np.zeros(world.spec.num_envs, bool)
+        self.begun = False
+
+    def __call__(self, observation: F32) -> NDArray[Any]:
+        if not self.begun:
+            self.asleep, self.begun = observation[:, 0] < 0, True
+        action = self.expert(observation)
+        action[self.asleep] = -1
+        return action
+
+
+def test_only_landed_episodes_are_kept_whole_and_from_their_beginning() -> None:
+    world = worlds.make('rocket', num_envs=12, seed=3, level=7)
+    pilot = Careless(world)
+    samples, episodes = fly_wave(world, pilot, CALM, 7, 5, 0, nothing)
+    landed = episodes.outcome == 0
+    assert len(episodes) == 12
+    assert 0 < landed.sum() < 12
+    assert set(episodes.row[landed]) == set(np.flatnonzero(~pilot.asleep))
+    lengths = episodes.length[landed][np.argsort(episodes.row[landed])]
+    np.testing.assert_array_equal(np.bincount(samples.episode), lengths)
+    begins = np.concatenate(([0], np.cumsum(lengths)[:-1]))
+    np.testing.assert_allclose(samples.observation[begins, 1], 200 / 50)
+    again = worlds.make('rocket', num_envs=12, level=7)
+    first = again.reset(streams.derived_seed(5, 'demonstrations', 0),
+                        **spawn_settings(CALM, 7))
+    np.testing.assert_array_equal(samples.observation[begins], first[~pilot.asleep])
+    expected = ExpertPilot(world.spec)(samples.observation.numpy())
+    np.testing.assert_allclose(samples.action, expected, atol=1e-6)
+
+
+def test_noise_is_flown_and_not_learnt() -> None:
+    noisy = dataclasses.replace(CALM, demonstration_noise=0.05)
+    world = worlds.make('rocket', num_envs=6, seed=3, level=1)
+    expert = ExpertPilot(world.spec, braking_share=0.8)
+    samples, episodes = fly_wave(world, expert, noisy, 1, 5, 0, nothing)
+    calm, _ = fly_wave(world, expert, CALM, 1, 5, 0, nothing)
+    again, _ = fly_wave(world, expert, noisy, 1, 5, 0, nothing)
+    assert len(episodes) == 6
+    np.testing.assert_allclose(samples.action, expert(samples.observation.numpy()), atol=1e-6)
+    assert not torch.equal(samples.observation[200], calm.observation[200])
+    assert torch.equal(samples.observation, again.observation)
+
+
+def test_spawn_is_as_wide_as_asked_for() -> None:
+    config = DemonstrationConfig(
+        demonstration_spawn_angle=-1, demonstration_spawn_position=9.0,
+        demonstration_spawn_speed=-1, demonstration_spawn_spin=-1)
+    assert spawn_settings(config, 7) == {'level': 7, 'spawn_position': 9.0}
+    assert spawn_settings(config, 0) == {}
+
+
+def test_episodes_are_split_not_samples() -> None:
+    episode = torch.arange(20).repeat_interleave(7)
+    training, validation = split_by_episode(episode, 0.25, streams.generator(1, 'split'))
+    assert sorted([*training.tolist(), *validation.tolist()]) == list(range(140))
+    assert len(episode[validation].unique()) == 5
+    assert not set(episode[validation].tolist()) & set(episode[training].tolist())
+    assert len(split_by_episode(episode, 0.0, streams.generator(1, 'split'))[1]) == 0
+
+
+def linear_task() -> Demonstrations:
+    noise = streams.generator(1, 'task')
+    observation = torch.randn(4000, 15, generator=noise) * 3 + 1
+    action = (0.1 * observation[:, :3]).clamp(-1, 1)
+    return Demonstrations(observation, action, torch.arange(4000) // 100)
+
+
+def run(seed: int = 1, **settings: Any) -> tuple[GaussianPolicy, list[CloneEpoch], float]:
+    policy = GaussianPolicy(15, 3, (32, 32), streams.generator(1, 'policy'))
+    epochs: list[CloneEpoch] = []
+    config = CloneConfig(**{
+        'clone_epochs': 5, 'clone_batch_size': 128, 'clone_learning_rate': 3e-3, **settings})
+    least = clone(policy, linear_task(), config, seed, epochs.append)
+    return policy, epochs, least
+
+
+def test_it_learns_and_keeps_its_best_epoch() -> None:
+    policy, epochs, least = run()
+    assert [e.epoch for e in epochs] == [1, 2, 3, 4, 5]
+    assert epochs[-1].clone_loss < 0.15 * epochs[0].clone_loss
+    assert least == min(e.clone_validation_loss for e in epochs) < 0.005
+    task = linear_task()
+    _, held_out = split_by_episode(task.episode, 0.1, streams.generator(1, 'clone split'))
+    with torch.no_grad():
+        loss = policy.cloning_loss(task.observation[held_out], task.action[held_out])
+    assert float(loss) == pytest.approx(least, rel=1e-5)
+    assert float(policy.log_std.detach().mean()) == pytest.approx(-2.4)
+
+
+def test_it_stops_when_it_gets_no_better_and_goes_back() -> None:
+    policy, epochs, least = run(
+        clone_epochs=40, clone_learning_rate=0.3, clone_patience=2)  # far too large a step
+    assert len(epochs) < 40
+    best = min(range(len(epochs)), key=lambda i: epochs[i].clone_validation_loss)
+    assert len(epochs) - 1 - best == 2
+    assert least == epochs[best].clone_validation_loss
+
+
+def test_equal_seeds_are_equal_and_others_differ() -> None:
+    first, again, other = (run(seed, clone_epochs=1)[0].mean[0].weight for seed in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_nothing_landed() -> None:
+    none = Demonstrations(torch.zeros(0, 15), torch.zeros(0, 3), torch.zeros(0, dtype=torch.long))
+    policy = GaussianPolicy(15, 3, (4,), streams.generator(1, 'policy'))
+    with pytest.raises(ValueError, match='none landed'):
+        clone(policy, none, CloneConfig(), 1, lambda epoch: None)
+    one = Demonstrations(torch.zeros(2, 15), torch.zeros(2, 3), torch.tensor([0, 0]))
+    joined = Demonstrations.join([one, none, one])
+    assert joined.episode.tolist() == [0, 0, 1, 1]

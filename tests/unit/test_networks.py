@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The policy's distribution against torch.distributions, and how networks begin."""
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.networks import Critic
+from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import make_policy
+from ppo_agent_node.learning.networks import mlp
+from rocket_sim_node import worlds
+from torch.distributions import Independent
+from torch.distributions import Normal
+
+
+def policy(seed: int = 1, hidden: tuple[int, ...] = (32, 16), **options: float) -> GaussianPolicy:
+    return GaussianPolicy(15, 3, hidden, streams.generator(seed, 'policy'), **options)
+
+
+def test_log_prob_and_entropy_are_those_of_a_normal_distribution() -> None:
+    one = policy()
+    with torch.no_grad():
+        one.log_std.copy_(torch.tensor([-2.0, 0.5, -0.3]))
+    observation, action = torch.randn(7, 15), torch.randn(7, 3)
+    reference = Independent(Normal(one.mode(observation), one.log_std.exp()), 1)
+    log_prob, entropy = one.log_prob_entropy(observation, action)
+    torch.testing.assert_close(log_prob, reference.log_prob(action))
+    torch.testing.assert_close(entropy, reference.entropy())
+
+
+def test_samples_come_with_their_log_prob_and_have_the_right_moments() -> None:
+    one = policy(log_std_init=-1.0)
+    observation = torch.randn(1, 15).expand(40_000, 15)
+    action, log_prob = one.sample(observation, streams.generator(3, 'noise'))
+    torch.testing.assert_close(
+        log_prob, one.log_prob_entropy(observation, action)[0], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(
+        action.mean(0), one.mode(observation[:1])[0], rtol=0, atol=5 * math.exp(-1) / 200)
+    torch.testing.assert_close(action.std(0), torch.full((3,), math.exp(-1)), rtol=0.02, atol=0)
+
+
+def test_equal_seeds_are_equal_and_others_differ() -> None:
+    first, again, other = policy(1), policy(1), policy(2)
+    for name, tensor in first.state_dict().items():
+        assert torch.equal(tensor, again.state_dict()[name])
+    assert not torch.equal(first.mean[0].weight, other.mean[0].weight)
+    observation = torch.randn(4, 15)
+    a, b, c = (first.sample(observation, streams.generator(s, 'x'))[0] for s in (1, 1, 2))
+    assert torch.equal(a, b)
+    assert not torch.equal(a, c)
+
+
+def test_the_global_generator_is_left_alone() -> None:
+    before = torch.get_rng_state()
+    one = policy()
+    one.sample(torch.zeros(2, 15), streams.generator(1, 'noise'))
+    Critic(15, (8,), streams.generator(1, 'critic'))
+    assert torch.equal(before, torch.get_rng_state())
+
+
+def test_weights_begin_orthogonal_and_actions_near_zero() -> None:
+    net = mlp((15, 64, 64, 3), 0.01, streams.generator(1, 'x'))
+    square = net[2].weight
+    torch.testing.assert_close(square @ square.T, 2 * torch.eye(64), rtol=0, atol=1e-5)
+    last = net[4].weight
+    torch.testing.assert_close(last @ last.T, 1e-4 * torch.eye(3), rtol=0, atol=1e-8)
+    assert not net[0].bias.any()
+
+
+def test_the_deviation_stays_between_floor_and_falling_ceiling() -> None:
+    one = policy(log_std_init=-2.0, log_std_final=-3.0, log_std_floor=-3.5)
+    for value, progress, expected in (
+            (-9.0, 0.0, -3.5), (0.0, 0.0, -2.0), (0.0, 0.5, -2.5), (-2.7, 0.5, -2.7),
+            (0.0, 1.0, -3.0)):
+        with torch.no_grad():
+            one.log_std.fill_(value)
+        one.constrain(progress)
+        assert one.diagnostics()['log_std'] == pytest.approx(expected)
+    free = policy(log_std_init=-2.0, log_std_final=20.0)
+    with torch.no_grad():
+        free.log_std.fill_(1.0)
+    free.constrain(1.0)
+    assert free.diagnostics()['log_std'] == pytest.approx(1.0)
+
+
+def test_cloning_loss_forgives_overshoot_at_the_bounds_only() -> None:
+    one = policy()
+    with torch.no_grad():
+        one.mean[-1].weight.zero_()
+        one.mean[-1].bias.copy_(torch.tensor([1.5, -1.5, 0.5]))
+    observation = torch.zeros(1, 15)
+    inside = float(one.cloning_loss(observation, torch.tensor([[1.0, -1.0, 0.5]])).detach())
+    assert inside == 0
+    wrong = float(one.cloning_loss(observation, torch.tensor([[0.5, 1.0, 0.0]])).detach())
+    assert wrong == pytest.approx((1.0**2 + 2.5**2 + 0.5**2) / 3)
+
+
+def test_normaliser() -> None:
+    normaliser = Normaliser(2)
+    samples = torch.randn(500, 2) * torch.tensor([3.0, 1e-6]) + torch.tensor([5.0, 1.0])
+    normaliser.fit(samples)
+    normal = normaliser(samples)
+    torch.testing.assert_close(normal.mean(0), torch.zeros(2), rtol=0, atol=1e-3)
+    assert float(normal[:, 0].std()) == pytest.approx(1, abs=1e-4)
+    assert float(normal[:, 1].std()) < 0.01  # a constant is not blown up into noise
+
+
+def test_discrete_worlds_are_refused_by_name() -> None:
+    import dataclasses
+    spec = dataclasses.replace(worlds.make('rocket').spec, continuous=False, name='grid')
+    with pytest.raises(ValueError, match="'grid' has discrete actions"):
+        make_policy(spec, (8,), torch.Generator())

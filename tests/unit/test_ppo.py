@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The clipped objective by hand, and what one update does."""
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+import torch
+from ppo_agent_node.learning import ppo
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import PPOConfig
+from ppo_agent_node.learning.networks import Critic
+from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.rollout import Batch
+from torch.optim import Adam
+
+CONFIG = PPOConfig(
+    n_epochs=2, batch_size=64, clip_range=0.2, target_kl=0.0, normalise_advantages=True)
+
+
+@pytest.mark.parametrize(('ratio', 'advantage', 'value', 'slope'), [
+    (1.0, 2.0, 2.0, 2.0), (1.1, 2.0, 2.2, 2.0), (1.5, 2.0, 2.4, 0.0), (0.5, 2.0, 1.0, 2.0),
+    (1.0, -2.0, -2.0, -2.0), (0.9, -2.0, -1.8, -2.0), (0.5, -2.0, -1.6, 0.0),
+    (1.5, -2.0, -3.0, -2.0),
+])
+def test_clipped_objective_and_its_gradient(
+    ratio: float, advantage: float, value: float, slope: float,
+) -> None:
+    r = torch.tensor([ratio], requires_grad=True)
+    objective = ppo.clipped_objective(r, torch.tensor([advantage]), 0.2)
+    objective.sum().backward()
+    assert float(objective.detach()) == pytest.approx(value)
+    assert float(r.grad) == pytest.approx(slope)
+
+
+def test_policy_gradient_by_hand() -> None:
+    """d/d mu of -E[min(r A, clip(r) A)] for one linear layer: -r A (a - mu) / sigma^2 x."""
+    policy = GaussianPolicy(1, 1, (), streams.generator(1, 'p'), log_std_init=math.log(0.5))
+    with torch.no_grad():
+        policy.mean[0].weight.fill_(0.3)
+    x = torch.tensor([[1.0], [2.0], [-1.0]])
+    a = torch.tensor([[0.5], [0.2], [0.4]])
+    old = policy.log_prob_entropy(x, a)[0].detach() - torch.tensor([0.0, 0.1, 0.9])
+    advantage = torch.tensor([1.0, -2.0, 3.0])
+    ratio = (policy.log_prob_entropy(x, a)[0] - old).exp()
+    (-ppo.clipped_objective(ratio, advantage, 0.2).mean()).backward()
+    expected = 0.0
+    for index, weight in enumerate((1.0, math.exp(0.1), 0.0)):  # the last one is clipped away
+        residual = float(a[index, 0]) - 0.3 * float(x[index, 0])
+        expected -= weight * float(advantage[index]) * residual / 0.25 * float(x[index, 0]) / 3
+    assert float(policy.mean[0].weight.grad) == pytest.approx(expected, rel=1e-5)
+
+
+def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Adam, Adam, Batch]:
+    policy = GaussianPolicy(4, 2, (16,), streams.generator(seed, 'p'), log_std_init=-1.0)
+    critic = Critic(4, (16,), streams.generator(seed, 'c'))
+    noise = streams.generator(seed, 'n')
+    observation = torch.randn(256, 4, generator=noise)
+    with torch.no_grad():
+        action, log_prob = policy.sample(observation, noise)
+        value = critic(observation)
+    batch = Batch(observation, action, log_prob, action[:, 0].clone(), value + 1, value)
+    return (policy, critic, Adam(policy.parameters(), lr=1e-3),
+            Adam(critic.parameters(), lr=1e-3), batch)
+
+
+def run(seed: int = 1, shuffle: int = 1, **changes: object) -> tuple[
+        GaussianPolicy, Critic, ppo.Diagnostics, Batch]:
+    policy, critic, one, two, batch = setup(seed)
+    diagnostics = ppo.update(
+        policy, critic, one, two, batch,
+        dataclasses.replace(CONFIG, **{k: v for k, v in changes.items() if k != 'train_policy'}),
+        streams.generator(shuffle, 'm'), train_policy=bool(changes.get('train_policy', True)))
+    return policy, critic, diagnostics, batch
+
+
+def test_an_update_goes_uphill_and_reports_itself() -> None:
+    policy, critic, told, batch = run()
+    start = setup()[0]
+    assert policy.mode(batch.observation)[:, 0].mean() > start.mode(batch.observation)[:, 0].mean()
+    assert (critic(batch.observation) - batch.target).abs().mean() < 1
+    assert told.updates == 8
+    assert told.entropy == pytest.approx(2 * (0.5 + 0.5 * math.log(2 * math.pi) - 1), abs=0.02)
+    assert 0 < told.approx_kl < 0.05
+    assert 0 <= told.clipfrac < 0.5
+    assert told.explained_variance == pytest.approx(1, abs=1e-5)  # off by a constant
+    assert math.isfinite(told.policy_loss)
+    assert told.value_loss < 0.5
+
+
+def test_equal_shuffles_are_equal_and_others_differ() -> None:
+    first, again, other = (run(shuffle=s)[0].mean[0].weight for s in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_warm_up_trains_the_critic_only() -> None:
+    policy, critic, told, _ = run(train_policy=False)
+    start = setup()
+    assert torch.equal(policy.mean[0].weight, start[0].mean[0].weight)
+    assert not torch.equal(critic.value[0].weight, start[1].value[0].weight)
+    assert told.updates == 0
+    assert math.isnan(told.policy_loss)
+    assert math.isnan(told.approx_kl)
+
+
+def test_divergence_ends_the_update() -> None:
+    _, _, told, _ = run(target_kl=1e-9)
+    assert told.updates == 1
+    assert told.approx_kl > 1e-9
+
+
+def test_entropy_bonus_widens_the_policy() -> None:
+    plain, bold = run()[0], run(entropy_coefficient=10.0)[0]
+    assert bool((bold.log_std > plain.log_std).all())
+
+
+def test_gradients_are_clipped() -> None:
+    policy, critic, _, _, batch = setup()
+    one = torch.optim.SGD(policy.parameters(), lr=1.0)
+    two = torch.optim.SGD(critic.parameters(), lr=1.0)
+    before = {n: p.detach().clone() for n, p in critic.named_parameters()}
+    config = dataclasses.replace(CONFIG, n_epochs=1, batch_size=256, max_grad_norm=0.01)
+    ppo.update(policy, critic, one, two, batch, config, streams.generator(1, 'm'))  # type: ignore[arg-type]
+    moved = torch.cat([(p.detach() - before[n]).flatten() for n, p in critic.named_parameters()])
+    assert float(moved.norm()) == pytest.approx(0.01, rel=1e-3)
+
+
+def test_explained_variance() -> None:
+    target = torch.tensor([1.0, 2.0, 3.0])
+    assert ppo.explained_variance(target, target) == 1
+    assert ppo.explained_variance(torch.zeros(3), target) == 0
+    assert ppo.explained_variance(-target, target) == -3
+    assert math.isnan(ppo.explained_variance(target, torch.ones(3)))

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a run: its log, its checkpoints, and what can be wrong with it."""
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+import torch
+from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.run_folder import RunFolderError
+from ppo_agent_node.learning.run_folder import read_log
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    return RunFolder(tmp_path / 'runs' / 'one')
+
+
+def save(folder: RunFolder, *iterations: int) -> None:
+    for iteration in iterations:
+        folder.save(iteration, {'x': torch.tensor([iteration])}, {'iteration': iteration})
+
+
+def test_the_newest_two_checkpoints_are_kept(folder: RunFolder) -> None:
+    save(folder, 0, 5, 10, 1_000_000)
+    folder.save_best({}, {})
+    assert sorted(p.name for p in folder.checkpoints.iterdir()) == [
+        'best.safetensors', 'iteration_000010.safetensors', 'iteration_1000000.safetensors']
+    found = folder.newest(pytest.fail)
+    assert found is not None
+    assert found[1].content == {'iteration': 1_000_000}
+
+
+def test_a_damaged_checkpoint_falls_back_to_the_one_before(folder: RunFolder) -> None:
+    assert folder.newest(pytest.fail) is None
+    save(folder, 5, 10)
+    newest = folder.checkpoints / 'iteration_000010.safetensors'
+    newest.write_bytes(newest.read_bytes()[:-3])
+    said: list[str] = []
+    found = folder.newest(said.append)
+    assert found is not None
+    assert found[1].content == {'iteration': 5}
+    assert len(said) == 1
+    assert 'iteration_000010.safetensors: damaged' in said[0]
+    (folder.checkpoints / 'iteration_000005.safetensors').write_bytes(b'')
+    with pytest.raises(ValueError, match='all 2 checkpoints are damaged'):
+        folder.newest(said.append)
+
+
+def test_log(folder: RunFolder) -> None:
+    for iteration in range(4):
+        folder.append({'iteration': iteration, 'value': 0.1 + iteration, 'none': float('nan')})
+    assert folder.lines()[3] == {'iteration': 3, 'value': 3.1, 'none': None}
+    with folder.log.open('a') as file:
+        file.write('{"iteration": 4, "val')  # the power went
+    assert len(folder.lines()) == 4
+    folder.cut_log(2)
+    assert [line['iteration'] for line in folder.lines()] == [0, 1]
+    folder.append({'iteration': 2})
+    assert len(folder.lines()) == 3
+    with pytest.raises(ValueError, match=r'train\.jsonl: has 3 lines, expected at least 7'):
+        folder.cut_log(7)
+    folder.log.write_text('{"a": 1}\nnonsense\n{"a": 2}\n')
+    with pytest.raises(ValueError, match=r'train\.jsonl: line 2 is damaged'):
+        folder.lines()
+    assert read_log(folder.path / 'missing.jsonl') == []
+
+
+def test_config(folder: RunFolder) -> None:
+    assert folder.read_config() == {}
+    folder.write_config({'seed': 1, 'hidden_sizes': (256, 256), 'name': 'x', 'gamma': 1.0})
+    assert folder.read_config() == {
+        'seed': 1, 'hidden_sizes': [256, 256], 'name': 'x', 'gamma': 1.0}
+    for damaged in ('a: [', 'just words', '\x00'):
+        folder.config.write_text(damaged)
+        with pytest.raises(ValueError, match=r'config\.yaml: damaged'):
+            folder.read_config()
+
+
+def test_a_run_that_is_there_is_not_overwritten(folder: RunFolder) -> None:
+    RunFolder(folder.path)  # nothing was written yet
+    folder.append({})
+    with pytest.raises(RunFolderError, match=r'runs/one: there is a run already'):
+        RunFolder(folder.path)
+    assert RunFolder(folder.path, resume=True).lines() == [{}]
+
+
+def test_folders_that_cannot_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(RunFolderError, match=r'file/run: not writable: Not a directory'):
+        RunFolder(tmp_path / 'file' / 'run')
+
+    def refuse(path: Path, data: bytes) -> int:
+        raise PermissionError(errno.EACCES, 'Permission denied')
+
+    monkeypatch.setattr(Path, 'write_bytes', refuse)
+    with pytest.raises(RunFolderError, match='run: not writable: Permission denied'):
+        RunFolder(tmp_path / 'run')
+
+
+def test_a_full_disk_is_named(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    save(folder, 1)
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(sealed_file.os, 'fsync', full)
+    with pytest.raises(OSError, match=r'No space left.*iteration_000002'):
+        save(folder, 2)
+    found = folder.newest(pytest.fail)
+    assert found is not None
+    assert found[1].content == {'iteration': 1}
+    assert RunFolder(folder.path, resume=True)
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='needs a device that is always full')
+def test_a_log_on_a_full_disk_is_named(folder: RunFolder) -> None:
+    folder.log.symlink_to('/dev/full')
+    with pytest.raises(OSError, match=r'No space left.*train\.jsonl'):
+        folder.append({'iteration': 1})
