@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# shellcheck shell=bash
+# shellcheck shell=bash disable=SC2154
 # How set-up talks: steps with elapsed time on stderr, and failures in a line or two. Sourced.
 
 ticker=
@@ -13,32 +13,35 @@ fail() {
   exit 1
 }
 
-# doze SECONDS: sleeps so that tick can end at once and leaves no sleep behind.
+# doze: sleeps a second so that tick can end at once and leaves no sleep behind; fails when the
+# set-up that it ticks for is gone.
 doze() {
-  sleep "$1" > /dev/null 2>&1 &
+  sleep 1 > /dev/null 2>&1 &
   nap=$!
   wait "$nap"
+  [[ $(cut -d ' ' -f 4 "/proc/$me/stat") == "$$" ]]
 }
 
 # tick TEXT: the moving line of one step: elapsed time and what the log says last.
 tick() {
-  local started=$SECONDS last width nap=
+  local started=$SECONDS last width nap='' me=$BASHPID
   trap '[[ -z $nap ]] || kill "$nap" 2> /dev/null; exit 0' TERM
   if [[ ! -t 2 ]]; then
-    while doze 30 && kill -0 "$$" 2> /dev/null; do
-      printf '  %s: still at it, %d s\n' "$1" "$((SECONDS - started))" >&2
+    while doze; do
+      (((SECONDS - started) % 30)) ||
+        printf '  %s: still at it, %d s\n' "$1" "$((SECONDS - started))" >&2
     done
     return
   fi
   width=$(stty size < /dev/tty 2> /dev/null | cut -d ' ' -f 2) || width=80
   ((${width:-0} > 20)) || width=80
-  while kill -0 "$$" 2> /dev/null; do
+  while :; do
     last=$(tail -c 2000 "$log" 2> /dev/null | tr '\r' '\n' |
       grep -aoE '^ *(Collecting [^ ]+|Downloading [^ ]+|Installing collected|\[[0-9]+/[0-9]+\])' |
       tail -n 1) || last=
     last=$(printf '  %s ... %d s  %s' "$1" "$((SECONDS - started))" "${last## }")
     printf '\r\033[K%s' "${last:0:width-1}" >&2
-    doze 1
+    doze || return
   done
 }
 

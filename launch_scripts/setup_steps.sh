@@ -104,7 +104,7 @@ make_venv() {
     install_ros2
   fi
   printf '%s' "$python" > "$stamps/python"
-  printf '%s %s %s' "$root" "$("$venv/bin/python" -VV | digest)" "$(section ros | digest)" > "$stamps/id"
+  printf '%s %s %s %s' "$root" "$python" "$("$venv/bin/python" -VV | digest)" "$(section ros | digest)" > "$stamps/id"
   printf '%s' "$kept" > "$stamps/venv"
 }
 
@@ -135,7 +135,7 @@ relocate() {
   python_include=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
   numpy_include=$("$venv/bin/python" -c 'import numpy; print(numpy.get_include())')
   stale='/opt/python/cp[0-9]+-cp[0-9]+'
-  { grep -rlE "$stale" "$venv"/share/*/cmake || true; } | xargs -r sed -i -E \
+  { grep -rslE "$stale" "$venv"/share/*/cmake || true; } | xargs -r sed -i -E \
     -e "s#$stale/include/python[0-9.]+#$python_include#g" \
     -e "s#$stale/lib/python[0-9.]+/site-packages/numpy/_?core/include#$numpy_include#g"
 }
@@ -161,9 +161,9 @@ colcon_build() {
   shift
   if [[ $mode == wheels ]]; then export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv; fi
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH COLCON_LOG_LEVEL=error COLCON_EXTENSION_BLOCKLIST=colcon_core.event_handler.desktop_notification
-  cd "$root/ros_ws"
+  cd "$root/ros_ws" || fail "$root/ros_ws is missing."
   step "$text" "$venv/bin/python" -m colcon build --event-handlers console_direct+ console_start_end- "$@" || explain "$text"
-  cd "$root"
+  cd "$root" || exit
 }
 
 # build_messages: rocket_msgs; from nothing unless only its sources have changed.
@@ -200,7 +200,7 @@ write_environment() {
       part=${parts[i]}
       case $part in "$root"/*) printf '_hoverslam_prepend %s %q\n' "$name" "$part" >> "$file.new" ;; esac
     done
-  done < <(env -i HOME="$HOME" PATH=/usr/bin:/bin bash --norc -c ". '$install/local_setup.bash' && env -0" 2>> "$log")
+  done < <(env -i HOME="${HOME:-/}" PATH=/usr/bin:/bin bash --norc -c ". '$install/local_setup.bash' && env -0" 2>> "$log")
   grep -q rocket_msgs "$file.new" || explain "Reading $install/local_setup.bash"
   mv "$file.new" "$file"
 }

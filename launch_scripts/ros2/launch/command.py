@@ -65,9 +65,9 @@ def locate(args: argparse.Namespace) -> tuple[Path, list[str]]:
     share = packages.share_of(args.package_name)
     matches = [p for p in share.rglob(args.launch_file_name) if p.is_file()]
     if len(matches) != 1:
-        times = 'more than once' if matches else 'not'
+        times = 'found more than once' if matches else 'not found'
         raise CommandError(
-            f"file '{args.launch_file_name}' was found {times} in the share directory of package "
+            f"file '{args.launch_file_name}' was {times} in the share directory of package "
             f"'{args.package_name}' which is at '{share}'")
     return matches[0], rest
 

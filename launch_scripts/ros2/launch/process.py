@@ -41,6 +41,7 @@ class Process:
         self._own_terminal = own_terminal
         self._quiet = quiet
         self._child: asyncio.subprocess.Process | None = None
+        self._asked = False
 
     async def run(self) -> int:
         """Start it and return its exit status, negative for a signal.
@@ -74,8 +75,10 @@ class Process:
         if status == 0:
             self._log.message('INFO', name, f'process has finished cleanly [pid {child.pid}]')
         else:
+            # On another process's terminal it is no news that one ended as it was asked to.
+            level = 'INFO' if self._asked and self._quiet else 'ERROR'
             self._log.message(
-                'ERROR', name, f'process has died [pid {child.pid}, exit code {status}, '
+                level, name, f'process has died [pid {child.pid}, exit code {status}, '
                 f"cmd '{' '.join(part for part in self.plan.command if part.strip())}'].")
         return status
 
@@ -118,5 +121,6 @@ class Process:
     def _send(self, number: signal.Signals) -> None:
         if self._child is not None:
             name = self.plan.name
+            self._asked = True
             self._log.message('INFO', name, f"sending signal '{number.name}' to process[{name}]")
             self._signal(number)

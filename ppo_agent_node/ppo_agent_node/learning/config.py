@@ -58,7 +58,6 @@ class DemonstrationConfig:
     teacher_attitude_rate: float = setting(
         12.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
 
-
     def teacher_gains(self) -> dict[str, float]:
         """Return the gains that the teacher flies with, by the expert's names."""
         return {

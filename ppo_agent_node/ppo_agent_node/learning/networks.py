@@ -41,25 +41,38 @@ def mlp(sizes: Sequence[int], last_gain: float, generator: torch.Generator) -> n
 
 
 class Normaliser(nn.Module):
-    """Brings observations to mean 0 and standard deviation 1, by fixed numbers."""
+    """Brings observations into a range that a network resolves well, by fixed numbers.
 
+    Entries with a `width` are bent first, asinh(x / width): linear within the width and
+    logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. Then all get mean
+    0 and standard deviation 1.
+    """
+
+    width: Tensor
     mean: Tensor
     scale: Tensor
 
     def __init__(self, size: int) -> None:
         """Make one that changes nothing."""
         super().__init__()
+        self.register_buffer('width', torch.zeros(size))
         self.register_buffer('mean', torch.zeros(size))
         self.register_buffer('scale', torch.ones(size))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return the observations `(..., D)`, normalised."""
-        return (observation - self.mean) * self.scale
+        return (self._bend(observation) - self.mean) * self.scale
+
+    def _bend(self, observation: Tensor) -> Tensor:
+        bends = self.width > 0
+        bent = torch.asinh(observation / torch.where(bends, self.width, 1.0))
+        return torch.where(bends, bent, observation)
 
     def fit(self, observation: Tensor, least: float = 1e-3) -> None:
-        """Take the numbers from samples `(S, D)`; deviations below `least` count as it."""
-        self.mean.copy_(observation.mean(0))
-        self.scale.copy_(1 / observation.std(0).clamp_min(least))
+        """Take mean and deviation from samples `(S, D)`; deviations below `least` count as it."""
+        bent = self._bend(observation)
+        self.mean.copy_(bent.mean(0))
+        self.scale.copy_(1 / bent.std(0).clamp_min(least))
 
     def copy_from(self, other: Normaliser) -> None:
         """Take the numbers from another."""

@@ -72,24 +72,27 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
     :raises ValueError: when it is of a run with other settings; names the file and the setting.
     """
     found = sealed.content
+    _same(path, found.get('description'), description(spec, config))
     try:
-        _same(path, found['description'], description(spec, config))
         return RunState(
             Curriculum(config.curriculum, int(found['level']), tuple(map(bool, found['recent']))),
             int(found['iteration']), int(found['steps']), int(found['lines']),
             Score(**found['best']) if found['best'] else None)
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
 
 
-def _same(path: Path, found: dict[str, Any], expected: dict[str, Any]) -> None:
-    pairs = [
-        (name, found[name], expected[name]) for name in ('world', 'num_envs')
-    ] + [
-        (name, found[group].get(name), value)
-        for group in ('training', 'world_settings')
-        for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
-    ]
+def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:  # noqa: ANN401 - from JSON
+    try:
+        pairs = [
+            (name, found[name], expected[name]) for name in ('world', 'num_envs')
+        ] + [
+            (name, found[group].get(name), value)
+            for group in ('training', 'world_settings')
+            for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
+        ]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'{path}: has no description of its run: {error!r}') from error
     for name, theirs, ours in pairs:
         if theirs != (list(ours) if isinstance(ours, tuple) else ours):
             raise ValueError(

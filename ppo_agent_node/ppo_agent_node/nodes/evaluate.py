@@ -2,6 +2,7 @@
 """Node `evaluate`: N deterministic episodes of a pilot, as a table, JSON and plots."""
 from __future__ import annotations
 
+import hashlib
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,23 +50,25 @@ def evaluation(node: Node, executor: Executor) -> None:
     if output:
         # Before the flight: an unwritable folder is told at once, not after minutes.
         (output / 'plots').mkdir(parents=True, exist_ok=True)
-    client = make_client(node, executor, connection)
-    pilot = _pilot(options, client.connect())
-    with Terminal() as terminal:
+    with make_client(node, executor, connection) as client, Terminal() as terminal:
+        pilot, facts = _pilot(options, client.connect())
         summary = fly_and_write(
-            client, pilot, options.episodes, options.seed, options.level, output, terminal.show)
-        client.close()
+            client, pilot, options.episodes, options.seed, options.level, output, terminal.show,
+            **facts)
         terminal.say(metrics.table(summary))
         if output:
             terminal.say(f'evaluation.json and plots are in {output}')
 
 
-def _pilot(options: EvaluationParameters, spec: WorldSpec) -> Pilot:
+def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[str, str]]:
+    """Return who flies, and what the figures shall say about a policy's file."""
     if options.pilot == 'expert':
-        return ExpertPilot(spec)
+        return ExpertPilot(spec), {}
     if options.pilot == 'random':
-        return RandomPilot(spec, options.seed)
-    return PolicyPilot(find_policy(options.policy, spec.name), spec)
+        return RandomPilot(spec, options.seed), {}
+    path = find_policy(options.policy, spec.name)
+    return PolicyPilot(path, spec), {
+        'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 def main() -> None:

@@ -35,12 +35,11 @@ def pilot(node: Node, executor: Executor) -> None:
     options = parameters.declare(ExpertParameters)
     connection = parameters.declare(ConnectionParameters)
     parameters.finish()
-    client = make_client(node, executor, connection)
-    expert = ExpertPilot(client.connect())
-    flown = fly(
-        node, client, expert, options.seed, options.episodes, **level_setting(options.level))
-    node.get_logger().info(summary(flown, client.spec.outcomes))
-    client.close()
+    with make_client(node, executor, connection) as client:
+        expert = ExpertPilot(client.connect())
+        flown = fly(
+            node, client, expert, options.seed, options.episodes, **level_setting(options.level))
+        node.get_logger().info(summary(flown, client.spec.outcomes))
 
 
 def main() -> None:

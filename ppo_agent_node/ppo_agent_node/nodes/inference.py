@@ -34,13 +34,12 @@ def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
     options = parameters.declare(InferenceParameters)
     connection = parameters.declare(ConnectionParameters)
     parameters.finish()
-    client = make_client(node, executor, connection)
-    spec = client.connect()
-    path = find_policy(options.policy, spec.name)
-    pilot = PolicyPilot(path, spec)
-    node.get_logger().info(f'flying {path}')
-    flown = fly(
-        node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
-    node.get_logger().info(summary(flown, spec.outcomes))
-    client.close()
+    with make_client(node, executor, connection) as client:
+        spec = client.connect()
+        path = find_policy(options.policy, spec.name)
+        pilot = PolicyPilot(path, spec)
+        node.get_logger().info(f'flying {path}')
+        flown = fly(
+            node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
+        node.get_logger().info(summary(flown, spec.outcomes))
     return 0

@@ -2,7 +2,6 @@
 """A training run as a node: settings from parameters, reports to the terminal and `training`."""
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import asdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
@@ -52,25 +52,22 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     folder = RunFolder(_run_path(options), options.resume)
     config = _config(parameters, options, folder)
     parameters.finish()
-    client = make_client(node, executor, connection, agent_of_run(folder.path))
     publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
-    with Terminal() as terminal:
+    with make_client(
+            node, executor, connection, agent_of_run(folder.path)) as client, (
+            Terminal()) as terminal:
         def report(status: Status) -> None:
             terminal.show(status)
-            if node.context.ok():
-                with suppress(RuntimeError):  # ROS shuts down just now
-                    publisher.publish(TrainingStatus(**asdict(status)))
+            publisher.publish(TrainingStatus(**asdict(status)))
 
         terminal.say(f'run {folder.path}')
         spec = client.connect()
         expert = ExpertPilot(spec) if config.demonstration.demonstration_episodes else None
         try:
             result = Trainer(
-                client, config, folder, report, expert,
-                stop_requested=lambda: not node.context.ok()).run()
+                client, config, folder, report, expert, stopping.requested).run()
             if result.finished:
                 _evaluate(client, config, folder, report, terminal)
-                client.close()
                 return 0
         except EnvironmentClosed:
             pass

@@ -5,7 +5,6 @@ Nothing waits for it: it may start late, fall behind, die and come back.
 """
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from contextlib import ExitStack
@@ -13,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.executors import Executor
-from rclpy.executors import ExternalShutdownException
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rocket_msgs import msg
 
@@ -33,6 +30,7 @@ from rocket_sim_node.recording.web_page import WebPage
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import run
@@ -117,15 +115,14 @@ def training_from_message(message: msg.TrainingStatus) -> Training:
 
 
 def record(node: Node, executor: Executor) -> None:
-    """Record until ROS shuts down."""
+    """Record until asked to stop."""
     parameters = Parameters(node)
     destinations = parameters.declare(Destinations)
     choice = parameters.declare(Choice)
     parameters.finish()
 
     def note(level: str, text: str) -> None:
-        # The node's own logger also publishes, which fails once ROS has shut down.
-        logger = node.get_logger() if node.context.ok() else get_logger('recording')
+        logger = node.get_logger()
         # One call for each: a logger refuses another severity from the same place.
         if level == 'ERROR':
             logger.error(text)
@@ -149,30 +146,15 @@ def record(node: Node, executor: Executor) -> None:
         if not sinks:
             note('WARN', 'nothing to do: set output, connect or serve_web')
         recorder = Recorder(choice, sinks, note)
-        stop = _on_signals()
         heard = RecorderNode(node, recorder)
         try:
-            while not stop and node.context.ok():
+            while not stopping.requested():
                 executor.spin_once(timeout_sec=_SPIN_PERIOD)
                 recorder.tick()
             _drain(executor, heard)
-        except ExternalShutdownException:
-            pass
         finally:
             recorder.close()
             note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps')
-
-
-def _on_signals() -> list[int]:
-    """Return a list that is empty until somebody asks this process to end.
-
-    The handlers of rclpy would end ROS at once and interrupt Python anywhere, in the midst of a
-    flight too; these let what has arrived be recorded, and a second Ctrl-C changes nothing.
-    """
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: stop.append(number))
-    return stop
 
 
 def _drain(executor: Executor, heard: RecorderNode) -> None:

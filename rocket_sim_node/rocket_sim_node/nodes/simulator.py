@@ -6,12 +6,12 @@ import sys
 from dataclasses import dataclass
 
 from rclpy.executors import Executor
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rocket_msgs.msg import World
 
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import setting
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import run
@@ -19,8 +19,8 @@ from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
 
 _MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
-_SPIN_PERIOD = 1.0
-"""s; the events executor needs a finite time-out, nothing happens when it is over"""
+_SPIN_PERIOD = 0.2
+"""s; the events executor needs a finite time-out, and Python sees signals only in between"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class SimulatorParameters:
 
 
 def simulate(node: Node, executor: Executor) -> None:
-    """Serve a world until ROS shuts down."""
+    """Serve a world until asked to stop."""
     parameters = Parameters(node)
     options = parameters.declare(SimulatorParameters)
     settings = parameters.declare_infos(worlds.settings(options.world))
@@ -57,14 +57,9 @@ def simulate(node: Node, executor: Executor) -> None:
     node.get_logger().info(
         f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
         f'level {settings.get("level", "-")}: waiting for an agent')
-    try:
-        while node.context.ok():
-            executor.spin_once(timeout_sec=_SPIN_PERIOD)
-    except ExternalShutdownException:
-        pass
-    finally:
-        if node.context.ok():
-            server.close()
+    while not stopping.requested():
+        executor.spin_once(timeout_sec=_SPIN_PERIOD)
+    server.close()
 
 
 def main() -> None:

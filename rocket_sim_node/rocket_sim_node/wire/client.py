@@ -22,7 +22,6 @@ from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Bools
-from rocket_sim_node.worlds.base import EnvironmentClosed
 from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
@@ -94,6 +93,14 @@ class Client:
                 ('release', srv.Release))
         }
 
+    def __enter__(self) -> Client:
+        """Use as a context that lets go of the simulator at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let go."""
+        self.close()
+
     # VectorEnv
 
     @property
@@ -137,7 +144,7 @@ class Client:
         self._view[:] = checked_action(self.spec, action).ravel()
         self._message.session = self._session
         self._message.step = self._step
-        self._publish()
+        self._publisher.publish(self._message)
         silence = Silence(self._node, 'an observation', self._options.patience)
         pause = self._options.resend_after
         resend = time.monotonic() + pause
@@ -147,7 +154,7 @@ class Client:
             if time.monotonic() >= resend:
                 silence.check()
                 self.resent += 1
-                self._publish()
+                self._publisher.publish(self._message)
                 pause = min(2 * pause, 8 * self._options.resend_after)
                 resend = time.monotonic() + min(pause, silence.left)
         return self._take_answer()
@@ -172,20 +179,8 @@ class Client:
         client = self._clients['release']
         if self._session and self._node.context.ok() and client.service_is_ready():
             future = client.call_async(srv.Release.Request(agent=self._agent))
-            self._waiter.until(future.done, _RELEASE_TIMEOUT)
+            self._waiter.linger(future.done, _RELEASE_TIMEOUT)
         self._session = 0
-
-    def _publish(self) -> None:
-        """Send the action.
-
-        :raises EnvironmentClosed: when ROS was shut down meanwhile.
-        """
-        try:
-            self._publisher.publish(self._message)
-        except RuntimeError:  # RCLError, which rclpy does not export
-            if self._node.context.ok():
-                raise
-            raise EnvironmentClosed('ROS was shut down') from None
 
     # Sessions
 

@@ -2,7 +2,6 @@
 """How the nodes of this system start and end."""
 from __future__ import annotations
 
-import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +12,9 @@ from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
 USAGE_ERROR = 2
@@ -38,7 +39,9 @@ def run(
     expected: tuple[type[Exception], ...] = (),
     args: list[str] | None = None,
 ) -> int:
-    """Run a node until `body` returns or ROS shuts down; return the exit status.
+    """Run a node until `body` returns; return the exit status.
+
+    SIGINT and SIGTERM only ask it to (see `stopping`): a body that waits has to look.
 
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
@@ -51,11 +54,9 @@ def run(
         return USAGE_ERROR
 
     node = None
-    # rclpy shuts ROS down on Ctrl-C and then calls Python's handler, which would interrupt the
-    # program anywhere, in the midst of a step too. What waits notices the shutdown by itself.
-    signal.signal(signal.SIGINT, lambda number, frame: None)
+    stopping.listen()
     try:
-        with rclpy.init(args=args):
+        with rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO):
             node = Node(name, automatically_declare_parameters_from_overrides=True)
             executor = make_executor()
             executor.add_node(node)

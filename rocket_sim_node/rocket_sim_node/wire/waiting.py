@@ -8,15 +8,17 @@ from typing import Any
 
 from rclpy.client import Client as ServiceClient
 from rclpy.executors import Executor
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
 _NOTICE_PERIOD = 5.0
 """s between log lines while there is no answer"""
 _CALL_TIMEOUT = 2.0
 """s after which a service call is made anew"""
+_SIGNAL_PERIOD = 0.2
+"""s between two looks at whether this process was asked to end"""
 
 
 class WireTimeout(TimeoutError):
@@ -33,17 +35,20 @@ class Waiter:
         self.patience = patience
 
     def spin(self, seconds: float) -> None:
-        """Serve callbacks until one was served or the time is over.
+        """Serve callbacks until one was served, the time is over or 0.2 s have passed.
 
-        :raises EnvironmentClosed: when ROS was shut down.
+        :raises EnvironmentClosed: when this process was asked to end.
         """
-        try:
-            if self._node.context.ok():
-                self._executor.spin_once(timeout_sec=max(seconds, 0.0))
-                return
-        except ExternalShutdownException:
-            pass
-        raise EnvironmentClosed('ROS was shut down')
+        if stopping.requested() or not self._node.context.ok():
+            raise EnvironmentClosed('asked to stop')
+        # Python sees a signal only between two waits of the executor.
+        self._executor.spin_once(timeout_sec=min(max(seconds, 0.0), _SIGNAL_PERIOD))
+
+    def linger(self, done: Callable[[], bool], seconds: float) -> None:
+        """Spin until `done()` or the time is over, asked to end or not."""
+        end = time.monotonic() + seconds
+        while self._node.context.ok() and not done() and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Spin until `done()`; false when the time was over first."""
@@ -52,7 +57,7 @@ class Waiter:
             left = end - time.monotonic()
             if left <= 0:
                 return False
-            self.spin(min(left, 0.1))
+            self.spin(left)
         return True
 
     def wait(self, done: Callable[[], bool], what: str) -> None:

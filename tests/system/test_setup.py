@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Set-up: what it does when, and what it says when something is missing.
+
+A stand-in for Python notes how it is called, so that nothing is downloaded or compiled here.
+"""
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+_ROOT = Path(__file__).parents[2]
+_TOOLS = (
+    'awk', 'basename', 'bash', 'cat', 'cc', 'chmod', 'c++', 'cp', 'cut', 'date', 'df', 'dirname',
+    'env', 'find', 'flock', 'g++', 'gcc', 'getconf', 'grep', 'head', 'id', 'mkdir', 'mv', 'ps',
+    'rm', 'sed', 'sh', 'sha256sum', 'sleep', 'sort', 'stty', 'tail', 'touch', 'tr', 'uname',
+    'xargs')
+_PYTHON = r"""#!/usr/bin/env bash
+echo "$*" >> "$CALLS"
+case "$*" in
+  *'sys.implementation'*) exit "${PYTHON_FITS:-0}" ;;
+  *get_path*) echo "$INCLUDE" ;;
+  *-dev* | *-venv*) echo python3.11-dev ;;
+  -V | -VV) echo 'Python 3.11.9' ;;
+  '-m venv'*)
+    if [[ -n ${VENV_FAILS:-} ]]; then echo "$VENV_FAILS"; exit 1; fi
+    mkdir -p "${@: -1}/bin"
+    cp "$0" "${@: -1}/bin/python"
+    echo "VIRTUAL_ENV='${@: -1}'; export VIRTUAL_ENV" > "${@: -1}/bin/activate" ;;
+  *'pip'*' install '*'stamps'* | *'pip'*' install '*requirements)
+    sleep "${PIP_SECONDS:-0}"
+    if [[ -n ${PIP_KILLS:-} ]]; then kill -9 "$PPID"; fi
+    if [[ -n ${PIP_FAILS:-} ]]; then echo "$PIP_FAILS"; exit 1; fi ;;
+  *colcon*)
+    if [[ -n ${COLCON_FAILS:-} ]]; then echo "$COLCON_FAILS"; exit 1; fi
+    mkdir -p install
+    echo "export AMENT_PREFIX_PATH=$PWD/install/rocket_msgs" > install/local_setup.bash ;;
+esac
+"""
+
+
+class Project:
+    """A copy of what set-up needs, with tools of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root = folder / 'project'
+        self.tools = folder / 'tools'
+        self.calls_file = folder / 'calls'
+        include = folder / 'include'
+        for path in (self.root / 'ros_ws', self.tools, include):
+            path.mkdir(parents=True)
+        (include / 'Python.h').touch()
+        self.env = {
+            'PATH': str(self.tools), 'HOME': str(folder), 'CALLS': str(self.calls_file),
+            'INCLUDE': str(include)}
+        shutil.copytree(_ROOT / 'launch_scripts', self.root / 'launch_scripts')
+        for package in ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node'):
+            shutil.copytree(_ROOT / package, self.root / package)
+        for name in _TOOLS:
+            path = shutil.which(name)
+            if path is not None:
+                (self.tools / name).symlink_to(path)
+        self.tool('python3.11', _PYTHON)
+
+    def tool(self, name: str, text: str) -> None:
+        """Put a script in the place of a tool."""
+        path = self.tools / name
+        path.unlink(missing_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def start(self, command: str = 'launch_scripts/setup', **env: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [str(self.tools / 'bash'), '-c', command], cwd=self.root, env={**self.env, **env},
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+
+    def run(self, command: str = 'launch_scripts/setup', **env: str) -> tuple[int, str]:
+        """Run a command; returns its status and what it printed."""
+        process = self.start(command, **env)
+        output, _ = process.communicate(timeout=60)
+        return process.returncode, output
+
+    def calls(self) -> list[str]:
+        """Return what Python was asked to install, make or build since the last time."""
+        lines = self.calls_file.read_text().splitlines() if self.calls_file.exists() else []
+        self.calls_file.unlink(missing_ok=True)
+        names = {'-m venv': 'venv', ' install ': 'pip', 'rocket_msgs': 'messages',
+                 'symlink-install': 'nodes'}
+        return [name for line in lines for key, name in names.items() if key in line]
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    return Project(tmp_path)
+
+
+_ALL = ['venv', 'pip', 'pip', 'messages', 'nodes']
+
+
+def test_only_what_is_out_of_date_is_done_again(project: Project) -> None:
+    status, output = project.run()
+    assert status == 0, output
+    assert project.calls() == _ALL
+    status, output = project.run()
+    assert (status, output, project.calls()) == (0, 'Everything is set up.\n', [])
+    assert project.run('launch_scripts/setup --quiet') == (0, '')
+
+    (project.root / 'rocket_sim_node/rocket_sim_node/new.py').write_text('x = 1\n')
+    project.run()
+    assert project.calls() == [], 'nodes are linked to their sources'
+    (project.root / 'rocket_msgs/msg/New.msg').write_text('bool x\n')
+    project.run()
+    assert project.calls() == ['messages']
+    (project.root / 'rocket_sim_node/setup.py').write_text('x = 1\n')
+    project.run()
+    assert project.calls() == ['nodes']
+
+    lock = project.root / 'launch_scripts/requirements.lock'
+    lock.write_text(lock.read_text().replace('rich==', 'rich==1.'))
+    project.run()
+    assert project.calls() == ['pip', 'pip']
+    lock.write_text(lock.read_text().replace('ros-rclpy==', 'ros-rclpy==1.'))
+    project.run()
+    assert project.calls() == ['pip', 'pip', 'messages', 'nodes']
+
+    shutil.rmtree(project.root / 'ros_ws/install')
+    project.run()
+    assert project.calls() == ['messages', 'nodes']
+    project.tool('python3.12', _PYTHON)
+    project.run(PYTHON='python3.12')
+    assert project.calls() == _ALL
+
+
+def test_a_project_that_has_moved_is_set_up_anew(project: Project) -> None:
+    project.run()
+    project.calls()
+    project.root = project.root.rename(project.root.with_name('elsewhere'))
+    assert project.run()[0] == 0
+    assert project.calls() == _ALL
+
+
+def test_a_set_up_that_was_killed_is_done_anew(project: Project) -> None:
+    assert project.run(PIP_KILLS='1')[0] == -signal.SIGKILL
+    project.calls()
+    assert project.run()[0] == 0
+    assert project.calls() == _ALL
+
+
+def test_an_interrupted_set_up_says_so_and_can_go_on(project: Project) -> None:
+    process = project.start(PIP_SECONDS='30')
+    assert process.stdout is not None
+    for line in process.stdout:
+        if 'Preparing pip' in line:
+            break
+    time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    output = process.stdout.read()
+    assert 'interrupted; run it again to go on' in output
+    assert process.wait(10) == 130
+    project.calls()
+    assert project.run()[0] == 0
+    assert project.calls() == _ALL
+
+
+def test_two_at_once_do_the_work_once(project: Project) -> None:
+    both = [project.start(PIP_SECONDS='0.3') for _ in range(2)]
+    outputs = [process.communicate(timeout=60)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0], outputs
+    assert project.calls() == _ALL
+    assert 'Waiting for another set-up' in ''.join(outputs)
+
+
+@pytest.mark.parametrize(('env', 'message', 'advice'), [
+    ({'PYTHON_FITS': '1'}, 'no CPython 3.11, 3.12 or 3.13 found', 'apt install python3'),
+    ({'PYTHON': '/no/python'}, 'PYTHON=/no/python is not a CPython', 'unset PYTHON'),
+    ({'INCLUDE': '/nowhere'}, 'the headers (Python.h)', 'apt install python3.11-dev'),
+    ({'VENV_FAILS': 'No module named venv'}, 'has no working venv module', 'apt install'),
+    ({'VENV_FAILS': 'ensurepip is not available'}, 'has no working venv module', 'apt install'),
+    ({'PIP_FAILS': 'OSError: [Errno 28] No space left on device'}, 'the disk is full', 'Free'),
+    ({'PIP_FAILS': 'Failed to establish a new connection: [Errno -3]'},
+     'the package index cannot be reached', 'Check the network'),
+    ({'PIP_FAILS': 'ERROR: No matching distribution found for torch==9'},
+     'No matching distribution found for torch==9', '.setup.log'),
+    ({'PIP_FAILS': 'some other trouble'}, 'some other trouble', '.setup.log'),
+    ({'COLCON_FAILS': 'World.msg: syntax error'}, 'World.msg: syntax error', '.setup.log'),
+    ({'ROS_DISTRO': 'x', 'AMENT_PREFIX_PATH': '/opt/ros/x', 'PYTHON_FITS': '1'},
+     'whose rclpy is that of the sourced ROS 2 x', 'apt install'),
+])
+def test_what_fails_is_named_and_can_be_mended(
+        env: dict[str, str], message: str, advice: str, project: Project) -> None:
+    status, output = project.run(**env)
+    assert status == 1
+    assert message in output
+    assert advice in output
+    assert 'Traceback' not in output
+    project.calls()
+    assert project.run()[0] == 0
+
+
+@pytest.mark.parametrize(('tool', 'text', 'message', 'advice'), [
+    ('uname', 'case $1 in -s) echo Linux ;; -m) echo aarch64 ;; esac',
+     'no ROS 2 wheels for aarch64', 'Install ROS 2 Kilted or Jazzy'),
+    ('uname', 'echo Darwin', 'this is Darwin', 'WSL 2'),
+    ('getconf', 'exit 1', 'need glibc', 'Debian'),
+    ('df', 'echo h; echo /dev/x 100 50 500000 1% /', 'only 488 MB of disk are free', 'Free some'),
+])
+def test_unfit_machines(tool: str, text: str, message: str, advice: str, project: Project) -> None:
+    project.tool(tool, f'#!/bin/sh\n{text}\n')
+    status, output = project.run()
+    assert status == 1
+    assert message in output
+    assert advice in output
+    assert not (project.root / '.venv').exists()
+
+
+@pytest.mark.parametrize('names', [('cc', 'gcc'), ('c++', 'g++')])
+def test_a_missing_compiler_is_named(names: tuple[str, str], project: Project) -> None:
+    for name in names:
+        (project.tools / name).unlink(missing_ok=True)
+    status, output = project.run()
+    assert status == 1
+    assert f'no {names[1]} found' in output
+    assert 'build-essential' in output
+
+
+def test_paths_that_cmake_and_ros_cannot_stand(project: Project) -> None:
+    project.root = project.root.rename(project.root.with_name('a b'))
+    status, output = project.run()
+    assert status == 1
+    assert 'has a space or a colon' in output
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
+def test_a_folder_that_cannot_be_written_to(project: Project) -> None:
+    project.root.chmod(0o555)
+    status, output = project.run()
+    project.root.chmod(0o755)
+    assert status == 1
+    assert 'is not writable for' in output
+
+
+def test_env_sh_enters_once_and_sheds_foreign_environments(project: Project) -> None:
+    status, output = project.run(
+        '. launch_scripts/env.sh; one=$PATH$AMENT_PREFIX_PATH; . launch_scripts/env.sh; '
+        '[[ $one == "$PATH$AMENT_PREFIX_PATH" ]] || echo grown; '
+        'echo "$VIRTUAL_ENV ${PYTHONPATH-none} ${PYTHONHOME-none} '
+        '${_ROS_WHEELS_BOOTSTRAP_COMPLETE-none} $ROS_AUTOMATIC_DISCOVERY_RANGE"; '
+        'echo "$PATH $AMENT_PREFIX_PATH"; set | grep -c ^_hoverslam || true',
+        VIRTUAL_ENV='/foreign', PYTHONPATH='/foreign/site-packages', PYTHONHOME='/foreign',
+        _ROS_WHEELS_BOOTSTRAP_COMPLETE='1')
+    assert status == 0, output
+    venv = project.root / '.venv'
+    assert output.splitlines()[-3:] == [
+        f'{venv} none none none LOCALHOST',
+        f'{venv}/bin:{project.tools} {project.root}/ros_ws/install/rocket_msgs:{venv}', '0']
+
+
+def test_env_sh_keeps_the_shell_when_set_up_fails(project: Project) -> None:
+    status, output = project.run(
+        '. launch_scripts/env.sh; echo "status $?"; echo still here', PYTHON_FITS='1')
+    assert (status, output.splitlines()[-2:]) == (0, ['status 1', 'still here'])
+    status, output = project.run('set -e; . launch_scripts/env.sh; echo here', PYTHON_FITS='1')
+    assert status == 1
+    assert 'here' not in output.splitlines()
+
+
+def test_the_range_of_discovery_can_be_chosen(project: Project) -> None:
+    status, output = project.run(
+        '. launch_scripts/env.sh; echo $ROS_AUTOMATIC_DISCOVERY_RANGE',
+        ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET')
+    assert (status, output.splitlines()[-1]) == (0, 'SUBNET')

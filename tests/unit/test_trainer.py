@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training runs end alike, bit for bit: repeated, restarted, stopped and resumed."""
+from __future__ import annotations
+
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.config import describe
+from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.config import preset_names
+from ppo_agent_node.learning.journal import TIMES
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.status import STAGES
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.learning.trainer import Result
+from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.pilots.policy import PolicyPilot
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import EnvironmentRestarted
+
+ROCKETS = 8
+SMALL: dict[str, Any] = {
+    'demonstration_episodes': 8, 'clone_epochs': 1, 'clone_batch_size': 256,
+    'hidden_sizes': (16, 16), 'iterations': 6, 'n_steps': 40, 'scatter_steps': 60,
+    'batch_size': 64, 'critic_warmup_iterations': 2, 'threads': 1, 'checkpoint_interval': 3,
+    'selection_interval': 4, 'selection_episodes': 8, 'curriculum_landing_rate': 0.0,
+    'curriculum_window': 1, 'curriculum_final_level': 3, 'actor_learning_rate': 1e-3,
+}
+
+
+def small(**changes: Any) -> Config:
+    return make_config({**SMALL, **changes})
+
+
+def world(seed: int = 0) -> worlds.VectorEnv:
+    return worlds.make('rocket', num_envs=ROCKETS, seed=seed, level=7, spawn_height=30.0, time_limit=6.0)
+
+
+def train(
+    path: Path, config: Config | None = None, env: Any = None, resume: bool = False,
+    stop: Callable[[], bool] = lambda: False, told: list[Status] | None = None,
+) -> Result:
+    report = (told if told is not None else []).append
+    return Trainer(
+        env or world(), config or small(), RunFolder(path, resume), report,
+        stop_requested=stop).run()
+
+
+def everything(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any], list[Any], bytes]:
+    """Return all weights, optimisers' states and the world; counters; the log without times."""
+    folder = RunFolder(path, resume=True)
+    newest = folder.newest(pytest.fail)
+    assert newest is not None
+    lines = [{k: v for k, v in line.items() if k not in TIMES} for line in folder.lines()]
+    policy = sealed_file.read(folder.policy, 'policy').tensors
+    return dict(newest[1].tensors), newest[1].content, lines, safetensor_bytes(policy)
+
+
+def safetensor_bytes(tensors: dict[str, torch.Tensor]) -> bytes:
+    return b''.join(tensors[name].numpy().tobytes() for name in sorted(tensors))
+
+
+def assert_equal(one: Path, other: Path) -> None:
+    (tensors, content, lines, policy), theirs = everything(one), everything(other)
+    assert set(tensors) == set(theirs[0])
+    for name, tensor in tensors.items():
+        assert torch.equal(tensor, theirs[0][name]), name
+    assert content == theirs[1]
+    assert lines == theirs[2]
+    assert policy == theirs[3]
+
+
+@pytest.fixture(scope='module')
+def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run that nothing disturbed."""
+    path = tmp_path_factory.mktemp('runs') / 'run'
+    told: list[Status] = []
+    result = train(path, told=told)
+    assert result.finished
+    assert result.iterations == 6
+    assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
+    assert {s.stage for s in told} == set(STAGES[:3])
+    assert [s.level for s in told if s.stage == 'finetune' and s.iteration][-1] == 3
+    return path
+
+
+def copy_name(tmp_path: Path) -> Path:
+    """Return a path for a run of the same name, which the policy file holds."""
+    return tmp_path / 'run'
+
+
+def test_files_of_a_run(straight: Path) -> None:
+    assert sorted(p.name for p in straight.iterdir()) == [
+        'checkpoints', 'config.yaml', 'plots', 'policy.safetensors', 'train.jsonl']
+    assert sorted(p.name for p in (straight / 'checkpoints').iterdir()) == [
+        'best.safetensors', 'iteration_000004.safetensors', 'iteration_000006.safetensors'
+    ] or (straight / 'checkpoints' / 'iteration_000006.safetensors').exists()
+    config = RunFolder(straight, resume=True).read_config()
+    assert config['training']['seed'] == 1
+    assert config['world_settings']['spawn_height'] == 30.0
+    assert config['num_envs'] == ROCKETS
+    assert make_config(config['training']) == small()
+    env = world()
+    action = PolicyPilot(straight / 'policy.safetensors', env.spec)(env.reset())
+    assert np.isfinite(action).all()
+
+
+def test_equal_seeds_are_equal_whatever_the_world_was_before(
+    straight: Path, tmp_path: Path,
+) -> None:
+    train(copy_name(tmp_path), env=world(seed=77))
+    assert_equal(straight, copy_name(tmp_path))
+
+
+def test_another_seed_differs(straight: Path, tmp_path: Path) -> None:
+    train(copy_name(tmp_path), small(seed=2, iterations=1))
+    policy = sealed_file.read(straight / 'policy.safetensors', 'policy').tensors
+    other = sealed_file.read(copy_name(tmp_path) / 'policy.safetensors', 'policy').tensors
+    assert not torch.equal(policy['mean.0.weight'], other['mean.0.weight'])
+
+
+class StopAfter:
+    """Asks to stop at the n-th time of asking."""
+
+    def __init__(self, count: int) -> None:
+        self.left = count
+
+    def __call__(self) -> bool:
+        self.left -= 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize('polls', [20, 130, 420, 600, 700, 860])
+def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
+    straight: Path, tmp_path: Path, polls: int,
+) -> None:
+    path = copy_name(tmp_path)
+    assert not train(path, stop=StopAfter(polls)).finished
+    assert train(path, env=world(seed=5), resume=True).finished
+    assert_equal(straight, path)
+
+
+def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(
+    straight: Path, tmp_path: Path,
+) -> None:
+    """Three iterations, everything thrown away but the files, three more."""
+
+    class Killed(BaseException):
+        pass
+
+    path = copy_name(tmp_path)
+
+    def kill(status: Status) -> None:
+        if status.stage == 'finetune' and status.iteration == 5 and not status.message:
+            raise Killed
+
+    with pytest.raises(Killed):
+        Trainer(world(), small(), RunFolder(path), kill).run()
+    with (path / 'train.jsonl').open('a') as log:
+        log.write('{"stage": "finetune", "iter')
+    told: list[Status] = []
+    assert train(path, env=world(seed=5), resume=True, told=told).finished
+    assert told[0].message.startswith('resumed from iteration_')
+    assert_equal(straight, path)
+
+
+def test_a_damaged_newest_checkpoint_costs_iterations_not_the_run(
+    straight: Path, tmp_path: Path,
+) -> None:
+    path = copy_name(tmp_path)
+    shutil.copytree(straight, path)
+    newest = path / 'checkpoints' / 'iteration_000006.safetensors'
+    newest.write_bytes(newest.read_bytes()[:1000])
+    told: list[Status] = []
+    assert train(path, resume=True, told=told).finished
+    assert 'iteration_000006.safetensors: damaged' in told[0].message
+    assert_equal(straight, path)
+
+
+class Unreliable:
+    """A world behind a simulator that dies now and then and comes back empty."""
+
+    def __init__(self, inner: Any, seed: int, rate: float) -> None:
+        self._inner, self._random, self._rate = inner, random.Random(seed), rate
+        self.spec, self.restarts = inner.spec, 0
+
+    def __getattr__(self, name: str) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            before = self._random.random() < 0.5
+            fails = self._random.random() < self._rate
+            if not (fails and before):
+                result = getattr(self._inner, name)(*args, **kwargs)
+            if fails:
+                self.restarts += 1
+                self._inner.reset(seed=self._random.randrange(1000), level=1)
+                raise EnvironmentRestarted('new session')
+            return result
+
+        return call
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_a_simulator_that_restarts_changes_nothing(
+    straight: Path, tmp_path: Path, seed: int,
+) -> None:
+    env = Unreliable(world(), seed, rate=0.003)
+    told: list[Status] = []
+    assert train(copy_name(tmp_path), env=env, told=told).finished
+    assert env.restarts >= 5
+    assert sum('simulator restarted' in s.message for s in told) == env.restarts
+    assert_equal(straight, copy_name(tmp_path))
+
+
+def test_a_simulator_that_never_stays_is_given_up(tmp_path: Path) -> None:
+    with pytest.raises(EnvironmentRestarted):
+        train(tmp_path / 'run', env=Unreliable(world(), 1, rate=1.0))
+
+
+def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path) -> None:
+    path = copy_name(tmp_path)
+    shutil.copytree(straight, path)
+    with pytest.raises(ValueError, match=r'iteration_000006.*gamma of the run is 1\.0, expected 0\.9'):
+        train(path, small(gamma=0.9), resume=True)
+    with pytest.raises(ValueError, match='num_envs of the run is 8, expected 4'):
+        train(path, env=worlds.make('rocket', num_envs=4), resume=True)
+    with pytest.raises(ValueError, match=r'spawn_height of the run is 30\.0'):
+        train(path, env=worlds.make('rocket', num_envs=ROCKETS), resume=True)
+    assert train(path, small(checkpoint_interval=1), resume=True).finished
+
+
+def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Path) -> None:
+    path = copy_name(tmp_path)
+    shutil.copytree(straight, path)
+    newest = path / 'checkpoints' / 'iteration_000006.safetensors'
+    tensors, content = sealed_file.read(newest, 'checkpoint')
+    broken = {**tensors, 'critic.value.0.bias': torch.zeros(3)}
+    sealed_file.write(newest, 'checkpoint', broken, content)
+    with pytest.raises(ValueError, match=r"'critic\.value\.0\.bias' is .* \(3,\), expected .*\(16,\)"):
+        train(path, resume=True)
+    for text, damage in (('its content is not', {'iteration': 'six'}), ('snapshot', {})):
+        broken = {**tensors, 'world': tensors['world'][:50]}
+        sealed_file.write(newest, 'checkpoint', broken, {**content, **damage})
+        with pytest.raises(ValueError, match=f'iteration_000006.*{text}'):
+            train(path, resume=True)
+
+
+def test_without_demonstrations_it_starts_from_scratch(tmp_path: Path) -> None:
+    told: list[Status] = []
+    config = small(demonstration_episodes=0, iterations=1)
+    assert train(tmp_path / 'run', config, told=told).finished
+    assert {s.stage for s in told} == {'finetune'}
+
+
+def test_presets() -> None:
+    assert preset_names() == ('default', 'original')
+    original = load_preset('original')
+    assert original.ppo.clip_range == 0.05
+    assert original.ppo.gamma == 0.99
+    assert original.ppo.gae_lambda == 0.95
+    assert original.ppo.n_steps == 2048
+    assert original.ppo.n_epochs == 2
+    assert original.ppo.batch_size == 64
+    assert original.ppo.actor_learning_rate == 3e-5
+    assert original.ppo.critic_learning_rate == 1e-4
+    assert original.ppo.entropy_coefficient == 0.01
+    assert original.network.log_std_floor == -2.5
+    assert original.network.hidden_sizes == (256, 256)
+    assert load_preset('default', seed=9).run.seed == 9
+    with pytest.raises(ValueError, match="unknown preset 'fast', expected one of default"):
+        load_preset('fast')
+
+
+def test_settings_are_checked_by_name() -> None:
+    names = [info.name for info in describe()]
+    assert len(names) == len(set(names))
+    assert set(names) == set(make_config({}).flat())
+    assert all(info.description for info in describe())
+    for values, message in (
+        ({'gama': 0.9}, "unknown setting 'gama'"), ({'gamma': 1.5}, 'gamma: got 1.5, expected 0'),
+        ({'curriculum_start_level': 8}, 'curriculum_start_level: got 8'),
+        ({'log_std_init': -6.0}, 'log_std_init: got -6.0'), ({'hidden_sizes': ()}, 'hidden_sizes'),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make_config(values)
