@@ -49,14 +49,14 @@ class DemonstrationConfig:
     teacher_braking_share: float = setting(
         0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
     teacher_flare_rate: float = setting(
-        2.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
+        3.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
     teacher_flare_speed: float = setting(
-        0.2, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
+        0.1, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
     teacher_speed_settling: float = setting(
-        0.1, '', "time in which the expert's errors in speed die out, as a share of the burn left",
+        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn left",
         0.0, 10.0)
     teacher_attitude_rate: float = setting(
-        12.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
+        24.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
 
     def teacher_gains(self) -> dict[str, float]:
         """Return the gains that the teacher flies with, by the expert's names."""
@@ -86,6 +86,11 @@ class NetworkConfig:
 
     hidden_sizes: tuple[int, ...] = setting(
         (256, 256), '', 'units of the hidden layers, actor and critic alike', 1, 16_384)
+    fine_observations: str = setting(
+        'pad_y', '', 'observations, by name, that are seen on a logarithmic scale away from zero; '
+        'names that the world lacks are passed over')
+    fine_width: float = setting(
+        0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
     log_std_init: float = setting(-2.4, '', 'log standard deviation to begin with', -20.0, 2.0)
     log_std_final: float = setting(
         -3.5, '', 'most it may be at the last iteration; the bound falls from log_std_init; '

@@ -77,6 +77,7 @@ def scatter(
     :raises EnvironmentRestarted: what was flown is lost.
     """
     spec = env.spec
+    held: NDArray[Any]
     release = rng.integers(max(1, steps), size=spec.num_envs)
     if spec.continuous:
         extremes = np.array([spec.action_low, spec.action_high], np.float32)

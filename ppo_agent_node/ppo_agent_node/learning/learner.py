@@ -35,6 +35,9 @@ class Learner:
             log_std_floor=network.log_std_floor)
         self.critic = Critic(
             spec.observation_size, network.hidden_sizes, streams.generator(self._seed, 'critic'))
+        for normaliser in (self.policy.normaliser, self.critic.normaliser):
+            for name in set(network.fine_observations.split()) & set(spec.observation_names):
+                normaliser.width[spec.observation_names.index(name)] = network.fine_width
         noise = self.policy.noise_parameters()
         apart = {id(parameter) for parameter in noise}
         groups = [{'params': [p for p in self.policy.parameters() if id(p) not in apart]}]

@@ -208,7 +208,8 @@ class Trainer:
         if curriculum.level != before.level:
             message = f'level {before.level} -> {curriculum.level}'
             self._reset_world()
-        best, numbers = None, {}
+        best: Score | None = None
+        numbers: dict[str, Any] = {}
         last = iteration == self._config.ppo.iterations
         if last or iteration % self._config.run.selection_interval == 0:
             best, numbers = self._select()
@@ -232,7 +233,7 @@ class Trainer:
         self._state = replace(self._state, steps=self._state.steps + (
             self._config.ppo.scatter_steps * self._env.spec.num_envs))
 
-    def _select(self) -> tuple[Score | None, dict[str, float]]:
+    def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
         score, steps = self._anchor.excursion(lambda: fly_selection(
             self._env, self._learner.policy, self._state.iteration, self._level,
