@@ -23,9 +23,9 @@ FILE = Path(__file__).parent / 'parameters.md'
 
 _HEAD = """# Parameters of all nodes
 
-Made by `python docs/make_parameters.py` from the declarations in the code; a test keeps it current.
-Give one with `--ros-args -p name:=value`. All are read-only after start; an unknown name, another
-kind or a value out of range ends the node with status 2 and an error that names it.
+Made by `python docs/make_parameters.py` from the code's declarations; a test keeps it current.
+Give one with `--ros-args -p name:=value`. All are read-only after start; an unknown name,
+another kind or a value out of range ends the node with status 2 and an error that names it.
 """
 
 

@@ -37,6 +37,7 @@ def make_client(
     import rclpy
     from rclpy.context import Context
     from rclpy.node import Node
+
     from rocket_sim_node.wire.client import Client
     from rocket_sim_node.wire.client import ClientOptions
     from rocket_sim_node.wire.running import make_executor

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a run looks to the person who waits for it: a live line on a terminal, plain lines in a log.
-"""
+"""How a run looks to who waits for it: a live line on a terminal, plain lines in a log."""
 from __future__ import annotations
 
 import math

@@ -41,7 +41,7 @@ def setting(
     low: float = 0.0,
     high: float = math.inf,
     choices: tuple[str, ...] = (),
-) -> Any:  # noqa: ANN401 - dataclasses.field is typed as the field's own type
+) -> Any:
     """Declare a dataclass field that is a setting with a unit, a range and a description."""
     return dataclasses.field(default=default, metadata={
         'unit': unit, 'description': description, 'low': low, 'high': high, 'choices': choices,

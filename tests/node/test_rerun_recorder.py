@@ -16,6 +16,7 @@ from processes import wait_until
 from rclpy.context import Context
 from rclpy.node import Node
 from rocket_msgs import msg
+
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.file_sink import partial_path

@@ -12,6 +12,7 @@ from processes import Process
 from processes import Processes
 from rocket_msgs import msg
 from rocket_msgs import srv
+
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client

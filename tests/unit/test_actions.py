@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.actions import checked_action
 

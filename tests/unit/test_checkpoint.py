@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import safetensors.torch
 import torch
+
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.networks import GaussianPolicy
@@ -71,8 +72,8 @@ def test_foreign_files(tmp_path: Path) -> None:
     safetensors.torch.save_file({'a': torch.zeros(2)}, path)
     with pytest.raises(ValueError, match=r"foreign\.bin: holds 'something foreign', expected"):
         sealed_file.read(path, 'checkpoint')
-    for data in (b'hello, world, this is no such file', os.urandom(300), b'\x08' + b'\0' * 7 + b'[]'
-                 b'      ', b'\x02' + b'\0' * 7 + b'{}'):
+    headers = (b'\x08' + b'\0' * 7 + b'[]      ', b'\x02' + b'\0' * 7 + b'{}')
+    for data in (b'hello, world, this is no such file', os.urandom(300), *headers):
         path.write_bytes(data)
         with pytest.raises(ValueError, match=r'foreign\.bin'):
             sealed_file.read(path, 'checkpoint')
@@ -144,10 +145,10 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         load_policy(path, spec)
     policy(path, observation_names=('height',))
-    with pytest.raises(ValueError, match=r"policy\.safetensors: observation_names.*height"):
+    with pytest.raises(ValueError, match=r'policy\.safetensors: observation_names.*height'):
         load_policy(path, spec)
     policy(path, action_names=('left', 'right', 'up'))
-    with pytest.raises(ValueError, match="action_names.*'left'"):
+    with pytest.raises(ValueError, match=r"action_names.*'left'"):
         load_policy(path, spec)
     tensors, content = _contents(path, policy(path))
     sealed_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': [8, 5]})

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.cloning import CloneEpoch
 from ppo_agent_node.learning.cloning import clone
@@ -125,7 +126,7 @@ def test_it_learns_and_keeps_its_best_epoch() -> None:
 
 
 def test_it_stops_when_it_gets_no_better_and_goes_back() -> None:
-    policy, epochs, least = run(
+    _, epochs, least = run(
         clone_epochs=40, clone_learning_rate=0.3, clone_patience=2)  # far too large a step
     assert len(epochs) < 40
     best = min(range(len(epochs)), key=lambda i: epochs[i].clone_validation_loss)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+
 from ppo_agent_node.learning.gae import advantages_and_returns
 
 GAMMA, LAMBDA = 0.9, 0.8

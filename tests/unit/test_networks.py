@@ -6,6 +6,9 @@ import math
 
 import pytest
 import torch
+from torch.distributions import Independent
+from torch.distributions import Normal
+
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.networks import GaussianPolicy
@@ -13,8 +16,6 @@ from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import make_policy
 from ppo_agent_node.learning.networks import mlp
 from rocket_sim_node import worlds
-from torch.distributions import Independent
-from torch.distributions import Normal
 
 
 def policy(seed: int = 1, hidden: tuple[int, ...] = (32, 16), **options: float) -> GaussianPolicy:

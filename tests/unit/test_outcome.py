@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rocket_sim_node.worlds import outcome
 from rocket_sim_node.worlds.base import NO_OUTCOME
 from rocket_sim_node.worlds.vehicle import TaskSettings

@@ -7,13 +7,14 @@ import math
 
 import pytest
 import torch
+from torch.optim import Adam
+
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import PPOConfig
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.networks import GaussianPolicy
 from ppo_agent_node.learning.rollout import Batch
-from torch.optim import Adam
 
 CONFIG = PPOConfig(
     n_epochs=2, batch_size=64, clip_range=0.2, target_kl=0.0, normalise_advantages=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rocket_sim_node.worlds import random_streams
 from scipy import stats
+
+from rocket_sim_node.worlds import random_streams
 
 GAMMA = 0x9E3779B97F4A7C15
 WORD = 2**64 - 1

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+
 from rocket_sim_node.recording import blueprint
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import flight_log

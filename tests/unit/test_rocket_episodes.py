@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.rocket import RocketWorld
-from scipy.spatial.transform import Rotation
 
 F64 = NDArray[np.float64]
 

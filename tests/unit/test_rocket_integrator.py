@@ -12,8 +12,9 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rocket_sim_node import worlds
 from scipy.integrate import solve_ivp
+
+from rocket_sim_node import worlds
 
 F64 = NDArray[np.float64]
 

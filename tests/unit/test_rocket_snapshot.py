@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.rocket import RocketWorld
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rocket_sim_node.worlds import rotation
 from scipy.spatial.transform import Rotation
+
+from rocket_sim_node.worlds import rotation
 
 F64 = NDArray[np.float64]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.run_folder import RunFolderError

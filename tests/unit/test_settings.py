@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 import pytest
+
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import SettingInfo

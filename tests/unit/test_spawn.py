@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
+
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import spawn
 from rocket_sim_node.worlds.vehicle import RocketSettings
 from rocket_sim_node.worlds.vehicle import TaskSettings
-from scipy import stats
 
 F64 = NDArray[np.float64]
 COUNT = 20_000
@@ -198,7 +199,8 @@ def test_zero_is_a_range_too() -> None:
     ({'spawn_height': 5.2}, "'spawn_height': got 5.2.*touchdown_height, 5.2"),
     ({'spawn_height': 400.1}, "'spawn_height': got 400.1.*height_limit, 400"),
     ({'tilt_limit': 0.0}, "'spawn_angle': got .*, expected at most 4 times tilt_limit, 0.0 deg"),
-    ({'spawn_angle': 180, 'tilt_limit': 1e-3}, "'spawn_angle': got 180.0, expected at most 4 times tilt_limit, 0.001"),
+    ({'spawn_angle': 180, 'tilt_limit': 1e-3},
+     "'spawn_angle': got 180.0, expected at most 4 times tilt_limit, 0.001"),
 ])
 def test_a_start_outside_the_field_is_refused(
     settings: dict[str, Any], message: str,

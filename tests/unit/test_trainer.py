@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
@@ -42,7 +43,8 @@ def small(**changes: Any) -> Config:
 
 
 def world(seed: int = 0) -> worlds.VectorEnv:
-    return worlds.make('rocket', num_envs=ROCKETS, seed=seed, level=7, spawn_height=30.0, time_limit=6.0)
+    return worlds.make(
+        'rocket', num_envs=ROCKETS, seed=seed, level=7, spawn_height=30.0, time_limit=6.0)
 
 
 def train(
@@ -228,7 +230,7 @@ def test_a_simulator_that_never_stays_is_given_up(tmp_path: Path) -> None:
 def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path) -> None:
     path = copy_name(tmp_path)
     shutil.copytree(straight, path)
-    with pytest.raises(ValueError, match=r'iteration_000006.*gamma of the run is 1\.0, expected 0\.9'):
+    with pytest.raises(ValueError, match=r'iteration_000006.*gamma of the run is 1\.0'):
         train(path, small(gamma=0.9), resume=True)
     with pytest.raises(ValueError, match='num_envs of the run is 8, expected 4'):
         train(path, env=worlds.make('rocket', num_envs=4), resume=True)
@@ -244,7 +246,7 @@ def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Pat
     tensors, content = sealed_file.read(newest, 'checkpoint')
     broken = {**tensors, 'critic.value.0.bias': torch.zeros(3)}
     sealed_file.write(newest, 'checkpoint', broken, content)
-    with pytest.raises(ValueError, match=r"'critic\.value\.0\.bias' is .* \(3,\), expected .*\(16,\)"):
+    with pytest.raises(ValueError, match=r"'critic\.value\.0\.bias' is .*\(3,\), expected .*16"):
         train(path, resume=True)
     for text, damage in (('its content is not', {'iteration': 'six'}), ('snapshot', {})):
         broken = {**tensors, 'world': tensors['world'][:50]}

@@ -30,7 +30,7 @@ def touchdowns(result: EvaluationResult) -> NDArray[np.bool_]:
     return ~result.named(*IN_FLIGHT)
 
 
-def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:  # noqa: ANN401 - JSON
+def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
     """Return the figures of an evaluation, ready for JSON: null where there is no value.
 
     - `landing_rate` with `landing_rate_interval`, Wilson, 95 %;

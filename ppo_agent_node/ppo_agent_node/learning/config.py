@@ -53,8 +53,8 @@ class DemonstrationConfig:
     teacher_flare_speed: float = setting(
         0.1, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
     teacher_speed_settling: float = setting(
-        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn left",
-        0.0, 10.0)
+        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn "
+        'left', 0.0, 10.0)
     teacher_attitude_rate: float = setting(
         24.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
 

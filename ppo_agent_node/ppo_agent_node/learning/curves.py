@@ -93,7 +93,8 @@ def diagnostics_figure(lines: Lines) -> Figure:
     iteration = _column(lines, 'iteration')
     panels = (
         ('policy_loss', 'policy loss', ''), ('value_loss', 'value loss', 'log'),
-        ('explained_variance', 'explained variance', ''), ('approx_kl', 'approximate KL, nats', ''),
+        ('explained_variance', 'explained variance', ''),
+        ('approx_kl', 'approximate KL, nats', ''),
         ('clipfrac', 'clipped, part of the samples', ''), ('entropy', 'entropy, nats', ''),
         ('log_std', 'log standard deviation, mean', ''), ('learning_rate', 'learning rate', ''),
     )

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The journal of a run: each iteration becomes a line of `train.jsonl` and a Status to whoever
-listens.
-"""
+"""The journal of a run: each iteration becomes a line of `train.jsonl` and a Status."""
 from __future__ import annotations
 
 import time
@@ -41,7 +39,7 @@ class Journal:
         self._stage, self._iterations, self._first = stage, iterations, done
         self._stage_began = self._last = time.monotonic()
 
-    def entry(self, iteration: int, steps: int, message: str = '', **numbers: Any) -> None:  # noqa: ANN401 - as JSON
+    def entry(self, iteration: int, steps: int, message: str = '', **numbers: Any) -> None:
         """Write down an iteration of the stage.
 
         :param steps: rocket steps taken by the run so far.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What learns: policy, critic and their optimisers, as one thing that can be saved and put back."""
+"""What learns: policy, critic and their optimisers, saved and put back as one."""
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -82,7 +82,7 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
 
 
-def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:  # noqa: ANN401 - from JSON
+def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     try:
         pairs = [
             (name, found[name], expected[name]) for name in ('world', 'num_envs')

@@ -154,7 +154,7 @@ class Trainer:
         config, rockets = self._config.demonstration, self._env.spec.num_envs
         waves = -(-config.demonstration_episodes // rockets)
         expert = self._expert
-        assert expert is not None  # noqa: S101 - the constructor saw to it
+        assert expert is not None
         self._journal.begin('demonstrate', waves)
         parts = []
         for wave in range(waves):
@@ -245,7 +245,7 @@ class Trainer:
         return score if better else None, {
             'selection_return': score.mean_return, 'selection_landing_rate': score.landing_rate}
 
-    def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:  # noqa: ANN401 - JSON
+    def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:
         """Write the log's line, and the files that are due."""
         state, config = self._state, self._config
         due = best or state.iteration in (0, config.ppo.iterations) or (

@@ -11,8 +11,8 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.base import Pilot

@@ -117,7 +117,7 @@ class Client:
         :raises WireTimeout: when none shows up.
         """
         self._waiter.wait(lambda: self._world is not None, 'a simulator on `world`')
-        
+
         assert self._world is not None
         return self._adopt_spec(self._world)
 
