@@ -94,9 +94,9 @@ def diagnostics_figure(lines: Lines) -> Figure:
     panels = (
         ('policy_loss', 'policy loss', ''), ('value_loss', 'value loss', 'log'),
         ('explained_variance', 'explained variance', ''),
-        ('approx_kl', 'approximate KL, nats', ''),
-        ('clipfrac', 'clipped, part of the samples', ''), ('entropy', 'entropy, nats', ''),
-        ('log_std', 'log standard deviation, mean', ''), ('learning_rate', 'learning rate', ''),
+        ('approx_kl', 'approx. KL, nats', ''),
+        ('clipfrac', 'clip fraction', ''), ('entropy', 'entropy, nats', ''),
+        ('log_std', 'log standard deviation', ''), ('learning_rate', 'learning rate', ''),
     )
     grid = figure.subplots(4, 2, sharex=True)
     for axes, (name, label, scale) in zip(grid.flat, panels, strict=True):
