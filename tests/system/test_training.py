@@ -68,7 +68,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from ppo_agent_node.learning.config import load_preset
     from ppo_agent_node.learning.run_folder import RunFolder
     from ppo_agent_node.learning.trainer import Trainer
-    from ppo_agent_node.pilots.expert import ExpertPilot
     from rocket_sim_node.worlds import make
 
     run = tmp_path_factory.mktemp('undisturbed') / 'run'
@@ -76,7 +75,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     config = load_preset('default', **{
         **SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes']))})
     threads = torch.get_num_threads()
-    result = Trainer(world, config, RunFolder(run), expert=ExpertPilot(world.spec)).run()
+    result = Trainer(world, config, RunFolder(run)).run()
     torch.set_num_threads(threads)
     assert result.finished
     return run
@@ -200,3 +199,36 @@ def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> No
     refused = second if not second.running else first
     assert refused.wait(1.0) == 2, processes.logs()
     assert 'flies this simulator' in refused.output()
+
+
+def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> None:
+    simulator(processes)
+    run = tmp_path / 'run'
+    first = agent(processes, run, iterations=2000)
+    first.wait_for('PPO 1/', 90.0)
+    second = agent(processes, run, iterations=2000, resume=True)
+    assert second.wait(30.0) == 2, processes.logs()
+    assert 'another process trains here' in second.output()
+    assert first.running
+    assert agent(processes, run).wait(30.0) == 2, processes.logs()
+
+
+def test_full_disk_is_told_and_the_last_checkpoint_is_whole(
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
+    run = tmp_path / 'run'
+    simulator(processes)
+    trainer = agent(processes, run)
+    trainer.wait_for('PPO 1/', 90.0)
+    trainer.signal(signal.SIGINT)
+    assert trainer.wait(10.0) == 0, processes.logs()
+    # A limit on the size of files: writing fails half-way, as on a full disk.
+    limited = processes.start(
+        'bash', '-c', 'ulimit -f 8; exec "$@"', 'bash', 'ros2', 'run', 'ppo_agent_node',
+        'ppo_agent', '--ros-args', '-p', f'run_dir:={run}', '-p', 'resume:=true')
+    assert limited.wait(30.0) == 2, processes.logs()
+    assert str(run / 'checkpoints') in limited.output()
+    assert 'Traceback' not in limited.output()
+    assert not list(run.rglob('*.tmp*'))
+    resumed = agent(processes, run, resume=True)
+    assert resumed.wait(120.0) == 0, processes.logs()
+    assert_same_run(run, undisturbed)

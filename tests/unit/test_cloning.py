@@ -19,6 +19,7 @@ from ppo_agent_node.learning.config import DemonstrationConfig
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import spawn_settings
+from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.networks import GaussianPolicy
 from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node import worlds
@@ -148,3 +149,27 @@ def test_nothing_landed() -> None:
     one = Demonstrations(torch.zeros(2, 15), torch.zeros(2, 3), torch.tensor([0, 0]))
     joined = Demonstrations.join([one, none, one])
     assert joined.episode.tolist() == [0, 0, 1, 1]
+
+
+def test_the_teacher_is_the_expert_with_gains_from_the_settings() -> None:
+    gains = DemonstrationConfig(teacher_flare_speed=0.3).teacher_gains()
+    assert gains['flare_speed'] == 0.3
+    settings = ExpertPilot(worlds.make('rocket').spec, **gains).settings
+    assert settings.flare_speed == 0.3
+    assert set(gains) <= set(dataclasses.asdict(settings))
+
+
+def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:
+    world = worlds.make('rocket', num_envs=64, seed=1, level=7)
+    expert = ExpertPilot(world.spec)
+    rng = np.random.default_rng(1)
+    last = scatter(world, world.reset(3), expert, 400, rng, nothing)
+    height = last[:, 1] * 50
+    assert np.histogram(height, bins=4, range=(0, 200))[0].min() >= 5
+    synchronous = worlds.make('rocket', num_envs=64, seed=1, level=7)
+    observation = synchronous.reset(3)
+    for _ in range(400):
+        observation = synchronous.step(expert(observation))[0]
+    assert np.ptp(observation[:, 1]) * 50 < 60
+    unmoved = world.reset(3)
+    assert (scatter(world, unmoved, expert, 0, rng, nothing) == unmoved).all()

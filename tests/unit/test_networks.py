@@ -115,3 +115,15 @@ def test_discrete_worlds_are_refused_by_name() -> None:
     spec = dataclasses.replace(worlds.make('rocket').spec, continuous=False, name='grid')
     with pytest.raises(ValueError, match="'grid' has discrete actions"):
         make_policy(spec, (8,), torch.Generator())
+
+
+def test_entries_with_a_width_are_seen_logarithmically() -> None:
+    normaliser = Normaliser(2)
+    normaliser.width[0] = 0.01
+    seen = normaliser(torch.tensor([[1e-5, 3.0], [1.0, 3.0], [10.0, -3.0]]))
+    assert float(seen[0, 0]) == pytest.approx(1e-3, rel=1e-4)  # linear near zero
+    assert float(seen[2, 0] - seen[1, 0]) == pytest.approx(math.log(10), rel=1e-3)
+    assert seen[:, 1].tolist() == [3.0, 3.0, -3.0]
+    copied = Normaliser(2)
+    copied.copy_from(normaliser)
+    assert torch.equal(copied.width, normaliser.width)

@@ -91,9 +91,9 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
-    log_std_init: float = setting(-2.4, '', 'log standard deviation to begin with', -20.0, 2.0)
+    log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -20.0, 2.0)
     log_std_final: float = setting(
-        -3.5, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
+        -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
         'log_std_init or more: no bound', -20.0, 20.0)
     log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -20.0, 2.0)
 
@@ -102,7 +102,7 @@ class NetworkConfig:
 class PPOConfig:
     """Proximal policy optimisation."""
 
-    iterations: int = setting(50, '', 'roll-outs, each followed by an update', 0, 1_000_000)
+    iterations: int = setting(70, '', 'roll-outs, each followed by an update', 0, 1_000_000)
     n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
     scatter_steps: int = setting(
         512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
@@ -110,12 +110,12 @@ class PPOConfig:
     n_epochs: int = setting(2, '', 'passes over a roll-out', 1, 1000)
     batch_size: int = setting(4096, '', 'samples in a minibatch', 1, 10_000_000)
     clip_range: float = setting(0.1, '', 'clip of the probability ratio, epsilon', 1e-6, 10.0)
-    gamma: float = setting(1.0, '', 'discount per step', 0.0, 1.0)
-    gae_lambda: float = setting(0.997, '', 'lambda of generalised advantages', 0.0, 1.0)
+    gamma: float = setting(0.9999, '', 'discount per step', 0.0, 1.0)
+    gae_lambda: float = setting(0.99, '', 'lambda of generalised advantages', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
     max_grad_norm: float = setting(
         0.5, '', 'gradients of each network are clipped to it', 1e-9, 1e9)
-    actor_learning_rate: float = setting(1e-4, '', 'of Adam, at the first iteration', 0.0, 1.0)
+    actor_learning_rate: float = setting(3e-5, '', 'of Adam, at the first iteration', 0.0, 1.0)
     critic_learning_rate: float = setting(1e-3, '', 'of Adam, at the first iteration', 0.0, 1.0)
     log_std_learning_rate: float = setting(
         1e-3, '', 'of Adam for the log standard deviation, at the first iteration', 0.0, 1.0)
@@ -126,7 +126,7 @@ class PPOConfig:
     normalise_advantages: bool = setting(
         True, '', 'advantages of a minibatch get mean 0 and standard deviation 1')
     critic_warmup_iterations: int = setting(
-        8, '', 'first iterations that train the critic only', 0, 1_000_000)
+        12, '', 'first iterations that train the critic only', 0, 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ class RunConfig:
     checkpoint_interval: int = setting(
         5, 'iterations', 'a checkpoint is written this often, and at a stop', 1, 1_000_000)
     selection_interval: int = setting(
-        10, 'iterations', 'the policy is flown without noise this often, to keep the best',
+        5, 'iterations', 'the policy is flown without noise this often, to keep the best',
         1, 1_000_000)
     selection_episodes: int = setting(
         512, '', 'episodes of such a flight, at least one per rocket', 1, 1_000_000)

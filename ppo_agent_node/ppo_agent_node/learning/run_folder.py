@@ -2,10 +2,13 @@
 """The folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import re
 from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +55,19 @@ class RunFolder:
             probe.unlink()
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes out; the system lets go when this one dies, however.
+
+        :raises RunFolderError: when another process trains here.
+        """
+        with (self.path / '.lock').open('w') as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RunFolderError(f'{self.path}: another process trains here') from error
+            yield
 
     @property
     def name(self) -> str:

@@ -101,8 +101,13 @@ class Trainer:
         """Train until done or asked to stop; from where the folder's run ended, if it has one.
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
-        :raises OSError: when the folder cannot be written; the last checkpoint is whole.
+        :raises OSError: when the folder cannot be written or another process trains there; the
+            last checkpoint is whole.
         """
+        with self._folder.locked():
+            return self._run()
+
+    def _run(self) -> Result:
         finished = False
         saved = self._folder.newest(self._journal.message)
         try:

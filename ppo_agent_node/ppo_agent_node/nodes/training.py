@@ -22,7 +22,6 @@ from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import agent_of_run
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.evaluating import fly_and_write
-from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
@@ -61,11 +60,10 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             publisher.publish(TrainingStatus(**asdict(status)))
 
         terminal.say(f'run {folder.path}')
-        spec = client.connect()
-        expert = ExpertPilot(spec) if config.demonstration.demonstration_episodes else None
+        client.connect()
         try:
             result = Trainer(
-                client, config, folder, report, expert, stopping.requested).run()
+                client, config, folder, report, stop_requested=stopping.requested).run()
             if result.finished:
                 _evaluate(client, config, folder, report, terminal)
                 return 0

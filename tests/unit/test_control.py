@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One agent at a time: the lease, on a clock that the test sets."""
+from __future__ import annotations
+
+from rocket_sim_node.wire.control import NOBODY
+from rocket_sim_node.wire.control import ControlLease
+
+
+class Clock:
+    """A clock that stands still until told."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_one_agent_until_it_is_silent_for_as_long_as_the_lease() -> None:
+    clock = Clock()
+    lease = ControlLease(10.0, clock)
+    assert lease.owner == NOBODY
+    assert not lease.refusal(1)
+    lease.take(1)
+    clock.now = 9.5
+    assert not lease.refusal(1)
+    assert 'agent: 0000000000000002' in lease.refusal(2)
+    assert 'heard 9.5 s ago' in lease.refusal(2)
+    lease.heard()
+    clock.now = 19.25
+    assert lease.refusal(2)
+    clock.now = 19.5
+    assert not lease.refusal(2)
+
+
+def test_who_lets_go_is_replaced_at_once_and_only_the_owner_can() -> None:
+    lease = ControlLease(10.0, Clock())
+    lease.take(1)
+    assert not lease.release(2)
+    assert lease.refusal(2)
+    assert lease.release(1)
+    assert not lease.refusal(2)

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to arrays and back, and the two frames."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rocket_msgs.msg import Action
+from rocket_msgs.msg import Observation
+from rocket_msgs.msg import Setting
+from scipy.spatial.transform import Rotation
+
+from rocket_sim_node import worlds
+from rocket_sim_node.wire import frames
+from rocket_sim_node.wire import messages
+
+
+def test_a_shared_view_fills_the_message_again_and_again() -> None:
+    message = Observation()
+    view = messages.shared_view(message, 'data', 4, 'f4')
+    for value in (1.5, -2.0):
+        view[:] = value
+        assert list(message.data) == [value] * 4
+
+
+def test_a_world_survives_the_way_there_and_back() -> None:
+    spec = worlds.make('rocket', num_envs=3, level=2, dt=0.01).spec
+    assert messages.world_from_message(messages.world_to_message(spec, 1, 0, 0)) == spec
+
+
+def test_episodes_survive_the_way_there_and_back() -> None:
+    world = worlds.make('rocket', num_envs=64, seed=1)
+    for _ in range(400):
+        episodes = world.step(np.tile([-1.0, 0.0, 0.0], (64, 1)))[4]['episodes']
+        if len(episodes):
+            break
+    back = messages.episodes_from_message(messages.episodes_to_message(episodes, 1, 2))
+    for name in episodes.__dataclass_fields__:
+        ours, theirs = getattr(episodes, name), getattr(back, name)
+        assert ours.dtype == theirs.dtype
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_actions_of_the_wrong_kind_or_number_are_named() -> None:
+    spec = worlds.make('rocket', num_envs=2).spec
+    message = Action(continuous=[0.0] * 5)
+    with pytest.raises(ValueError, match=r'continuous: 5 values, expected 6 \(2 rockets x 3\)'):
+        messages.action_from_message(message, spec)
+    with pytest.raises(ValueError, match='discrete: 2 values, expected none'):
+        messages.action_from_message(Action(discrete=[1, 2]), spec)
+    good = messages.action_from_message(Action(continuous=[0.0, 1.0, 2.0] * 2), spec)
+    np.testing.assert_array_equal(good, [[0, 1, 2]] * 2)
+
+
+def test_a_setting_given_twice_is_refused() -> None:
+    twice = [Setting(name='level', value=1.0), Setting(name='level', value=2.0)]
+    with pytest.raises(ValueError, match='twice'):
+        messages.settings_from_message(twice)
+
+
+def test_up_becomes_z_and_the_frames_stay_right_handed() -> None:
+    axes = np.eye(3)
+    x, y, z = frames.vector_to_ros(axes)
+    np.testing.assert_array_equal(y, [0, 0, 1])
+    np.testing.assert_array_equal(np.cross(x, y), z)
+    np.testing.assert_array_equal(frames.vector_from_ros(frames.vector_to_ros(axes)), axes)
+
+
+def test_the_nose_points_the_same_way_in_both_frames() -> None:
+    """Rotating the body's axis in one frame and converting is converting and rotating."""
+    random = np.random.default_rng(1)
+    quaternion = Rotation.random(50, rng=random).as_quat()
+    ours = Rotation.from_quat(quaternion).apply([0.0, 1.0, 0.0])
+    theirs = Rotation.from_quat(frames.quaternion_to_ros(quaternion)).apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(frames.vector_to_ros(ours), theirs, atol=1e-12)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which policy flies when nobody says."""
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ppo_agent_node.pilots.search import find_policy
+
+
+def run(runs: Path, name: str, world: str, time: int) -> Path:
+    """Make what a run leaves."""
+    folder = runs / name
+    folder.mkdir(parents=True)
+    (folder / 'config.yaml').write_text(f'world: {world}\n')
+    policy = folder / 'policy.safetensors'
+    policy.write_bytes(b'')
+    os.utime(policy, (time, time))
+    return policy
+
+
+def test_the_newest_of_the_right_world(tmp_path: Path) -> None:
+    run(tmp_path, 'a', 'rocket', 100)
+    newest = run(tmp_path, 'b', 'rocket', 300)
+    run(tmp_path, 'c', 'rocket', 200)
+    run(tmp_path, 'd', 'lunar_lander', 400)
+    (tmp_path / 'd' / 'config.yaml').write_text('::: [')
+    assert find_policy('', 'rocket', tmp_path) == newest
+
+
+def test_else_the_one_that_ships(tmp_path: Path) -> None:
+    shipped = find_policy('', 'rocket', tmp_path)
+    assert shipped.name == 'rocket.safetensors'
+    assert shipped.stat().st_size < 1 << 20
+
+
+def test_a_named_file_has_to_exist(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match='policy: no file /nowhere'):
+        find_policy('/nowhere', 'rocket', tmp_path)
+    with pytest.raises(FileNotFoundError, match="'mars', and none ships"):
+        find_policy('', 'mars', tmp_path)
