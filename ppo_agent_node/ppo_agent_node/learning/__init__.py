@@ -1,1 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Learning to land: demonstrations, cloning, PPO, checkpoints. PyTorch and NumPy only."""
+import os
+
+# Threads of the tensor library that wait must sleep. By default (libgomp's) they spin, and with
+# as many threads as cores and a simulator beside them the whole line runs 4 to 80 times slower.
+# It is read once, when torch is first imported, which the modules of this package do.
+os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
