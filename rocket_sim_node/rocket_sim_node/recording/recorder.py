@@ -123,7 +123,8 @@ class Recorder:
         place = Place(self._next_step, self._iterations.add(training))
         if not self._pending:
             self._pending_since = self._clock()
-        self._pending.append((place, training))
+        if training.learning:
+            self._pending.append((place, training))
         dt = self._dt
         if first:
             stage = self._stage or Stage('', dt, ())

@@ -81,7 +81,9 @@ class IterationCounter:
         self.count = 0
 
     def add(self, training: Training) -> int:
-        """Return the iteration's number in the run."""
+        """Return the iteration's number in the run; an evaluation counts episodes, not these."""
+        if not training.learning:
+            return self.count
         if training.stage != self._stage:
             self._stage, self._before = training.stage, self.count
         self.count = self._before + training.iteration
