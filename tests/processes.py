@@ -89,17 +89,26 @@ def wait_until(
         time.sleep(0.02)
 
 
+def in_use(domain: int) -> bool:
+    """Return whether a UDP port of a ROS domain is bound on this machine (RTPS 2.2, 9.6.1.1)."""
+    first = 7400 + 250 * domain
+    lines = Path('/proc/net/udp').read_text().splitlines()[1:]
+    return any(first <= int(line.split()[1].split(':')[1], 16) < first + 250 for line in lines)
+
+
 class Processes:
     """All processes of one test, in a ROS domain of their own."""
 
     _domains = 0
 
     def __init__(self, folder: Path) -> None:
-        """Choose a domain that no other test of this session had lately."""
-        number = (os.getpid() + Processes._domains) % _DOMAINS
-        Processes._domains += 1
+        """Choose a domain that no other test of this session had lately, nor anybody else has."""
         self.folder = folder
-        self.domain = _FIRST_DOMAIN + number
+        for _ in range(_DOMAINS):
+            self.domain = _FIRST_DOMAIN + (os.getpid() + Processes._domains) % _DOMAINS
+            Processes._domains += 1
+            if not in_use(self.domain):
+                break
         self._started: list[Process] = []
 
     @property

@@ -114,6 +114,8 @@ class Silence:
             f'waited {now - self._start:.0f} s for {self._what} from the simulator of {topic}; '
             'is it running, with the same ROS_DOMAIN_ID and namespace?'
         )
+        if (simulators := self._node.count_publishers(topic)) > 1:
+            text += f' {simulators} publish there: give each simulator a namespace of its own'
         if now >= self._end:
             raise WireTimeout(text)
         self._node.get_logger().warning(text)
