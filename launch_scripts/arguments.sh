@@ -45,6 +45,14 @@ absolute() {
   if [[ -n ${values[$1]:-} && ${values[$1]} != /* ]]; then values[$1]=$PWD/${values[$1]}; fi
 }
 
+# own_namespace NAME: keeps the nodes apart from those of a training that runs meanwhile.
+own_namespace() {
+  if [[ -z ${values[namespace]+given} ]]; then
+    values[namespace]=/$1_$$
+    known+=(namespace)
+  fi
+}
+
 # refuse_others FILE: ends with an error when there are arguments that the launch file lacks.
 refuse_others() {
   ((${#others[@]} == 0)) ||

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 _FIRST_DOMAIN = 20
@@ -41,7 +42,7 @@ class Process:
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to the whole group."""
-        if self.running:
+        with suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
     def wait(self, seconds: float) -> int:

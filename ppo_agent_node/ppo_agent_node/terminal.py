@@ -15,14 +15,14 @@ from ppo_agent_node.learning.status import Status
 
 _STAGES = {
     'demonstrate': 'expert flies', 'clone': 'cloning', 'finetune': 'PPO', 'evaluate': 'evaluating',
-    'fly': 'flying', 'done': 'done',
+    'done': 'done',
 }
 
 
 def describe(status: Status) -> str:
     """Return the figures of a report as a person reads them; what is not known is left out."""
     parts = []
-    if status.level and status.stage in ('finetune', 'evaluate', 'fly'):
+    if status.level and status.stage in ('finetune', 'evaluate'):
         parts.append(f'level {status.level}')
     if math.isfinite(status.landing_rate):
         parts.append(f'landed {status.landing_rate:.1%}')

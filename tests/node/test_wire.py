@@ -234,6 +234,46 @@ def test_silent_agent_loses_control(processes: Processes, make_client: MakeClien
         first.step(actions(1)[0])
 
 
+def test_computing_agent_keeps_control(
+        processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('rocket_sim_node.wire.client._KEEP_PERIOD', 0.2)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=1.0)
+    first, second = make_client(), make_client(patience=2.5)
+    first.reset(1)
+    first.step(actions(1)[0])
+    refused: list[Exception] = []
+
+    def take_over() -> None:
+        try:
+            second.reset(2)
+        except SimulatorBusy as error:
+            refused.append(error)
+
+    rival = threading.Thread(target=take_over)
+    rival.start()
+    while rival.is_alive():
+        first.keep()
+        rival.join(0.05)
+    assert refused
+    world = make('rocket', num_envs=N)
+    world.reset(1)
+    world.step(actions(1)[0])
+    assert_same(first.step(actions(1, 3)[0]), world.step(actions(1, 3)[0]))
+
+
+def test_simulator_that_comes_back_as_another_world_is_named(
+        simulator: Process, processes: Processes, make_client: MakeClient) -> None:
+    client = make_client(patience=30.0)
+    client.reset(9)
+    simulator.signal(signal.SIGKILL)
+    simulator.wait(5.0)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, max_thrust=500000.0)
+    with pytest.raises(EnvironmentRestarted):
+        client.step(actions(1)[0])
+    with pytest.raises(ValueError, match=r'max_thrust is 500000\.0, expected 470880\.0'):
+        client.reset(9)
+
+
 def test_restarted_simulator_is_noticed_and_restored(
         simulator: Process, processes: Processes, make_client: MakeClient) -> None:
     client = make_client(patience=30.0)
@@ -307,9 +347,12 @@ def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeCli
     client.connect()
     node = client._node
     reset = node.create_client(srv.Reset, 'reset')
-    response = client._waiter.call(reset, srv.Reset.Request(seed=3))
+    response = client._waiter.call(reset, srv.Reset.Request(seed=3, agent=1))
     assert response.code == response.OK
     assert len(response.observation) == N * 15
+    nobody = client._waiter.call(reset, srv.Reset.Request(seed=3))
+    assert nobody.code in (nobody.BUSY, nobody.INVALID)
+    assert 'agent' in nobody.message
 
 
 def test_state_tells_last_and_first_samples_of_episodes(

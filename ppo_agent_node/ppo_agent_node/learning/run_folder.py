@@ -42,7 +42,6 @@ class RunFolder:
         self.checkpoints = self.path / 'checkpoints'
         self.best = self.checkpoints / 'best.safetensors'
         self.policy = self.path / 'policy.safetensors'
-        self.evaluation = self.path / 'evaluation.json'
         self.plots = self.path / 'plots'
         if not resume and (self.config.exists() or self.log.exists()):
             raise RunFolderError(
@@ -94,7 +93,7 @@ class RunFolder:
             values = yaml.safe_load(self.config.read_text('utf-8'))
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ValueError(f'{self.config}: damaged: {error}') from error
-        if not isinstance(values, dict):
+        if not isinstance(values, dict) or not isinstance(values.get('training'), dict):
             raise ValueError(f'{self.config}: damaged, expected names and values')
         return values
 

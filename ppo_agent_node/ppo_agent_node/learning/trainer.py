@@ -101,13 +101,8 @@ class Trainer:
         """Train until done or asked to stop; from where the folder's run ended, if it has one.
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
-        :raises OSError: when the folder cannot be written or another process trains there; the
-            last checkpoint is whole.
+        :raises OSError: when the folder cannot be written; the last checkpoint is whole.
         """
-        with self._folder.locked():
-            return self._run()
-
-    def _run(self) -> Result:
         finished = False
         saved = self._folder.newest(self._journal.message)
         try:
@@ -121,7 +116,10 @@ class Trainer:
             self._finetune()
             finished = True
         except EnvironmentClosed:
-            self._journal.message('stopped; a resumed run goes on from here')
+            begun = any(self._folder.checkpoints.iterdir())
+            self._journal.message(
+                'stopped; a resumed run goes on from here' if begun else
+                'stopped before the first checkpoint; a resumed run begins anew')
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
 
     def _poll(self) -> None:

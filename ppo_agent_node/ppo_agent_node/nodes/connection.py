@@ -16,8 +16,10 @@ from rocket_sim_node.wire.client import ClientOptions
 from rocket_sim_node.wire.client import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentRestarted
 
-EXPECTED_ERRORS = (ParameterError, WireTimeout, SimulatorBusy, ValueError, OSError)
+EXPECTED_ERRORS = (
+    ParameterError, WireTimeout, SimulatorBusy, EnvironmentRestarted, ValueError, OSError)
 """What can go wrong from outside: told in one line that names it, without a traceback."""
 
 
@@ -37,6 +39,15 @@ def make_client(
     """Return a client of the simulator in the node's namespace."""
     return Client(
         node, executor, ClientOptions(parameters.resend_after, parameters.patience), agent)
+
+
+def require_lockstep(client: Client) -> None:
+    """Check that no step can be missed.
+
+    :raises ValueError: when the simulator goes by the clock.
+    """
+    if client.realtime:
+        raise ValueError('simulator: mode is realtime, expected lockstep')
 
 
 def agent_of_run(run: Path) -> int:

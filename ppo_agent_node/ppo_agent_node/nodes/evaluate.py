@@ -14,6 +14,7 @@ from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.expert import ExpertPilot
@@ -52,6 +53,7 @@ def evaluation(node: Node, executor: Executor) -> None:
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
         pilot, facts = _pilot(options, client.connect())
+        require_lockstep(client)
         summary = fly_and_write(
             client, pilot, options.episodes, options.seed, options.level, output, terminal.show,
             **facts)

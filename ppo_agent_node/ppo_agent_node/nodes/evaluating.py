@@ -18,6 +18,8 @@ from rocket_sim_node.worlds import VectorEnv
 
 _REPORTS = 20
 """reports of progress, at most"""
+_ATTEMPTS = 20
+"""restarts of the simulator that an evaluation bears"""
 
 
 def fly_and_write(
@@ -42,11 +44,13 @@ def fly_and_write(
                 run=run, stage='evaluate', iteration=done, iterations=total, level=level,
                 elapsed=elapsed, remaining=elapsed / done * (total - done)))
 
-    while True:
+    for attempt in range(1, _ATTEMPTS + 1):
         try:
             result = evaluate(env, pilot, episodes, seed, progress, **level_setting(level))
             break
         except EnvironmentRestarted as error:
+            if attempt == _ATTEMPTS:
+                raise
             told = 0
             report(Status(run=run, stage='evaluate', level=level, message=f'{error}: anew'))
     summary = metrics.summarise(result, **extra)

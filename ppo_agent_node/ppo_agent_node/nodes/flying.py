@@ -19,21 +19,23 @@ _REPORT_PERIOD = 5.0
 def fly(
     node: Node, client: Client, pilot: Pilot, seed: int, episodes: int, **settings: float,
 ) -> Episodes:
-    """Fly until `episodes` have ended (0: for ever), or ROS shuts down; return them.
+    """Fly until `episodes` have ended (0: for ever), or this process is asked to end; return them.
 
     A simulator that comes back is reset and flown on.
     """
     finished: list[Episodes] = []
     count = 0
     outcomes = client.spec.outcomes
-    observation = client.reset(seed, **settings)
+    observation = None
     report = time.monotonic() + _REPORT_PERIOD
     while not episodes or count < episodes:
         try:
+            if observation is None:
+                observation = client.reset(seed, **settings)
             observation, _, _, _, info = client.step(pilot(observation))
         except EnvironmentRestarted as error:
             node.get_logger().warning(f'{error}: starting anew')
-            observation = client.reset(seed, **settings)
+            observation = None
             continue
         except EnvironmentClosed:
             break

@@ -2,6 +2,7 @@
 """A training run as a node: settings from parameters, reports to the terminal and `training`."""
 from __future__ import annotations
 
+import time
 from dataclasses import asdict
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import agent_of_run
 from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
@@ -28,8 +30,10 @@ from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
 
 
@@ -37,7 +41,7 @@ from rocket_sim_node.worlds import EnvironmentClosed
 class TrainingParameters:
     """Parameters of mode `train`, beside the settings of the run."""
 
-    run_dir: str = setting('', '', 'folder of the run; empty: runs/<world>, numbered')
+    run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001, or the next number')
     resume: bool = setting(False, '', 'go on with the run in run_dir')
     preset: str = setting(
         'default', '', 'where the settings of the run begin',
@@ -52,26 +56,39 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     config = _config(parameters, options, folder)
     parameters.finish()
     publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
-    with make_client(
-            node, executor, connection, agent_of_run(folder.path)) as client, (
-            Terminal()) as terminal:
+    with (
+        folder.locked(), Terminal() as terminal,
+        make_client(node, executor, connection, agent_of_run(folder.path)) as client,
+    ):
         def report(status: Status) -> None:
             terminal.show(status)
             publisher.publish(TrainingStatus(**asdict(status)))
 
+        def stop_requested() -> bool:
+            client.keep()
+            return stopping.requested()
+
         terminal.say(f'run {folder.path}')
-        client.connect()
         try:
+            client.connect()
+            require_lockstep(client)
             result = Trainer(
-                client, config, folder, report, stop_requested=stopping.requested).run()
+                client, config, folder, report, stop_requested=stop_requested).run()
             if result.finished:
                 _evaluate(client, config, folder, report, terminal)
                 return 0
         except EnvironmentClosed:
             pass
-        terminal.say(
-            f'stopped; go on with: ./launch_scripts/train run_dir:={folder.path} resume:=true')
+        except (WireTimeout, SimulatorBusy):
+            terminal.say(_advice(folder))
+            raise
+        terminal.say(_advice(folder))
     return 0
+
+
+def _advice(folder: RunFolder) -> str:
+    """Return how to resume."""
+    return f'stopped; go on with: ./launch_scripts/train run_dir:={folder.path} resume:=true'
 
 
 def _run_path(options: TrainingParameters) -> Path:
@@ -99,6 +116,7 @@ def _evaluate(
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
+    start = time.monotonic()
     summary = fly_and_write(
         client, PolicyPilot(folder.policy, client.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, report, folder.name,
@@ -106,5 +124,6 @@ def _evaluate(
     curves.draw(folder.log, folder.plots)
     terminal.say(metrics.table(summary))
     report(Status(
-        run=folder.name, stage='done', level=level, landing_rate=summary['landing_rate'],
+        run=folder.name, stage='done', elapsed=time.monotonic() - start, level=level,
+        landing_rate=summary['landing_rate'],
         mean_return=summary['mean_return'], message=f'everything is in {folder.path}'))

@@ -74,9 +74,13 @@ class RecorderNode:
 
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
-        self._recorder.world(Stage.build(
-            message.world, message.dt, tuple(message.outcomes),
-            messages.settings_from_message(message.settings)))
+        try:
+            self._recorder.world(Stage.build(
+                message.world, message.dt, tuple(message.outcomes),
+                messages.settings_from_message(message.settings)))
+        except (ValueError, KeyError) as error:
+            self._node.get_logger().warning(
+                f'world left out: {error}', throttle_duration_sec=1.0)
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from dataclasses import asdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +31,10 @@ _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
 _RELEASE_TIMEOUT = 1.0
 """s that a farewell may take"""
+_DESCRIPTION_TIMEOUT = 5.0
+"""s from the answer of a reset to the description of its session"""
+_KEEP_PERIOD = 2.0
+"""s of silence after which `keep` speaks"""
 
 
 class SimulatorBusy(RuntimeError):
@@ -79,6 +84,7 @@ class Client:
         self._message = msg.Action(agent=self._agent)
         self._view: NDArray[Any] = np.zeros(0)
         self.resent = 0
+        self._spoke = 0.0
         self._publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
         self._subscriptions = [
             node.create_subscription(msg.World, 'world', self._on_world, qos.WORLD),
@@ -116,8 +122,7 @@ class Client:
 
         :raises WireTimeout: when none shows up.
         """
-        self._waiter.wait(lambda: self._world is not None, 'a simulator on `world`')
-
+        self._waiter.wait(lambda: self._world is not None, 'a description')
         assert self._world is not None
         return self._adopt_spec(self._world)
 
@@ -174,6 +179,21 @@ class Client:
         request.state = messages.to_sequence(np.frombuffer(state, np.uint8), 'u1')
         return self._begin_session(self._call('restore', request))
 
+    @property
+    def realtime(self) -> bool:
+        """Whether the simulator goes by the clock; known once connected."""
+        return self._world is not None and self._world.mode == msg.World.REALTIME
+
+    def keep(self) -> None:
+        """Remind the simulator of its agent while that one computes; call it often.
+
+        The last action sent again changes nothing and is heard.
+        """
+        now = time.monotonic()
+        if self._step > 0 and now - self._spoke > _KEEP_PERIOD:
+            self._spoke = now
+            self._publisher.publish(self._message)
+
     def close(self) -> None:
         """Let go of the simulator, so that another agent need not wait."""
         client = self._clients['release']
@@ -189,6 +209,9 @@ class Client:
         spec = messages.world_from_message(world)
         if spec == self._spec:
             return spec
+        if self._spec is not None:
+            raise ValueError(
+                f'simulator came back as another world: {_difference(self._spec, spec)}')
         self._spec = spec
         field, kind = ('continuous', 'f4') if spec.continuous else ('discrete', 'i4')
         self._message = msg.Action(agent=self._agent)
@@ -200,9 +223,13 @@ class Client:
         """Go on in the session that a reset or restore drew."""
         self._observation = self._reward = self._episodes = None
         # The world's description of this session: what else comes on `world` is a restart.
-        self._waiter.wait(
-            lambda: self._world is not None and self._world.session == response.session,
-            'the description of the new session')
+        # When another reset follows at once, it never comes.
+        if not self._waiter.until(
+                lambda: self._world is not None and self._world.session == response.session,
+                _DESCRIPTION_TIMEOUT):
+            raise EnvironmentRestarted(
+                f'session {response.session:016x} was not described: somebody else resets the '
+                'simulator, or several simulators share its topics')
         assert self._world is not None
         self._session = response.session
         self._step = response.step
@@ -259,7 +286,7 @@ class Client:
         """Tell whether a message answers the action under way; in real time a later one does."""
         if message.session != self._session:
             return False
-        if self._world is not None and self._world.mode == msg.World.REALTIME:
+        if self.realtime:
             return bool(message.step > self._step)
         return bool(message.step == self._step + 1)
 
@@ -276,6 +303,7 @@ class Client:
     def _take_answer(self) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         spec, reward = self.spec, self._reward
         assert reward is not None and self._observation is not None
+        _check_answer(spec, self._observation, reward)
         observation = messages.from_sequence(self._observation.data, 'f4').reshape(
             spec.num_envs, spec.observation_size)
         finished = messages.from_sequence(reward.final_rows, 'u4').astype(np.int64)
@@ -289,9 +317,43 @@ class Client:
             'episodes': episodes,
         }
         self._step = reward.step
+        self._spoke = time.monotonic()
         self._observation = self._reward = self._episodes = None
         return (
             observation, messages.from_sequence(reward.reward, 'f4'),
             messages.from_sequence(reward.terminated, 'u1').view(np.bool_),
             messages.from_sequence(reward.truncated, 'u1').view(np.bool_), info,
         )
+
+
+def _difference(ours: WorldSpec, theirs: WorldSpec) -> str:
+    """Return in which field two worlds differ, and how."""
+    old, new = ({**asdict(spec), **spec.settings} for spec in (ours, theirs))
+    name = next(name for name in {**new, **old} if name != 'settings'
+                and old.get(name) != new.get(name))
+    return f'{name} is {new.get(name)}, expected {old.get(name)}'
+
+
+def _check_answer(spec: WorldSpec, observation: msg.Observation, reward: msg.Reward) -> None:
+    """Check what came from the far end before anything is learnt from it.
+
+    :raises ValueError: naming topic, field, what came and what was expected.
+    """
+    finished = len(reward.final_rows)
+    for where, values, expected in (
+        ('observation: data', observation.data, spec.num_envs * spec.observation_size),
+        ('reward: reward', reward.reward, spec.num_envs),
+        ('reward: terminated', reward.terminated, spec.num_envs),
+        ('reward: truncated', reward.truncated, spec.num_envs),
+        ('reward: final_observation', reward.final_observation,
+         finished * spec.observation_size),
+    ):
+        if len(values) != expected:
+            raise ValueError(f'{where}: {len(values)} values, expected {expected}')
+    if finished and max(reward.final_rows) >= spec.num_envs:
+        raise ValueError(
+            f'reward: final_rows: {max(reward.final_rows)}, expected less than {spec.num_envs}')
+    for where, values in (
+            ('observation: data', observation.data), ('reward: reward', reward.reward)):
+        if not np.isfinite(messages.from_sequence(values, 'f4')).all():
+            raise ValueError(f'{where}: a value that is not finite')

@@ -13,11 +13,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
 USAGE_ERROR = 2
+
+
+class UsageError(ValueError):
+    """The node was started in a way that cannot work."""
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -31,6 +36,15 @@ def make_executor(context: Context | None = None) -> Executor:
         return SingleThreadedExecutor(context=context)
     executor: Executor = EventsExecutor(context=context)
     return executor
+
+
+def _make_node(name: str) -> Node:
+    try:
+        return Node(name, automatically_declare_parameters_from_overrides=True)
+    except ValueError as error:
+        # rclpy knows no empty list, and says so without the name of the parameter.
+        raise UsageError(
+            f'a parameter could not be read, an empty list perhaps: {error}') from error
 
 
 def run(
@@ -54,14 +68,24 @@ def run(
         return USAGE_ERROR
 
     node = None
+    caught: tuple[type[Exception], ...] = (UsageError, *expected)
+    stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
+    if stray:
+        return fail(None, ValueError(
+            f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
     try:
         with rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO):
-            node = Node(name, automatically_declare_parameters_from_overrides=True)
+            node = _make_node(name)
             executor = make_executor()
             executor.add_node(node)
             return body(node, executor) or 0
     except (ExternalShutdownException, EnvironmentClosed):
         return 0
-    except expected as error:
+    except caught as error:
         return fail(node, error)
+    except RuntimeError as error:
+        if node is not None:
+            raise
+        # What rclpy raises for arguments that it cannot read.
+        return fail(None, error)

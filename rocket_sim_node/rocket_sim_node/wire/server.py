@@ -100,7 +100,6 @@ class Server:
         if refusal:
             self._health.refuse('action', refusal)
             return
-        self._lease.heard()
         if self._options.mode == msg.World.LOCKSTEP and message.step == self._step - 1:
             self._health.count('repeated answers')
             self._result.publish()
@@ -130,6 +129,7 @@ class Server:
             # The sender may have missed the change of session: tell it again.
             self._publish_world()
             return f'session: {message.session:016x}, expected {self._session:016x}'
+        self._lease.heard()
         early = message.step > self._step
         stale = message.step < self._step - 1 and self._options.mode == msg.World.LOCKSTEP
         if early or stale:
@@ -184,6 +184,8 @@ class Server:
             self._health.refuse(name, response.message)
             return response
         try:
+            if agent == NOBODY:
+                raise ValueError('agent: got 0, expected the identity of who asks, 1 or more')
             observation = begin()
         except (ValueError, TypeError) as error:
             response.code = response.INVALID

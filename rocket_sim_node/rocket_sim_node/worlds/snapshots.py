@@ -17,7 +17,7 @@ Arrays = dict[str, NDArray[Any]]
 # What NumPy and zipfile raise for damaged archives, a bare array (TypeError) and pickles included.
 _UNREADABLE = (
     ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, NotImplementedError,
-    zipfile.BadZipFile, zlib.error,
+    zipfile.BadZipFile, zlib.error, MemoryError,
 )
 
 

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands of launch_scripts/ as a user types them."""
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from processes import Process
+from processes import Processes
+
+SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+SMALL = (
+    'num_envs:=8', 'demonstration_episodes:=16', 'clone_epochs:=2', 'hidden_sizes:=[16,16]',
+    'iterations:=4', 'n_steps:=64', 'batch_size:=256', 'selection_interval:=2',
+    'selection_episodes:=8', 'evaluation_episodes:=20', 'critic_warmup_iterations:=1',
+    'threads:=1',
+)
+
+
+def command(processes: Processes, name: str, *arguments: str) -> Process:
+    """Start one of the scripts."""
+    return processes.start(str(SCRIPTS / name), *arguments)
+
+
+def test_train_and_resume_in_a_folder_with_an_awkward_name(
+        processes: Processes, tmp_path: Path) -> None:
+    run = tmp_path / 'a run #1'
+    first = command(processes, 'train', f'run_dir:={run}', *SMALL)
+    assert first.wait(90.0) == 0, processes.logs()
+    assert first.output().splitlines()[-1] == f'run: {run}'
+    for name in ('config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json'):
+        assert (run / name).is_file(), name
+    assert (run / 'recording.rrd').is_file()
+    assert len((run / 'train.jsonl').read_text().splitlines()) == 9
+    # The size of the batch and all settings come from the run.
+    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
+    assert again.wait(90.0) == 0, processes.logs()
+    assert len((run / 'train.jsonl').read_text().splitlines()) == 9
+
+
+def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) -> None:
+    recording = tmp_path / 'landing.rrd'
+    land = command(
+        processes, 'land', 'episodes:=8', f'output:={recording}',
+        f'policy:={SCRIPTS.parent}/ppo_agent_node/ppo_agent_node/policies/rocket.safetensors')
+    assert land.wait(90.0) == 0, processes.logs()
+    assert 'landed 8' in land.output(), land.output()
+    assert recording.is_file()
+    again = command(processes, 'land', f'output:={recording}')
+    assert again.wait(30.0) == 2
+    assert 'exists already' in again.output()
+
+
+def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
+    recording = tmp_path / 'landing.rrd'
+    land = command(processes, 'land', 'episodes:=0', f'output:={recording}')
+    land.wait_for('episodes:', 60.0)
+    land.signal(signal.SIGINT)
+    assert land.wait(15.0) == 0, processes.logs()
+    assert recording.is_file()
+
+
+def test_evaluate_the_expert(processes: Processes, tmp_path: Path) -> None:
+    run = command(
+        processes, 'evaluate', 'pilot:=expert', 'episodes:=64', 'num_envs:=64',
+        f'output:={tmp_path / "figures"}')
+    assert run.wait(60.0) == 0, processes.logs()
+    figures = json.loads((tmp_path / 'figures' / 'evaluation.json').read_text())
+    assert figures['landing_rate'] == 1.0
+    assert figures['mean_return'] > 294.0
+
+
+@pytest.mark.parametrize(('name', 'argument', 'words'), [
+    ('train', 'seed=3', "got 'seed=3', expected NAME:=VALUE"),
+    ('train', 'resume:=true', 'resume:=true needs run_dir:=FOLDER'),
+    ('land', 'speed:=3', "unknown argument 'speed'"),
+    ('evaluate', 'speed:=3', "unknown argument 'speed'"),
+])
+def test_bad_arguments_are_named(
+        processes: Processes, name: str, argument: str, words: str) -> None:
+    run = command(processes, name, argument)
+    assert run.wait(30.0) == 2
+    assert words in run.output()
+
+
+@pytest.mark.parametrize('name', ['train', 'land', 'evaluate'])
+def test_help_lists_the_arguments(processes: Processes, name: str) -> None:
+    run = command(processes, name, '--help')
+    assert run.wait(10.0) == 0
+    assert 'simulator_parameters' in run.output()
