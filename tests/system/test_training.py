@@ -179,6 +179,15 @@ def test_bad_parameters_end_in_one_line_that_names_them(
         assert word in node.output()
 
 
+def test_damaged_config_is_refused(processes: Processes, tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    run.mkdir()
+    (run / 'config.yaml').write_text('training: 5\n')
+    node = agent(processes, run, resume=True)
+    assert node.wait(30.0) == 2, node.output()
+    assert f'{run}/config.yaml: training is 5' in node.output()
+
+
 def test_damaged_policy_is_refused(processes: Processes, tmp_path: Path) -> None:
     simulator(processes)
     for name, content in (('empty', b''), ('noise', bytes(range(256)) * 8)):

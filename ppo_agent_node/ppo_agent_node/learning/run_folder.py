@@ -93,7 +93,7 @@ class RunFolder:
             values = yaml.safe_load(self.config.read_text('utf-8'))
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ValueError(f'{self.config}: damaged: {error}') from error
-        if not isinstance(values, dict) or not isinstance(values.get('training'), dict):
+        if not isinstance(values, dict):
             raise ValueError(f'{self.config}: damaged, expected names and values')
         return values
 

@@ -106,7 +106,10 @@ def _config(parameters: Parameters, options: TrainingParameters, folder: RunFold
     """Return the settings: those given, else those of the run resumed, else the preset's."""
     values = learning_config.preset_values(options.preset)
     if options.resume:
-        values = {**values, **folder.read_config().get('training', {})}
+        saved = folder.read_config().get('training', {})
+        if not isinstance(saved, dict):
+            raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
+        values = {**values, **saved}
     return learning_config.make_config(
         parameters.declare_infos(learning_config.describe(), values))
 
