@@ -38,6 +38,16 @@ def agent(processes: Processes, run: Path, **parameters: object) -> Process:
         'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
 
 
+def interrupted(processes: Processes, run: Path) -> Process:
+    """Return an agent that was told to stop while it fine-tuned, and its simulator runs on."""
+    simulator(processes)
+    trainer = agent(processes, run)
+    trainer.wait_for('PPO 1/', 90.0)
+    trainer.signal(signal.SIGINT)
+    assert trainer.wait(10.0) == 0, processes.logs()
+    return trainer
+
+
 def weights(run: Path) -> dict[str, torch.Tensor]:
     """Return all that the last checkpoint of a run learnt."""
     tensors = load_file(run / 'checkpoints' / f'iteration_{SMALL["iterations"]:06d}.safetensors')
@@ -136,11 +146,7 @@ def test_killed_simulator_and_killed_agent_change_nothing_that_is_learnt(
 def test_interrupt_saves_and_says_how_to_resume(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     run = tmp_path / 'run'
-    simulator(processes)
-    trainer = agent(processes, run)
-    trainer.wait_for('PPO 1/', 90.0)
-    trainer.signal(signal.SIGINT)
-    assert trainer.wait(10.0) == 0, processes.logs()
+    trainer = interrupted(processes, run)
     assert 'resume:=true' in trainer.output()
     resumed = agent(processes, run, resume=True)
     assert resumed.wait(120.0) == 0, processes.logs()
@@ -224,11 +230,7 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
 def test_full_disk_is_told_and_the_last_checkpoint_is_whole(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     run = tmp_path / 'run'
-    simulator(processes)
-    trainer = agent(processes, run)
-    trainer.wait_for('PPO 1/', 90.0)
-    trainer.signal(signal.SIGINT)
-    assert trainer.wait(10.0) == 0, processes.logs()
+    interrupted(processes, run)
     # A limit on the size of files: writing fails half-way, as on a full disk.
     limited = processes.start(
         'bash', '-c', 'ulimit -f 8; exec "$@"', 'bash', 'ros2', 'run', 'ppo_agent_node',

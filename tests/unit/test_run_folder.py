@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ppo_agent_node.learning import sealed_file
+from ppo_agent_node import atomic_file
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.run_folder import RunFolderError
 from ppo_agent_node.learning.run_folder import read_log
@@ -107,7 +107,7 @@ def test_a_full_disk_is_named(folder: RunFolder, monkeypatch: pytest.MonkeyPatch
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(sealed_file.os, 'fsync', full)
+    monkeypatch.setattr(atomic_file.os, 'fsync', full)
     with pytest.raises(OSError, match=r'No space left.*iteration_000002'):
         save(folder, 2)
     found = folder.newest(pytest.fail)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.evaluation.intervals import bootstrap_mean
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
@@ -126,17 +125,8 @@ def write_json(path: Path, summary: Mapping[str, Any]) -> None:
     """Write a summary; a reader finds the old file or the whole new one, never half of it.
 
     :raises ValueError: for NaN or infinity, which JSON does not know; nothing is written.
+    :raises OSError: naming the path; nothing changes.
     """
     text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8') as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    write_atomically(path, text.encode())

@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.sealed_file import Tensors
@@ -80,7 +81,7 @@ class RunFolder:
         """
         plain = json.loads(json.dumps(values))
         text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
-        sealed_file.write_atomically(self.config, text.encode())
+        write_atomically(self.config, text.encode())
 
     def read_config(self) -> dict[str, Any]:
         """Return the settings that the run began with, `{}` when it has not begun.
@@ -126,7 +127,7 @@ class RunFolder:
         whole = [line for line in lines if line.endswith(b'\n')]
         if len(whole) < count:
             raise ValueError(f'{self.log}: has {len(whole)} lines, expected at least {count}')
-        sealed_file.write_atomically(self.log, b''.join(whole[:count]))
+        write_atomically(self.log, b''.join(whole[:count]))
 
     def save(self, iteration: int, tensors: Tensors, content: dict[str, Any]) -> Path:
         """Write the checkpoint of an iteration, and keep the newest two.

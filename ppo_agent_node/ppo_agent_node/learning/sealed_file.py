@@ -8,10 +8,8 @@ finds the old file or the new one, whatever breaks in between.
 """
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +20,8 @@ import torch
 from safetensors import SafetensorError
 from torch import Tensor
 
+from ppo_agent_node.atomic_file import write_atomically
+
 FORMAT_VERSION = '1'
 Tensors = dict[str, Tensor]
 
@@ -31,29 +31,6 @@ class Sealed(NamedTuple):
 
     tensors: Tensors
     content: dict[str, Any]
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Put `data` into a file, all of it or none, and see it onto the disk.
-
-    :raises OSError: naming the path; what was there before is still there.
-    """
-    scratch = path.with_name(f'.{path.name}.{os.getpid()}.part')
-    try:
-        with scratch.open('wb') as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
-        raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
 
 
 def write(path: Path, kind: str, tensors: Mapping[str, Tensor], content: object) -> None:

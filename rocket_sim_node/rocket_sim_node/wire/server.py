@@ -82,16 +82,6 @@ class Server:
             node.create_timer(
                 world.spec.dt / options.realtime_factor, self._on_tick)
 
-    @property
-    def session(self) -> int:
-        """The present session."""
-        return self._session
-
-    @property
-    def step(self) -> int:
-        """Batch steps taken in the present session."""
-        return self._step
-
     # Actions
 
     def _on_action(self, message: msg.Action) -> None:

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are there as a whole or not at all."""
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Put `data` into a file, all of it or none, and see it onto the disk.
+
+    :raises OSError: naming the path; what was there before is still there.
+    """
+    scratch = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    try:
+        with scratch.open('wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            scratch.unlink(missing_ok=True)
+        raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
