@@ -139,12 +139,14 @@ def state_to_message(parts: list[tuple[int, Telemetry]], session: int) -> Rocket
 
     step = np.concatenate([np.full(len(part.row), step, np.uint64) for step, part in parts])
     message = RocketState(session=session, step=to_sequence(step, 'u8'))
-    for name in ('position', 'linear_velocity', 'angular_velocity', 'torque'):
+    for name in ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force'):
         setattr(message, name, to_sequence(frames.vector_to_ros(join(name)), 'f8'))
     message.orientation = to_sequence(frames.quaternion_to_ros(join('orientation')), 'f8')
-    for name in ('time', 'mass', 'fuel', 'throttle', 'thrust', 'reward'):
+    for name in ('time', 'mass', 'fuel', 'throttle', 'thrust', 'lateral_thrust', 'reward',
+                 'leg_angle', 'terrain'):
         setattr(message, name, to_sequence(join(name), 'f8'))
     message.row = to_sequence(join('row'), 'u4')
     message.episode = to_sequence(join('episode'), 'u8')
-    message.outcome = to_sequence(join('outcome'), 'u1')
+    for name in ('contact', 'outcome'):
+        setattr(message, name, to_sequence(join(name), 'u1'))
     return message

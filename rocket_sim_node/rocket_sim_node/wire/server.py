@@ -22,7 +22,7 @@ from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.base import SimulatedWorld
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Server:
     action.
     """
 
-    def __init__(self, node: Node, world: RocketWorld, options: ServerOptions) -> None:
+    def __init__(self, node: Node, world: SimulatedWorld, options: ServerOptions) -> None:
         """Publish the world and wait for an agent."""
         self._node = node
         self._world = world

@@ -8,8 +8,8 @@ from rocket_msgs.msg import RocketState
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import Telemetry
-from rocket_sim_node.worlds.rocket import RocketWorld
 
 
 class StateStream:
@@ -19,7 +19,7 @@ class StateStream:
     message for each would slow down those who train; gathered, each step is still there.
     """
 
-    def __init__(self, node: Node, world: RocketWorld, rows: int, batch: int) -> None:
+    def __init__(self, node: Node, world: SimulatedWorld, rows: int, batch: int) -> None:
         """Advertise the topic; no rows, no messages."""
         self._world = world
         self._rows = np.arange(min(rows, world.spec.num_envs))

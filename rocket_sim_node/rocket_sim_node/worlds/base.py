@@ -95,7 +95,9 @@ NO_EPISODES = Episodes(
 class Telemetry:
     """Physical state of S rockets, world frame with y up; see RocketState.msg for the meaning.
 
-    Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w, the rest `(S,)`.
+    Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w; `contact` and `leg_angle`
+    are `(S, L)`, L = 0 in worlds without legs; `terrain` is `(S, H)`, H = 0 where the ground is
+    flat; the rest is `(S,)`.
     """
 
     row: NDArray[np.int64]
@@ -109,7 +111,12 @@ class Telemetry:
     fuel: F64
     throttle: F64
     thrust: F64
+    lateral_thrust: F64
     torque: F64
+    contact_force: F64
+    contact: NDArray[np.bool_]
+    leg_angle: F64
+    terrain: F64
     reward: F64
     outcome: NDArray[np.uint8]
 
@@ -163,6 +170,23 @@ class VectorEnv(Protocol):
 
         :raises ValueError: when it is damaged or of another world or size; nothing changes.
         """
+        ...
+
+
+class SimulatedWorld(VectorEnv, Protocol):
+    """A world in this process, which can also be looked into: what a simulator serves."""
+
+    def observe(self) -> F32:
+        """Return the observation `(N, D)` of the present state."""
+        ...
+
+    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
+        """Return the physical state of the chosen rockets, with S = len(rows)."""
+        ...
+
+    @property
+    def finished(self) -> Telemetry:
+        """Last states of the rockets that finished at the last step, with their outcomes."""
         ...
 
 

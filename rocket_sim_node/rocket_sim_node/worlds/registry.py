@@ -2,10 +2,12 @@
 """The worlds by name."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
@@ -13,7 +15,7 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 @dataclass(frozen=True)
 class _Entry:
-    world: type[RocketWorld]
+    world: Callable[..., SimulatedWorld]
     settings: type
     reset_settings: tuple[str, ...]
 
@@ -50,7 +52,7 @@ def reset_settings(name: str) -> tuple[str, ...]:
     return _entry(name).reset_settings
 
 
-def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> RocketWorld:
+def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> SimulatedWorld:
     """Make a world of `num_envs` rockets.
 
     :param name: one of `names()`.

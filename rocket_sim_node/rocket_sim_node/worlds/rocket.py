@@ -152,7 +152,10 @@ class RocketWorld:
             orientation=self.attitude[:, rows].T, linear_velocity=self.velocity[:, rows].T,
             angular_velocity=self.spin[:, rows].T,
             mass=self.fuel[rows] + self.settings.dry_mass, fuel=self.fuel[rows],
-            throttle=self._throttle[rows], thrust=thrust, torque=self._torque[:, rows].T,
+            throttle=self._throttle[rows], thrust=thrust, lateral_thrust=np.zeros(len(rows)),
+            torque=self._torque[:, rows].T, contact_force=np.zeros((len(rows), 3)),
+            contact=np.zeros((len(rows), 0), np.bool_), leg_angle=np.zeros((len(rows), 0)),
+            terrain=np.zeros((len(rows), 0)),
             reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
         )
 
