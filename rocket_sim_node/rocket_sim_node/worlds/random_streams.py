@@ -17,6 +17,10 @@ from numpy.typing import NDArray
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
+_AHEAD = 32
+"""Most episodes of a rocket drawn at once."""
+_STORED = 2**16
+"""Most episodes of all rockets together that are kept drawn."""
 _SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
 
 
@@ -36,6 +40,39 @@ def _seed_key(seed: int) -> NDArray[np.uint64]:
     return key
 
 
+def keys(
+    seed: int,
+    row: NDArray[np.integer],
+    episode: NDArray[np.integer],
+    attempt: int = 0,
+) -> NDArray[np.uint64]:
+    """Return where the streams of episodes begin, `(K,)`, for `numbers`.
+
+    :param seed: any whole number from 0 to 2**64 - 1.
+    :param row: `(K,)` rockets.
+    :param episode: `(K,)` episodes of those rockets.
+    :param attempt: another value gives fresh streams, for rejection sampling.
+    """
+    # Arrays of whole numbers wrap modulo 2**64 without a warning: what the generator is made of.
+    key = _seed_key(seed)
+    for counter in (row.astype(np.uint64), episode.astype(np.uint64), np.uint64(attempt)):
+        key = _mix((key ^ counter) + _GAMMA)
+    return key
+
+
+def numbers(
+    key: NDArray[np.uint64], draws: int, first: NDArray[np.integer] | int = 0,
+) -> NDArray[np.float64]:
+    """Return numbers in [-1, 1) of streams, `(draws, K)` float64 with 53 random bits.
+
+    :param key: `(K,)`, as `keys` returns them.
+    :param first: how many numbers to pass over, one for all streams or `(K,)`.
+    """
+    place = np.arange(1, draws + 1, dtype=np.uint64)[:, None] + np.asarray(first, np.uint64)
+    words = _mix(key + place * _GAMMA)
+    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
+
+
 def uniform(
     seed: int,
     row: NDArray[np.integer],
@@ -43,19 +80,41 @@ def uniform(
     draws: int,
     attempt: int = 0,
 ) -> NDArray[np.float64]:
-    """Return numbers in [-1, 1), the same for the same arguments on every machine.
+    """Return numbers in [-1, 1), `(draws, K)`, the same for the same arguments on every machine.
 
-    :param seed: any whole number from 0 to 2**64 - 1.
-    :param row: `(K,)` rockets.
-    :param episode: `(K,)` episodes of those rockets.
-    :param draws: how many numbers for each, D.
-    :param attempt: another value gives fresh numbers, for rejection sampling.
-    :return: `(D, K)` float64 with 53 random bits.
+    The arguments are those of `keys` and `numbers`.
     """
-    # Arrays of whole numbers wrap modulo 2**64 without a warning: what the generator is made of.
-    key = _seed_key(seed)
-    for counter in (row.astype(np.uint64), episode.astype(np.uint64), np.uint64(attempt)):
-        key = _mix((key ^ counter) + _GAMMA)
-    steps = np.arange(1, draws + 1, dtype=np.uint64)[:, None] * _GAMMA
-    words = _mix(key + steps)
-    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
+    return numbers(keys(seed, row, episode, attempt), draws)
+
+
+class DrawnAhead:
+    """Keys and first numbers of the next few episodes of each rocket, drawn many at a time.
+
+    A draw costs the calls it makes, hardly the numbers it draws, and a step seldom ends more than
+    a few episodes. As a stream depends on (seed, row, episode) alone, drawing ahead changes none.
+    """
+
+    def __init__(self, seed: int, num_envs: int, draws: int) -> None:
+        """Draw nothing yet; each episode gets `draws` numbers."""
+        self._seed, self._draws = seed, draws
+        self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
+        self._from = np.full(num_envs, -self._ahead)
+        self._keys = np.zeros((num_envs, self._ahead), np.uint64)
+        self._numbers = np.zeros((draws, num_envs, self._ahead))
+
+    def take(
+        self, row: NDArray[np.integer], episode: NDArray[np.integer],
+    ) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
+        """Return keys `(K,)` and numbers `(draws, K)` of rows and their episodes."""
+        slot = episode - self._from[row]
+        missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
+        if missing.size:
+            rows, first = row[missing], episode[missing]
+            episodes = (first[:, None] + np.arange(self._ahead)).ravel()
+            key = keys(self._seed, np.repeat(rows, self._ahead), episodes)
+            self._keys[rows] = key.reshape(-1, self._ahead)
+            self._numbers[:, rows] = numbers(key, self._draws).reshape(
+                self._draws, -1, self._ahead)
+            self._from[rows] = first
+            slot[missing] = 0
+        return self._keys[row, slot], self._numbers[:, row, slot]

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.base import SimulatedWorld
+from rocket_sim_node.worlds.lunar_lander import LunarLanderWorld
+from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
 from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
@@ -22,6 +24,7 @@ class _Entry:
 
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
+    'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),
 }
 
 

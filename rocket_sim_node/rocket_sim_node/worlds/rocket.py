@@ -175,12 +175,7 @@ class RocketWorld:
         for name in ('seed', 'age', 'episode', 'fuel'):
             if (arrays[name] < 0).any():
                 raise ValueError(f'snapshot: {name} has a value below 0')
-        found = arrays.pop('settings')
-        for name, ours_is, its_is in zip(
-                self.spec.settings, ours['settings'], found, strict=True):
-            if ours_is != its_is:
-                raise ValueError(
-                    f'snapshot: of a world with {name} {its_is:g}, expected {ours_is:g}')
+        snapshots.check_settings(self.spec, arrays.pop('settings'))
         values = dict(zip(spawn.CURRICULUM_SETTINGS, arrays.pop('curriculum').tolist(),
                           strict=True))
         try:

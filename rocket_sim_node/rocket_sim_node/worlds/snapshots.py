@@ -54,3 +54,14 @@ def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
         if not np.isfinite(array).all():
             raise ValueError(f'snapshot: {name} has a value that is not finite')
     return arrays
+
+
+def check_settings(spec: WorldSpec, found: NDArray[np.float64]) -> None:
+    """Check that a snapshot is of a world with the same constants.
+
+    :param found: values in the order of `spec.settings`.
+    :raises ValueError: naming the first that differs.
+    """
+    for (name, ours), its in zip(spec.settings.items(), found.tolist(), strict=True):
+        if float(ours) != its:
+            raise ValueError(f'snapshot: of a world with {name} {its:g}, expected {ours:g}')

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: Apache-2.0
+"""World `lunar_lander`: Gymnasium's LunarLander-v3 on pymunk, N landers as one batch.
+
+Numbers, rewards and rules follow Gymnasium's documentation and source (Farama Foundation, version
+1.4, `envs/box2d/lunar_lander.py`). x = 0 is the middle of the pad; y is Gymnasium's, 0 at the
+floor.
+"""
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node.worlds import lunar_start
+from rocket_sim_node.worlds import lunar_vehicle as vehicle
+from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import snapshots
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.base import NO_OUTCOME
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.lane_block import Solver
+from rocket_sim_node.worlds.lanes import Lanes
+from rocket_sim_node.worlds.lunar_engines import Engines
+from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
+
+OBSERVATION_NAMES = (
+    'position_x', 'position_y', 'velocity_x', 'velocity_y', 'angle', 'angular_velocity',
+    'right_contact', 'left_contact',
+)
+OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
+LANDED, CRASHED, OUT_OF_BOUNDS, TIMEOUT = range(4)
+
+_SOLVER = Solver(iterations=15, slop=0.005, bias=(1 - 0.2) ** 50)
+
+
+class LunarLanderWorld:
+    """N landers that fall towards a pad between slopes. A `SimulatedWorld`.
+
+    Row k of every array is lander k.
+    """
+
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+        """Make the world and begin the first episodes.
+
+        :raises ValueError: for a setting that is unknown or out of range.
+        """
+        self.settings = s = settings_module.build(LunarSettings, settings)
+        self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
+        self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
+        self._engines = Engines(s, num_envs)
+        self._force = np.zeros((num_envs, 3, 3))
+        self._rows = np.arange(num_envs)
+        self._all = slice(None)
+        self._seed = seed
+        self.terrain = np.zeros((num_envs, vehicle.LunarDesign.slopes + 1))
+        self._shaping = np.zeros(num_envs)
+        self._still = np.zeros(num_envs)
+        self._touching = np.zeros((num_envs, 3), np.bool_)
+        self._contact_force = np.zeros((num_envs, 2))
+        self._wind = np.zeros((2, num_envs))
+        self._keys = np.zeros(num_envs, np.uint64)
+        self.age = np.zeros(num_envs, np.int64)
+        self.episode = np.zeros(num_envs, np.int64)
+        self.episode_return = np.zeros(num_envs)
+        self._main, self._side = np.zeros(num_envs), np.zeros(num_envs)
+        self._reward = np.zeros(num_envs)
+        self.spec = WorldSpec(
+            name='lunar_lander', num_envs=num_envs, dt=s.dt,
+            observation_names=OBSERVATION_NAMES,
+            action_names=('main', 'lateral') if s.continuous else ('engine',),
+            continuous=s.continuous,
+            action_low=(-1.0, -1.0) if s.continuous else (),
+            action_high=(1.0, 1.0) if s.continuous else (),
+            action_idle=(-1.0, 0.0) if s.continuous else (0.0,),
+            action_count=0 if s.continuous else 4, outcomes=OUTCOMES,
+            settings={
+                **settings_module.as_dict(s), 'field_half_width': vehicle.HALF_WIDTH,
+                'max_thrust': self._engines.max_thrust},
+        )
+        self._none_finished = self._finished = self.telemetry(self._rows[:0])
+        self.reset(seed)
+
+    def reset(self, seed: int | None = None, **settings: float) -> F32:
+        """Begin new episodes of all landers; there is no curriculum to be set."""
+        if settings:
+            raise ValueError(
+                f'reset: unknown setting {", ".join(map(repr, sorted(settings)))}, expected none')
+        if seed is not None and not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
+            raise ValueError(
+                f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
+        if seed is None:
+            self.episode += 1
+        else:
+            self._seed = seed
+            self.episode[:] = 0
+        self._starts = lunar_start.Starts(self._seed, self.spec.num_envs)
+        self._reward[:] = 0
+        self._finished = self._none_finished
+        return self._begin(self._rows)
+
+    def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
+        """Advance all landers by `dt`; see :class:`VectorEnv`."""
+        command = checked_action(self.spec, action)
+        self._advance(command)
+        observation, shaping = self._look(self._all)
+        s = self.settings
+        reward = shaping - self._shaping
+        self._shaping = shaping
+        reward += s.reward_main_engine * self._main
+        reward += s.reward_side_engine * np.abs(self._side)
+        crashed = self._touching[:, 0]
+        outside = np.abs(observation[:, 0]) >= 1.0
+        rest = self._still >= s.rest_time - 1e-9
+        # In this order: who is at rest has landed, whatever touches.
+        reward[crashed | outside] = s.reward_crash
+        reward[rest] = s.reward_landed
+        terminated = crashed | outside | rest
+        truncated = (self.age >= self._step_limit) & ~terminated
+        done = np.flatnonzero(terminated | truncated)
+        self.episode_return += reward
+        self._reward = reward
+        self._finished = self._none_finished
+        info: dict[str, Any] = {
+            'final_rows': done, 'final_observation': observation[:0], 'episodes': NO_EPISODES}
+        if done.size:
+            outcome = np.full(len(done), TIMEOUT, np.uint8)
+            outcome[outside[done]] = OUT_OF_BOUNDS
+            outcome[crashed[done]] = CRASHED
+            outcome[rest[done]] = LANDED
+            info = self._finish(done, outcome, observation)
+        return observation, reward.astype(np.float32), terminated, truncated, info
+
+    def _advance(self, command: NDArray[Any]) -> None:
+        """Fly one step and take note of what touched."""
+        lanes, s = self._lanes, self.settings
+        force = self._force
+        scatter = random_streams.numbers(self._keys, 2, 2 * self.age)
+        self._main, self._side = self._engines.throttles(command)
+        self._engines.push(lanes.pose[:, 0], self._main, self._side, scatter, force[:, 0])
+        if s.enable_wind:
+            self._blow(force[:, 0])
+        lanes.step(force)
+        self.age += 1
+        self._touching[:] = False
+        self._contact_force[:] = 0.0
+        touch = lanes.contacts
+        if len(touch.row):
+            self._touching[touch.row, touch.body] = True
+            np.add.at(self._contact_force, touch.row, touch.impulse / s.dt)
+        velocity = lanes.velocity
+        still = (
+            (velocity[:, :, 0]**2 + velocity[:, :, 1]**2 <= s.rest_speed**2)
+            & (np.abs(velocity[:, :, 2]) <= np.deg2rad(s.rest_spin))).all(1)
+        self._still = np.where(still, self._still + s.dt, 0.0)
+
+    def _blow(self, force: F64) -> None:
+        """Add wind and turbulence to the forces `(N, 3)`: tanh(sin 2kx + sin pi kx), k = 0.01."""
+        blown = np.flatnonzero(~self._touching[:, 1:].any(1))
+        place = 0.01 * self._wind[:, blown]
+        strength = np.tanh(np.sin(2 * place) + np.sin(np.pi * place))
+        force[blown, 0] += strength[0] * self.settings.wind_power
+        force[blown, 2] += strength[1] * self.settings.turbulence_power
+        self._wind[:, blown] += 1
+
+    def observe(self) -> F32:
+        """Return the observation `(N, 8)` of the present state."""
+        return self._look(self._all)[0]
+
+    def _look(self, rows: NDArray[np.int64] | slice) -> tuple[F32, F64]:
+        """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded."""
+        x, y, angle = self._lanes.pose[rows, 0].T
+        velocity = self._hull_velocity(self._lanes.velocity[rows, 0], angle)
+        state = np.empty((8, len(x)))
+        state[0] = (x + np.sin(angle) * vehicle.BODY_CENTRE) / vehicle.HALF_WIDTH
+        state[1] = (
+            y - np.cos(angle) * vehicle.BODY_CENTRE - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN
+        ) / vehicle.HALF_HEIGHT
+        # Gymnasium scales by its 50 frames a second, whatever dt.
+        state[2] = velocity[0] * (vehicle.HALF_WIDTH / 50)
+        state[3] = velocity[1] * (vehicle.HALF_HEIGHT / 50)
+        state[4] = angle
+        state[5] = velocity[2] * (20 / 50)
+        state[6] = self._touching[rows, vehicle.RIGHT]
+        state[7] = self._touching[rows, vehicle.LEFT]
+        shaping = -100 * (
+            np.sqrt(state[0]**2 + state[1]**2) + np.sqrt(state[2]**2 + state[3]**2)
+            + np.abs(angle)) + 10 * (state[6] + state[7])
+        return np.ascontiguousarray(state.T, np.float32), shaping
+
+    @staticmethod
+    def _hull_velocity(velocity: F64, angle: F64) -> tuple[F64, F64, F64]:
+        """Return the velocity of the hull's own centre, given that of its body's: m/s, rad/s."""
+        spin = velocity[:, 2]
+        arm = spin * (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE)
+        return velocity[:, 0] - arm * np.cos(angle), velocity[:, 1] - arm * np.sin(angle), spin
+
+    # Episodes
+
+    def _begin(self, rows: NDArray[np.int64]) -> F32:
+        """Put landers at the start of their episodes; return their observations `(K, 8)`."""
+        start = self._starts.take(rows, self.episode[rows], self.settings.dt)
+        self.terrain[rows] = start.terrain
+        for row in rows.tolist():
+            lunar_start.shape_ground(self._lanes, row, self.terrain[row])
+        self._lanes.place(rows, start.pose, start.velocity)
+        self._wind[:, rows] = start.wind
+        self._keys[rows] = start.key
+        for array in (self.age, self._still, self.episode_return, self._main, self._side):
+            array[rows] = 0
+        self._touching[rows] = False
+        self._contact_force[rows] = 0.0
+        observation, self._shaping[rows] = self._look(rows)
+        return observation
+
+    def _finish(
+        self, done: NDArray[np.int64], outcome: NDArray[np.uint8], observation: F32,
+    ) -> dict[str, Any]:
+        """Report the episodes that ended, and begin their landers' next ones.
+
+        :param observation: `(N, 8)`; the rows that finished get their new first observation.
+        """
+        self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)
+        x, _, angle = self._lanes.pose[done, 0].T
+        speed_x, speed_y, _ = self._hull_velocity(self._lanes.velocity[done, 0], angle)
+        info = {
+            'final_rows': done, 'final_observation': observation[done],
+            'episodes': Episodes(
+                row=done, episode=self.episode[done],
+                episode_return=self.episode_return[done], length=self.age[done],
+                outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
+                tilt=np.rad2deg(np.abs(angle)),
+                distance=np.abs(x + np.sin(angle) * vehicle.BODY_CENTRE),
+                fuel_used=np.zeros(len(done)),
+            ),
+        }
+        self.episode[done] += 1
+        observation[done] = self._begin(done)
+        self._reward = self._reward.copy()
+        self._reward[done] = 0.0
+        return info
+
+    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
+        """Return the physical state of the chosen landers, with S = len(rows)."""
+        count = len(rows)
+        hull, legs = self._lanes.pose[rows, 0], self._lanes.pose[rows, 1:]
+        angle = hull[:, 2]
+        flat = np.zeros((3, count))
+
+        def vector(x: F64, y: F64) -> F64:
+            return np.stack((x, y, flat[0]), axis=1)
+
+        velocity_x, velocity_y, turning = self._hull_velocity(
+            self._lanes.velocity[rows, 0], angle)
+        spin = flat.copy()
+        spin[2] = turning
+        turned = np.abs(legs[:, :, 2] - angle[:, None]) - vehicle.LEG_INNER
+        return Telemetry(
+            row=np.asarray(rows, np.int64), episode=self.episode[rows],
+            time=self.age[rows] * self.settings.dt,
+            position=vector(
+                hull[:, 0] + np.sin(angle) * vehicle.BODY_CENTRE,
+                hull[:, 1] - np.cos(angle) * vehicle.BODY_CENTRE - vehicle.PAD_GROUND),
+            orientation=np.stack(
+                (flat[0], flat[0], np.sin(angle / 2), np.cos(angle / 2)), axis=1),
+            linear_velocity=vector(velocity_x, velocity_y), angular_velocity=spin.T,
+            mass=np.full(count, vehicle.TOTAL_MASS), fuel=flat[0],
+            throttle=self._main[rows], thrust=self._main[rows] * self._engines.max_thrust,
+            lateral_thrust=-self._side[rows] * self._engines.max_lateral_thrust,
+            torque=flat.T, contact_force=vector(*self._contact_force[rows].T),
+            contact=self._touching[rows, 1:], leg_angle=turned,
+            terrain=self.terrain[rows] - vehicle.PAD_GROUND,
+            reward=self._reward[rows], outcome=np.full(count, NO_OUTCOME, np.uint8),
+        )
+
+    @property
+    def finished(self) -> Telemetry:
+        """Last states of the landers that finished at the last step."""
+        return self._finished
+
+    # Snapshots
+
+    def snapshot(self) -> bytes:
+        """Return the exact state; the contact solver begins afresh, here as in who takes it."""
+        self._lanes.forget()
+        return snapshots.pack(self.spec, self._state_arrays())
+
+    def restore(self, state: bytes) -> F32:
+        """Put all landers back into a snapshot and return their observation."""
+        ours = self._state_arrays()
+        arrays = snapshots.unpack(self.spec, state, like=ours)
+        snapshots.check_settings(self.spec, arrays.pop('settings'))
+        for name in ('seed', 'age', 'episode', 'still'):
+            if (arrays[name] < 0).any():
+                raise ValueError(f'snapshot: {name} has a value below 0')
+        self._seed = int(arrays.pop('seed')[0])
+        self._lanes.load(**{
+            name.removeprefix('lanes_'): arrays.pop(name)
+            for name in list(arrays) if name.startswith('lanes_')})
+        for name, array in arrays.items():
+            ours[name][...] = array
+        self._starts = lunar_start.Starts(self._seed, self.spec.num_envs)
+        self._keys = random_streams.keys(self._seed, self._rows, self.episode)
+        for row in self._rows.tolist():
+            lunar_start.shape_ground(self._lanes, row, self.terrain[row])
+        self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
+        self._reward = np.zeros_like(self._reward)
+        self._finished = self._none_finished
+        return self.observe()
+
+    def _state_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all that the future depends on; the arrays are the world's own, save `lanes_`."""
+        return {
+            'terrain': self.terrain, 'shaping': self._shaping, 'still': self._still,
+            'touching': self._touching, 'wind': self._wind, 'age': self.age,
+            'episode': self.episode, 'episode_return': self.episode_return,
+            'seed': np.array([self._seed], np.int64),
+            'settings': np.array(list(self.spec.settings.values()), np.float64),
+            **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()},
+        }
