@@ -40,6 +40,8 @@ LANES = 32
 """vehicles in one Space: with fewer the calls cost more, with more the cache misses do"""
 _PARK = 1e4
 """m above its place, where a vehicle spends the step in which it forgets"""
+_FARTHEST = 1e6
+"""m, m/s, rad or rad/s that no vehicle comes near; hashing far greater ones would overflow"""
 
 Rows = NDArray[np.integer]
 
@@ -159,7 +161,7 @@ class Lanes:
             point = values[:, 2:].copy()
             point[:, 0] -= self._origin[row]
             self._contacts = Contacts(
-                row, body, point, values[:, :2] * np.where(second, 1.0, -1.0)[:, None])
+                row, body, point, values[:, :2] * np.where(second, -1.0, 1.0)[:, None])
         return self._contacts
 
     # Placing
@@ -228,7 +230,13 @@ class Lanes:
         return state
 
     def load(self, bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
-        """Put all vehicles where `arrays` found them, and forget; their ground must be there."""
+        """Put all vehicles where `arrays` found them, and forget.
+
+        :raises ValueError: when one is where none can be; nothing changes.
+        """
+        for name, array in (('bodies', bodies), ('pose', pose), ('velocity', velocity)):
+            if (np.abs(array) > _FARTHEST).any():
+                raise ValueError(f'snapshot: {name} has a value beyond {_FARTHEST:g}')
         self.pose, self.velocity = pose.copy(), velocity.copy()
         self._fresh = fresh.copy()
         state = bodies.copy()

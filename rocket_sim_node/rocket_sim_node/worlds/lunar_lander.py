@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.worlds import lunar_start
 from rocket_sim_node.worlds import lunar_vehicle as vehicle
+from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds.actions import checked_action
@@ -32,10 +33,6 @@ from rocket_sim_node.worlds.lanes import Lanes
 from rocket_sim_node.worlds.lunar_engines import Engines
 from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
 
-OBSERVATION_NAMES = (
-    'position_x', 'position_y', 'velocity_x', 'velocity_y', 'angle', 'angular_velocity',
-    'right_contact', 'left_contact',
-)
 OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
 LANDED, CRASHED, OUT_OF_BOUNDS, TIMEOUT = range(4)
 
@@ -75,7 +72,7 @@ class LunarLanderWorld:
         self._reward = np.zeros(num_envs)
         self.spec = WorldSpec(
             name='lunar_lander', num_envs=num_envs, dt=s.dt,
-            observation_names=OBSERVATION_NAMES,
+            observation_names=lunar_view.OBSERVATION_NAMES,
             action_names=('main', 'lateral') if s.continuous else ('engine',),
             continuous=s.continuous,
             action_low=(-1.0, -1.0) if s.continuous else (),
@@ -177,31 +174,8 @@ class LunarLanderWorld:
 
     def _look(self, rows: NDArray[np.int64] | slice) -> tuple[F32, F64]:
         """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded."""
-        x, y, angle = self._lanes.pose[rows, 0].T
-        velocity = self._hull_velocity(self._lanes.velocity[rows, 0], angle)
-        state = np.empty((8, len(x)))
-        state[0] = (x + np.sin(angle) * vehicle.BODY_CENTRE) / vehicle.HALF_WIDTH
-        state[1] = (
-            y - np.cos(angle) * vehicle.BODY_CENTRE - vehicle.PAD_HEIGHT - vehicle.LEG_DOWN
-        ) / vehicle.HALF_HEIGHT
-        # Gymnasium scales by its 50 frames a second, whatever dt.
-        state[2] = velocity[0] * (vehicle.HALF_WIDTH / 50)
-        state[3] = velocity[1] * (vehicle.HALF_HEIGHT / 50)
-        state[4] = angle
-        state[5] = velocity[2] * (20 / 50)
-        state[6] = self._touching[rows, vehicle.RIGHT]
-        state[7] = self._touching[rows, vehicle.LEFT]
-        shaping = -100 * (
-            np.sqrt(state[0]**2 + state[1]**2) + np.sqrt(state[2]**2 + state[3]**2)
-            + np.abs(angle)) + 10 * (state[6] + state[7])
-        return np.ascontiguousarray(state.T, np.float32), shaping
-
-    @staticmethod
-    def _hull_velocity(velocity: F64, angle: F64) -> tuple[F64, F64, F64]:
-        """Return the velocity of the hull's own centre, given that of its body's: m/s, rad/s."""
-        spin = velocity[:, 2]
-        arm = spin * (vehicle.HULL_CENTRE - vehicle.BODY_CENTRE)
-        return velocity[:, 0] - arm * np.cos(angle), velocity[:, 1] - arm * np.sin(angle), spin
+        return lunar_view.observe(
+            self._lanes.pose[rows, 0], self._lanes.velocity[rows, 0], self._touching[rows])
 
     # Episodes
 
@@ -229,16 +203,16 @@ class LunarLanderWorld:
         :param observation: `(N, 8)`; the rows that finished get their new first observation.
         """
         self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)
-        x, _, angle = self._lanes.pose[done, 0].T
-        speed_x, speed_y, _ = self._hull_velocity(self._lanes.velocity[done, 0], angle)
+        x, _ = lunar_view.hull_origin(self._lanes.pose[done, 0])
+        speed_x, speed_y = lunar_view.hull_velocity(
+            self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
         info = {
             'final_rows': done, 'final_observation': observation[done],
             'episodes': Episodes(
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
-                tilt=np.rad2deg(np.abs(angle)),
-                distance=np.abs(x + np.sin(angle) * vehicle.BODY_CENTRE),
+                tilt=np.rad2deg(np.abs(self._lanes.pose[done, 0, 2])), distance=np.abs(x),
                 fuel_used=np.zeros(len(done)),
             ),
         }
@@ -250,35 +224,27 @@ class LunarLanderWorld:
 
     def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
         """Return the physical state of the chosen landers, with S = len(rows)."""
-        count = len(rows)
-        hull, legs = self._lanes.pose[rows, 0], self._lanes.pose[rows, 1:]
-        angle = hull[:, 2]
-        flat = np.zeros((3, count))
-
-        def vector(x: F64, y: F64) -> F64:
-            return np.stack((x, y, flat[0]), axis=1)
-
-        velocity_x, velocity_y, turning = self._hull_velocity(
-            self._lanes.velocity[rows, 0], angle)
-        spin = flat.copy()
-        spin[2] = turning
-        turned = np.abs(legs[:, :, 2] - angle[:, None]) - vehicle.LEG_INNER
+        flat = np.zeros(len(rows))
+        pose, velocity = self._lanes.pose[rows], self._lanes.velocity[rows, 0]
+        x, y = lunar_view.hull_origin(pose[:, 0])
+        half = pose[:, 0, 2] / 2
         return Telemetry(
             row=np.asarray(rows, np.int64), episode=self.episode[rows],
             time=self.age[rows] * self.settings.dt,
-            position=vector(
-                hull[:, 0] + np.sin(angle) * vehicle.BODY_CENTRE,
-                hull[:, 1] - np.cos(angle) * vehicle.BODY_CENTRE - vehicle.PAD_GROUND),
-            orientation=np.stack(
-                (flat[0], flat[0], np.sin(angle / 2), np.cos(angle / 2)), axis=1),
-            linear_velocity=vector(velocity_x, velocity_y), angular_velocity=spin.T,
-            mass=np.full(count, vehicle.TOTAL_MASS), fuel=flat[0],
+            position=np.stack((x, y - vehicle.PAD_GROUND, flat), axis=1),
+            orientation=np.stack((flat, flat, np.sin(half), np.cos(half)), axis=1),
+            linear_velocity=np.stack(
+                (*lunar_view.hull_velocity(pose[:, 0], velocity), flat), axis=1),
+            angular_velocity=np.stack((flat, flat, velocity[:, 2]), axis=1),
+            mass=np.full(len(rows), vehicle.TOTAL_MASS), fuel=flat,
             throttle=self._main[rows], thrust=self._main[rows] * self._engines.max_thrust,
             lateral_thrust=-self._side[rows] * self._engines.max_lateral_thrust,
-            torque=flat.T, contact_force=vector(*self._contact_force[rows].T),
-            contact=self._touching[rows, 1:], leg_angle=turned,
+            torque=np.zeros((len(rows), 3)),
+            contact_force=np.column_stack((self._contact_force[rows], flat)),
+            contact=self._touching[rows, 1:],
+            leg_angle=np.abs(pose[:, 1:, 2] - pose[:, :1, 2]) - vehicle.LEG_INNER,
             terrain=self.terrain[rows] - vehicle.PAD_GROUND,
-            reward=self._reward[rows], outcome=np.full(count, NO_OUTCOME, np.uint8),
+            reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
         )
 
     @property
@@ -301,10 +267,10 @@ class LunarLanderWorld:
         for name in ('seed', 'age', 'episode', 'still'):
             if (arrays[name] < 0).any():
                 raise ValueError(f'snapshot: {name} has a value below 0')
-        self._seed = int(arrays.pop('seed')[0])
         self._lanes.load(**{
             name.removeprefix('lanes_'): arrays.pop(name)
             for name in list(arrays) if name.startswith('lanes_')})
+        self._seed = int(arrays.pop('seed')[0])
         for name, array in arrays.items():
             ours[name][...] = array
         self._starts = lunar_start.Starts(self._seed, self.spec.num_envs)

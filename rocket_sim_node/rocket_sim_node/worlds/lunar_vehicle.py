@@ -34,7 +34,7 @@ LEG_INNER, LEG_OUTER = 0.35, 0.85
 0.4 and 0.9, which its joints count from the angle at which legs are created, 0.05 inwards."""
 LEG_START = 0.492
 """rad, where a leg is at the start: where Box2D leaves it when it first joins the parts"""
-LEG_PUSHED = 0.05
+LEG_PUSHED = -0.05
 """rad, where Gymnasium creates a leg, and where it counts while the first push acts"""
 MAIN_ENGINE_OFFSET = 4 / _PIXELS
 SIDE_ENGINE_AWAY = 12 / _PIXELS

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps per second of `lunar_lander` beside EnvPool's and Gymnasium's, on one core.
+
+Random actions, episodes and resets included. The peers are measured in turns with ours, several
+rounds, and medians are reported: what disturbs the machine disturbs all.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from rocket_sim_node import worlds
+
+SIZES = (1, 4, 16, 64, 256, 1024, 4096)
+_LARGEST_GYMNASIUM = 64
+"""environments; its vector is a loop, so more are not faster"""
+
+Stepper = Callable[[NDArray[Any]], Any]
+
+
+def ours(num_envs: int) -> Stepper:
+    """Return the step of our world."""
+    return worlds.make('lunar_lander', num_envs=num_envs, seed=1).step
+
+
+def envpool(num_envs: int) -> Stepper:
+    """Return the step of EnvPool's: synchronous, one thread, as it advises for one core."""
+    import envpool
+
+    env = envpool.make(
+        'LunarLander-v3', env_type='gymnasium', num_envs=num_envs, batch_size=num_envs,
+        num_threads=1, seed=1)
+    env.reset()
+    return lambda action: env.step(action.astype(np.int32))
+
+
+def gymnasium_sync(num_envs: int) -> Stepper:
+    """Return the step of Gymnasium's own vector."""
+    env = gymnasium.make_vec(
+        'LunarLander-v3', num_envs=num_envs, vectorization_mode='sync',
+        vector_kwargs={'autoreset_mode': AutoresetMode.SAME_STEP})
+    env.reset(seed=1)
+    return env.step
+
+
+def rate(step: Stepper, num_envs: int, seconds: float) -> float:
+    """Return environment steps per second, over about so many seconds."""
+    actions = np.random.default_rng(0).integers(0, 4, (64, num_envs))
+    count, start = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < seconds:
+        for action in actions:
+            step(action)
+        count += len(actions)
+    return count * num_envs / elapsed
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench stepping', description=__doc__.split('\n')[0])
+    parser.add_argument('--rounds', type=int, default=5)
+    parser.add_argument('--seconds', type=float, default=0.5, help='of one measurement')
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES))
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    peers = {'ours': ours, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
+    table: dict[str, dict[int, float]] = {name: {} for name in peers}
+    print(f'steps/s on one core, median of {options.rounds} rounds, random actions')
+    print(f'{"batch":>6}' + ''.join(f'{name:>12}' for name in peers))
+    for size in options.sizes:
+        made = {
+            name: make(size) for name, make in peers.items()
+            if name != 'Gymnasium' or size <= _LARGEST_GYMNASIUM}
+        for name, step in made.items():
+            rate(step, size, 0.2 * options.seconds)
+        samples: dict[str, list[float]] = {name: [] for name in made}
+        for _ in range(options.rounds):
+            for name, step in made.items():
+                samples[name].append(rate(step, size, options.seconds))
+        for name, rates in samples.items():
+            table[name][size] = statistics.median(rates)
+        print(f'{size:>6}' + ''.join(
+            f'{table[name][size]:>12,.0f}' if size in table[name] else f'{"":>12}'
+            for name in peers), flush=True)
+    best = {name: max(rates.values()) for name, rates in table.items()}
+    print('  best' + ''.join(f'{best[name]:>12,.0f}' for name in peers))
+    ratios = {name: best['ours'] / best[name] for name in peers if name != 'ours'}
+    print('ours is ' + ', '.join(f'{ratio:.1f} x {name}' for name, ratio in ratios.items()))
+    if options.output:
+        options.output.write_text(json.dumps(
+            {'steps_per_second': table, 'best': best, 'ratios': ratios}, indent=2) + '\n',
+            'utf-8')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A policy trained in our `lunar_lander`, flown unchanged in Gymnasium's."""
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from benchmarks import gymnasium_lander
+from benchmarks.intervals import difference
+from benchmarks.intervals import mean_line
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node import worlds
+
+
+def main() -> None:
+    """Fly it in both, print the means, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench transfer', description=__doc__)
+    parser.add_argument('--policy', default='', help='policy file; default: the newest')
+    parser.add_argument('--episodes', type=int, default=500, help='in each world')
+    parser.add_argument('--seed', type=int, default=20_000_000, help='never used in training')
+    parser.add_argument('--continuous', action='store_true', help='the policy has two numbers')
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    path = find_policy(options.policy, 'lunar_lander')
+    world = worlds.make('lunar_lander', num_envs=20, continuous=options.continuous)
+    pilot = PolicyPilot(path, world.spec)
+    ours = evaluate(world, pilot, options.episodes, options.seed).episodes
+    theirs = gymnasium_lander.fly(pilot, options.episodes, options.seed, options.continuous)
+    change, low, high = difference(ours.episode_return, theirs.episode_return)
+    print(f'{path}, {options.episodes} deterministic episodes each: mean return ± deviation')
+    print(f'our lunar_lander           {mean_line(ours.episode_return)}')
+    print(f"Gymnasium's {gymnasium_lander.NAME} {mean_line(theirs.episode_return)}")
+    print(f'ours - Gymnasium           {change:+7.1f}  [{low:+.1f}, {high:+.1f}]')
+    print(f'Gymnasium: {theirs.outcomes}')
+    if options.output:
+        options.output.write_text(json.dumps({
+            'policy': str(path), 'episodes': options.episodes, 'seed': options.seed,
+            'ours': float(ours.episode_return.mean()),
+            'gymnasium': float(theirs.episode_return.mean()),
+            'difference': change, 'difference_interval': [low, high],
+            'gymnasium_outcomes': theirs.outcomes,
+        }, indent=2) + '\n', 'utf-8')
+
+
+if __name__ == '__main__':
+    main()
