@@ -82,7 +82,7 @@ def main() -> None:
         made = {
             name: make(size) for name, make in peers.items()
             if name != 'Gymnasium' or size <= _LARGEST_GYMNASIUM}
-        for name, step in made.items():
+        for step in made.values():
             rate(step, size, 0.2 * options.seconds)
         samples: dict[str, list[float]] = {name: [] for name in made}
         for _ in range(options.rounds):

@@ -12,6 +12,7 @@ from processes import Process
 from processes import Processes
 from rocket_msgs import msg
 from rocket_msgs import srv
+from rollouts import assert_same
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
@@ -34,18 +35,6 @@ def simulator(processes: Processes) -> Process:
 def actions(steps: int, seed: int = 0) -> np.ndarray:
     """Random actions `(steps, N, 3)`."""
     return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
-
-
-def assert_same(ours: tuple, theirs: tuple) -> None:
-    """Assert that two answers of `step` are the same, bit for bit and kind for kind."""
-    for a, b in zip(ours[:4], theirs[:4], strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b)
-    for name in ('final_rows', 'final_observation'):
-        np.testing.assert_array_equal(ours[4][name], theirs[4][name])
-    for name in ('row', 'episode', 'episode_return', 'length', 'outcome', 'tilt', 'fuel_used'):
-        np.testing.assert_array_equal(
-            getattr(ours[4]['episodes'], name), getattr(theirs[4]['episodes'], name))
 
 
 class Speaker:

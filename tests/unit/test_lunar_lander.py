@@ -219,7 +219,7 @@ def test_legs_bear_the_lander_at_their_inner_stop() -> None:
     observation = world.observe()
     found = 0
     for _ in range(400):
-        observation, _, _, _, info = world.step(pilot(observation))
+        observation = world.step(pilot(observation))[0]
         finished = world.finished
         level = (finished.terrain[:, 4:7] == finished.terrain[:, 5:6]).all(1)
         centre = np.abs(finished.position[:, 0]) < 1.5
@@ -236,7 +236,7 @@ def test_legs_bear_the_lander_at_their_inner_stop() -> None:
 
 def _standing_height() -> float:
     """Return the hull's origin above ground with both legs at the inner stop, m."""
-    x, y = vehicle.leg_offset(1.0, vehicle.LEG_INNER)
+    _, y = vehicle.leg_offset(1.0, vehicle.LEG_INNER)
     tip = np.sin(vehicle.LEG_INNER) * vehicle.LEG_HALF_WIDTH + (
         np.cos(vehicle.LEG_INNER) * vehicle.LEG_HALF_LENGTH)
     return tip - y + 0.02
