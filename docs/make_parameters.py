@@ -8,8 +8,8 @@ from pathlib import Path
 from ppo_agent_node.learning import config
 from ppo_agent_node.nodes import connection
 from ppo_agent_node.nodes import evaluate
-from ppo_agent_node.nodes import expert_pilot
 from ppo_agent_node.nodes import inference
+from ppo_agent_node.nodes import piloting
 from ppo_agent_node.nodes import ppo_agent
 from ppo_agent_node.nodes import training
 from rocket_sim_node import worlds
@@ -74,7 +74,7 @@ def text() -> str:
         table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
         table('`ppo_agent`', describe(ppo_agent.AgentParameters)),
         *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
-        table('`expert_pilot`', describe(expert_pilot.ExpertParameters)),
+        table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),
         table('`evaluate`', describe(evaluate.EvaluationParameters)),
         table('All nodes of `ppo_agent_node`', describe(connection.ConnectionParameters)),
     ])

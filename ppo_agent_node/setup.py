@@ -9,7 +9,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
-    package_data={package_name: ['py.typed', 'presets/*.yaml', 'policies/*.safetensors']},
+    package_data={package_name: ['py.typed', 'presets/*/*.yaml', 'policies/*.safetensors']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -25,6 +25,7 @@ setup(
         'console_scripts': [
             'ppo_agent = ppo_agent_node.nodes.ppo_agent:main',
             'expert_pilot = ppo_agent_node.nodes.expert_pilot:main',
+            'random_pilot = ppo_agent_node.nodes.random_pilot:main',
             'evaluate = ppo_agent_node.nodes.evaluate:main',
         ],
     },

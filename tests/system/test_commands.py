@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from pathlib import Path
 
 import pytest
+import yaml
 from processes import Process
 from processes import Processes
 
@@ -69,7 +71,48 @@ def test_evaluate_the_expert(processes: Processes, tmp_path: Path) -> None:
     assert run.wait(60.0) == 0, processes.logs()
     figures = json.loads((tmp_path / 'figures' / 'evaluation.json').read_text())
     assert figures['landing_rate'] == 1.0
+    assert figures['level'] == 7
     assert figures['mean_return'] > 294.0
+
+
+def test_train_evaluate_and_land_in_a_world_without_levels(
+        processes: Processes, tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    training = command(
+        processes, 'train', 'world:=lunar_lander', 'preset:=original', f'run_dir:={run}',
+        'record:=false', 'n_steps:=60', 'hidden_sizes:=[16]', 'training_episodes:=10',
+        'selection_episodes:=8', 'evaluation_episodes:=8', 'threads:=1')
+    assert training.wait(90.0) == 0, processes.logs()
+    assert re.search(r'episode: 1/10, score: -?\d+\.\d, average: -?\d+\.\d\n', training.output())
+    settings = yaml.safe_load((run / 'config.yaml').read_text())
+    assert (settings['world'], settings['num_envs']) == ('lunar_lander', 8)
+    assert settings['training']['activation'] == 'relu'
+    assert (run / 'plots' / 'score.png').is_file()
+    evaluation = command(
+        processes, 'evaluate', 'world:=lunar_lander', f'policy:={run}/policy.safetensors',
+        'episodes:=8', 'num_envs:=8', f'output:={tmp_path}/figures')
+    assert evaluation.wait(60.0) == 0, processes.logs()
+    figures = json.loads((tmp_path / 'figures' / 'evaluation.json').read_text())
+    assert (figures['world'], figures['level'], figures['fuel_ratio']) == (
+        'lunar_lander', None, None)
+    land = command(
+        processes, 'land', 'world:=lunar_lander', f'policy:={run}/policy.safetensors',
+        'episodes:=4', f'output:={tmp_path}/landing.rrd')
+    assert land.wait(60.0) == 0, processes.logs()
+    assert re.search(r'\d episodes: .*mean return', land.output()), land.output()
+
+
+def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
+    listed = processes.start('ros2', 'pkg', 'executables', 'ppo_agent_node')
+    assert listed.wait(30.0) == 0
+    assert listed.output().split()[1::2] == [
+        'evaluate', 'expert_pilot', 'ppo_agent', 'random_pilot']
+    for world in ('rocket', 'lunar_lander'):
+        simulator = processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=8)
+        pilot = processes.run_node('ppo_agent_node', 'random_pilot', episodes=16, seed=3)
+        assert pilot.wait(60.0) == 0, processes.logs()
+        assert re.search(r'1[6-9] episodes: .*mean return -\d', pilot.output()), pilot.output()
+        simulator.end()
 
 
 @pytest.mark.parametrize(('name', 'argument', 'words'), [

@@ -2,6 +2,7 @@
 """Sealed files: what is written comes back, and what is damaged is refused by name."""
 from __future__ import annotations
 
+import dataclasses
 import errno
 import os
 import pickle
@@ -11,13 +12,19 @@ from typing import Any
 import pytest
 import safetensors.torch
 import torch
+from line_world import LineWorld
 
+from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.config import NetworkConfig
+from ppo_agent_node.learning.policies import GaussianPolicy
+from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.policy_file import load_policy
 from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node import worlds
 
 TENSORS = {
@@ -118,10 +125,9 @@ def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
 
 
 def policy(path: Path, **change: Any) -> GaussianPolicy:
-    import dataclasses
     made = GaussianPolicy(15, 3, (8, 4), streams.generator(1, 'policy'))
     spec = dataclasses.replace(worlds.make('rocket').spec, **change)
-    save_policy(path, made, spec, (8, 4), 1, {'mean_return': 290.5})
+    save_policy(path, made, spec, NetworkConfig(hidden_sizes=(8, 4)), 1, {'mean_return': 290.5})
     return made
 
 
@@ -138,6 +144,64 @@ def test_a_policy_flies_what_it_was(tmp_path: Path) -> None:
     assert (pilot(observation) == action).all()
     assert pilot.description['training'] == {'mean_return': 290.5}
     assert pilot.description['world'] == 'rocket'
+
+
+def test_activations_are_kept_and_those_of_old_files_are_tanh(tmp_path: Path) -> None:
+    spec, observation = worlds.make('rocket').spec, torch.randn(6, 15)
+    path, network = tmp_path / 'one.safetensors', NetworkConfig((8, 4), 'relu')
+    made = make_policy(spec, network, streams.generator(1, 'policy'))
+    save_policy(path, made, spec, network, 1, {})
+    loaded, content = load_policy(path, spec)
+    assert content['activation'] == 'relu'
+    assert torch.equal(loaded.mode(observation), made.mode(observation))
+    tensors, content = sealed_file.read(path, 'policy')
+    del content['activation']
+    sealed_file.write(path, 'policy', tensors, content)
+    tanh = make_policy(spec, NetworkConfig((8, 4)), streams.generator(1, 'policy'))
+    old = load_policy(path, spec)[0].mode(observation)
+    assert torch.equal(old, tanh.mode(observation))
+    assert not torch.equal(old, made.mode(observation))
+    for wrong in ('gelu', 5):
+        sealed_file.write(path, 'policy', tensors, {**content, 'activation': wrong})
+        with pytest.raises(ValueError, match=r'one\.safetensors: activation: got'):
+            load_policy(path, spec)
+
+
+def test_the_policy_that_ships_lands(tmp_path: Path) -> None:
+    world = worlds.make('rocket', num_envs=8)
+    pilot = PolicyPilot(find_policy('', 'rocket', tmp_path), world.spec)
+    assert int(evaluate(world, pilot, 8, 1, level=7).landed.sum()) == 8
+
+
+def test_a_policy_flies_any_world_of_the_same_observations_and_actions(tmp_path: Path) -> None:
+    path = tmp_path / 'policy.safetensors'
+    made = policy(path)
+    planar = 'rocket_planar'
+    spec = worlds.make(planar).spec if planar in worlds.names() else dataclasses.replace(
+        worlds.make('rocket').spec, name=planar)
+    loaded, content = load_policy(path, spec)
+    assert content['world'] == 'rocket'
+    observation = torch.randn(3, 15)
+    assert torch.equal(loaded.mode(observation), made.mode(observation))
+    assert ExpertPilot(spec)(observation.numpy()).shape == (3, 3)
+    with pytest.raises(ValueError, match=r"for world 'rocket'.*of world 'line'"):
+        load_policy(path, LineWorld().spec)
+
+
+def test_discrete_policies(tmp_path: Path) -> None:
+    path, spec = tmp_path / 'policy.safetensors', LineWorld().spec
+    network = NetworkConfig((8,))
+    made = make_policy(spec, network, streams.generator(1, 'policy'))
+    save_policy(path, made, spec, network, 1, {})
+    observation = torch.randn(20, 2)
+    assert torch.equal(load_policy(path, spec)[0].mode(observation), made.mode(observation))
+    with pytest.raises(ValueError, match=r'action_count.* is 4, expected 5'):
+        load_policy(path, dataclasses.replace(spec, action_count=5))
+    tensors, content = sealed_file.read(path, 'policy')
+    tensors['logits.0.bias'][1] = float('nan')
+    sealed_file.write(path, 'policy', tensors, content)
+    with pytest.raises(ValueError, match=r"'logits\.0\.bias' has a value that is not finite"):
+        load_policy(path, spec)
 
 
 def test_policies_that_do_not_fit_are_refused(tmp_path: Path) -> None:

@@ -14,13 +14,13 @@ from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.cloning import CloneEpoch
 from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.cloning import split_by_episode
-from ppo_agent_node.learning.config import CloneConfig
-from ppo_agent_node.learning.config import DemonstrationConfig
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import spawn_settings
 from ppo_agent_node.learning.flights import scatter
-from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.imitation_config import CloneConfig
+from ppo_agent_node.learning.imitation_config import DemonstrationConfig
+from ppo_agent_node.learning.policies import GaussianPolicy
 from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32

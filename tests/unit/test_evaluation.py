@@ -19,6 +19,7 @@ from ppo_agent_node.evaluation.plots import evaluation_plots
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.evaluation.runner import quotas
+from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
@@ -206,6 +207,36 @@ def test_a_world_without_fuel_has_no_fuel_figures(tmp_path: Path) -> None:
     assert json.dumps(summary, allow_nan=False)
     assert 'fuel' not in table(summary)
     assert 'fuel.png' not in {path.name for path in evaluation_plots(result, tmp_path)}
+
+
+def test_the_lunar_lander_is_evaluated(tmp_path: Path) -> None:
+    """Time-outs are truncations there; nothing is burnt, and there are no levels."""
+    env = worlds.make('lunar_lander', 6, time_limit=1.5)
+    result = evaluate(env, RandomPilot(env.spec, 1), 24, 1)
+    summary = summarise(result)
+    assert summary['level'] is None
+    assert summary['outcomes']['crashed'] > 0 < summary['outcomes']['timeout']
+    assert sum(summary['outcomes'].values()) == 24
+    assert summary['fuel_used_kg'] == {'mean': None, 'p95': None}
+    assert summary['touchdown_speed']['mean'] > 0
+    write_json(tmp_path / 'evaluation.json', summary)
+    assert 'lunar_lander\n' in table(summary)
+    paths = evaluation_plots(result, tmp_path)
+    assert {path.name for path in paths} == {'outcomes.png', 'returns.png', 'touchdown.png'}
+    for path in paths:
+        ink = (imread(path)[..., :3] < 0.9).any(axis=-1).mean()
+        assert 0.01 < ink < 0.6, f'{path.name} is blank or black'
+
+
+def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
+    env, told = worlds.make('rocket', 4, spawn_height=20.0), []
+    pilot = RandomPilot(env.spec, 1)
+    summary = fly_and_write(env, pilot, 8, 1, 0, tmp_path, told.append)
+    assert summary['level'] == 7
+    assert json.loads((tmp_path / 'evaluation.json').read_text())['level'] == 7
+    assert {status.level for status in told} == {7}
+    asked = fly_and_write(env, RandomPilot(env.spec, 1), 8, 1, 7, None, told.append)
+    assert {**asked, 'reset_settings': {}} == summary
 
 
 def test_writing_replaces_the_file_whole_or_not_at_all(tmp_path: Path) -> None:

@@ -11,11 +11,9 @@ from torch.distributions import Normal
 
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import GaussianPolicy
 from ppo_agent_node.learning.networks import Normaliser
-from ppo_agent_node.learning.networks import make_policy
 from ppo_agent_node.learning.networks import mlp
-from rocket_sim_node import worlds
+from ppo_agent_node.learning.policies import GaussianPolicy
 
 
 def policy(seed: int = 1, hidden: tuple[int, ...] = (32, 16), **options: float) -> GaussianPolicy:
@@ -72,6 +70,20 @@ def test_weights_begin_orthogonal_and_actions_near_zero() -> None:
     assert not net[0].bias.any()
 
 
+def test_activations() -> None:
+    kinds = {name: mlp((2, 3, 3, 1), 1.0, streams.generator(1, 'x'), name)
+             for name in ('tanh', 'relu')}
+    assert [type(layer) for layer in kinds['tanh']][1::2] == [torch.nn.Tanh] * 2
+    assert [type(layer) for layer in kinds['relu']][1::2] == [torch.nn.ReLU] * 2
+    assert torch.equal(kinds['tanh'][0].weight, kinds['relu'][0].weight)
+    critic = Critic(2, (3,), streams.generator(1, 'c'), 'relu')
+    with torch.no_grad():
+        critic.value[0].weight.copy_(torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]))
+        critic.value[2].weight.copy_(torch.tensor([[1.0, 10.0, 100.0]]))
+        assert critic(torch.tensor([[2.0, -3.0]])).tolist() == [2.0]
+        assert critic(torch.tensor([[-2.0, 3.0]])).tolist() == [230.0]
+
+
 def test_the_deviation_stays_between_floor_and_falling_ceiling() -> None:
     one = policy(log_std_init=-2.0, log_std_final=-3.0, log_std_floor=-3.5)
     for value, progress, expected in (
@@ -108,13 +120,6 @@ def test_normaliser() -> None:
     torch.testing.assert_close(normal.mean(0), torch.zeros(2), rtol=0, atol=1e-3)
     assert float(normal[:, 0].std()) == pytest.approx(1, abs=1e-4)
     assert float(normal[:, 1].std()) < 0.01  # a constant is not blown up into noise
-
-
-def test_discrete_worlds_are_refused_by_name() -> None:
-    import dataclasses
-    spec = dataclasses.replace(worlds.make('rocket').spec, continuous=False, name='grid')
-    with pytest.raises(ValueError, match="'grid' has discrete actions"):
-        make_policy(spec, (8,), torch.Generator())
 
 
 def test_entries_with_a_width_are_seen_logarithmically() -> None:

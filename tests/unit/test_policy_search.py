@@ -41,3 +41,9 @@ def test_a_named_file_has_to_exist(tmp_path: Path) -> None:
         find_policy('/nowhere', 'rocket', tmp_path)
     with pytest.raises(FileNotFoundError, match="'mars', and none ships"):
         find_policy('', 'mars', tmp_path)
+
+
+def test_no_policy_of_another_world_is_taken(tmp_path: Path) -> None:
+    run(tmp_path, 'a', 'rocket', 100)
+    with pytest.raises(FileNotFoundError, match="for world 'rocket_planet', and none ships"):
+        find_policy('', 'rocket_planet', tmp_path)

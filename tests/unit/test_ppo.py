@@ -13,7 +13,8 @@ from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import PPOConfig
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import GaussianPolicy
+from ppo_agent_node.learning.policies import CategoricalPolicy
+from ppo_agent_node.learning.policies import GaussianPolicy
 from ppo_agent_node.learning.rollout import Batch
 
 CONFIG = PPOConfig(
@@ -33,6 +34,25 @@ def test_clipped_objective_and_its_gradient(
     objective.sum().backward()
     assert float(objective.detach()) == pytest.approx(value)
     assert float(r.grad) == pytest.approx(slope)
+
+
+@pytest.mark.parametrize(('value', 'error', 'slope'), [
+    # The critic said 1 and should have said 3; it may move by 0.5 at once.
+    (1.0, 4.0, -4.0), (1.4, 2.56, -3.2), (1.6, 2.25, 0.0), (3.0, 2.25, 0.0), (0.4, 6.76, -5.2),
+    (4.4, 2.25, 0.0), (4.6, 2.56, 3.2),
+])
+def test_clipped_value_error_and_its_gradient(value: float, error: float, slope: float) -> None:
+    v = torch.tensor([value], requires_grad=True)
+    found = ppo.squared_error(v, torch.tensor([1.0]), torch.tensor([3.0]), 0.5)
+    found.sum().backward()
+    assert float(found.detach()) == pytest.approx(error)
+    assert float(v.grad) == pytest.approx(slope, abs=1e-6)
+
+
+def test_unclipped_value_error_is_the_plain_one() -> None:
+    v, old, target = torch.randn(3, 20)
+    assert torch.equal(ppo.squared_error(v, old, target, 0.0), (v - target).square())
+    assert bool((ppo.squared_error(v, old, target, 0.1) >= (v - target).square()).all())
 
 
 def test_policy_gradient_by_hand() -> None:
@@ -88,6 +108,39 @@ def test_an_update_goes_uphill_and_reports_itself() -> None:
     assert told.explained_variance == pytest.approx(1, abs=1e-5)  # off by a constant
     assert math.isfinite(told.policy_loss)
     assert told.value_loss < 0.5
+
+
+def test_value_clipping_holds_the_critic_back() -> None:
+    """The target is 1 above: without clipping the critic gets there, with it a little way."""
+    moved = []
+    for clip_range in (0.0, 0.05):
+        _, critic, _, batch = run(n_epochs=60, value_clip_range=clip_range)
+        with torch.no_grad():
+            moved.append((critic(batch.observation) - batch.value).mean())
+    assert moved[0] > 0.8
+    assert 0.04 < moved[1] < 0.3
+
+
+def test_an_update_of_a_categorical_policy() -> None:
+    policy = CategoricalPolicy(4, 3, (16,), streams.generator(1, 'p'))
+    critic = Critic(4, (16,), streams.generator(1, 'c'))
+    noise = streams.generator(1, 'n')
+    observation = torch.randn(256, 4, generator=noise)
+    with torch.no_grad():
+        action, log_prob = policy.sample(observation, noise)
+        value = critic(observation)
+        before = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
+    batch = Batch(observation, action, log_prob, (action == 2).float(), value, value)
+    told = ppo.update(
+        policy, critic, Adam(policy.parameters(), lr=1e-2), Adam(critic.parameters()), batch,
+        CONFIG, streams.generator(1, 'm'))
+    with torch.no_grad():
+        after = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
+    assert before == pytest.approx(1 / 3, abs=0.01)
+    assert after > before + 0.02
+    assert told.updates == 8
+    assert told.entropy == pytest.approx(math.log(3), abs=0.05)
+    assert 0 < told.approx_kl < 0.1
 
 
 def test_equal_shuffles_are_equal_and_others_differ() -> None:

@@ -15,9 +15,7 @@ import torch
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
-from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.config import preset_names
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import STAGES
@@ -261,25 +259,7 @@ def test_without_demonstrations_it_starts_from_scratch(tmp_path: Path) -> None:
     config = small(demonstration_episodes=0, iterations=1)
     assert train(tmp_path / 'run', config, told=told).finished
     assert {s.stage for s in told} == {'finetune'}
-
-
-def test_presets() -> None:
-    assert preset_names() == ('default', 'original')
-    original = load_preset('original')
-    assert original.ppo.clip_range == 0.05
-    assert original.ppo.gamma == 0.99
-    assert original.ppo.gae_lambda == 0.95
-    assert original.ppo.n_steps == 2048
-    assert original.ppo.n_epochs == 2
-    assert original.ppo.batch_size == 64
-    assert original.ppo.actor_learning_rate == 3e-5
-    assert original.ppo.critic_learning_rate == 1e-4
-    assert original.ppo.entropy_coefficient == 0.01
-    assert original.network.log_std_floor == -2.5
-    assert original.network.hidden_sizes == (256, 256)
-    assert load_preset('default', seed=9).run.seed == 9
-    with pytest.raises(ValueError, match="unknown preset 'fast', expected one of default"):
-        load_preset('fast')
+    assert not any('scores' in line for line in RunFolder(tmp_path / 'run', resume=True).lines())
 
 
 def test_settings_are_checked_by_name() -> None:

@@ -25,6 +25,8 @@ BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, YELLOW, INK = (
     '#0072B2', '#E69F00', '#009E73', '#D55E00', '#56B4E9', '#CC79A7', '#F0E442', '#333333')
 _CRASH_COLOURS = (VERMILION, ORANGE, PURPLE, SKY, BLUE, YELLOW)
 _GREY = '#BBBBBB'
+_SOLVED = {'lunar_lander': 200.0}
+"""Returns that count as a solution, by world (Gymnasium's documentation of LunarLander)."""
 
 _STYLE: dict[Any, Any] = {
     'font.size': 10.5, 'axes.titlesize': 12, 'axes.titlelocation': 'left',
@@ -112,6 +114,10 @@ def _returns(figure: Figure, result: EvaluationResult) -> None:
                 number[chosen], returns[chosen], '.', ms=4, alpha=0.6, mew=0,
                 color=colours[name], label=name.replace('_', ' '))
     left.axhline(returns.mean(), color=INK, lw=1, ls='--')
+    solved = _SOLVED.get(result.spec.name)
+    if solved is not None:
+        left.axhline(solved, color=GREEN, lw=1, label=f'solved, {solved:g}')
+        right.axhline(solved, color=GREEN, lw=1)
     left.set_xlim(0, len(returns) + 1)
     left.set_xlabel('episode')
     left.set_ylabel('return')
@@ -153,19 +159,25 @@ def _histogram(
 
 
 def _touchdown(figure: Figure, result: EvaluationResult) -> None:
-    """Speed, tilt and distance at touchdown."""
+    """Speed, tilt and distance at the end of flights that ended on the ground.
+
+    For a rocket that is the touchdown; other worlds go on until all is at rest.
+    """
     ground, settings = touchdowns(result), result.settings
+    when = 'touchdown' if result.is_rocket else 'the end'
     flown, landed = result.episodes, result.landed[ground]
     panels = figure.subplots(1, 3)
     _histogram(panels[0], flown.touchdown_speed[ground], landed, settings.get('landed_speed'),
-               'speed at touchdown', 'm/s')
+               f'speed at {when}', 'm/s')
     _histogram(panels[1], flown.tilt[ground], landed, settings.get('landed_tilt'),
-               'tilt at touchdown', 'deg')
+               f'tilt at {when}', 'deg')
     _histogram(panels[2], flown.distance[ground], landed, settings.get('landed_distance'),
                "distance from the pad's centre", 'm')
-    panels[0].set_ylabel('touchdowns')
+    panels[0].set_ylabel('touchdowns' if result.is_rocket else 'episodes')
     crashes = int((~landed).sum())
-    figure.suptitle(f'{_subject(result)}: touchdowns', fontweight='bold')
+    figure.suptitle(
+        f'{_subject(result)}: {"touchdowns" if result.is_rocket else "on the ground"}',
+        fontweight='bold')
     handles = [Patch(color=GREEN, label=f'{int(landed.sum())} landed')]
     if crashes:
         handles.append(Patch(color=VERMILION, label=f'{crashes} crashed'))

@@ -14,9 +14,9 @@ from torch import Tensor
 from torch.optim import Adam
 
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import CloneConfig
 from ppo_agent_node.learning.demonstrations import Demonstrations
-from ppo_agent_node.learning.networks import Policy
+from ppo_agent_node.learning.imitation_config import CloneConfig
+from ppo_agent_node.learning.policies import Policy
 
 
 @dataclass(frozen=True)

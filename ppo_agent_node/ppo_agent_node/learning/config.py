@@ -2,7 +2,7 @@
 """The settings of a training run: one dataclass a concern, one flat namespace of names.
 
 The names become ROS parameters one to one, and the keys of the presets and of a run's
-`config.yaml`.
+`config.yaml`. Presets are files of such names and values, for each world its own.
 """
 from __future__ import annotations
 
@@ -15,69 +15,13 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.learning.imitation_config import CloneConfig
+from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 
-UNSET = -1
-"""Value of a `demonstration_spawn_*` setting that leaves the choice to the level."""
-
-
-@dataclass(frozen=True)
-class DemonstrationConfig:
-    """What the expert flies before the policy imitates it.
-
-    The teacher is the expert with gentler gains than when it flies for itself: at its best it is
-    too sharp to be imitated, and has no reserve to recover from noise with.
-    """
-
-    demonstration_episodes: int = setting(
-        512, '', 'episodes that the expert flies; 0: neither demonstrations nor cloning',
-        0, 1_000_000)
-    demonstration_noise: float = setting(
-        0.2, '', 'standard deviation of noise on the actions flown, not on those recorded',
-        0.0, 2.0)
-    demonstration_spawn_angle: float = setting(
-        37.0, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', UNSET, 180.0)
-    demonstration_spawn_position: float = setting(
-        8.0, 'm', 'x and z at spawn, plus or minus; -1: by level', UNSET, 1e4)
-    demonstration_spawn_speed: float = setting(
-        3.5, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; -1: by level',
-        UNSET, 1e3)
-    demonstration_spawn_spin: float = setting(
-        0.05, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', UNSET, 100.0)
-    teacher_braking_share: float = setting(
-        0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
-    teacher_flare_rate: float = setting(
-        3.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
-    teacher_flare_speed: float = setting(
-        0.1, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
-    teacher_speed_settling: float = setting(
-        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn "
-        'left', 0.0, 10.0)
-    teacher_attitude_rate: float = setting(
-        24.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
-
-    def teacher_gains(self) -> dict[str, float]:
-        """Return the gains that the teacher flies with, by the expert's names."""
-        return {
-            name.removeprefix('teacher_'): value
-            for name, value in settings_module.as_dict(self).items()
-            if name.startswith('teacher_')
-        }
-
-
-@dataclass(frozen=True)
-class CloneConfig:
-    """Behavioural cloning of the demonstrations."""
-
-    clone_epochs: int = setting(12, '', 'passes over the demonstrations, at most', 1, 10_000)
-    clone_batch_size: int = setting(1024, '', 'samples in a minibatch', 1, 1_000_000)
-    clone_learning_rate: float = setting(2e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
-    clone_validation_fraction: float = setting(
-        0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
-    clone_patience: int = setting(
-        5, '', 'epochs without a better validation loss before cloning stops', 1, 10_000)
+_PRESETS = resources.files('ppo_agent_node') / 'presets'
 
 
 @dataclass(frozen=True)
@@ -86,6 +30,8 @@ class NetworkConfig:
 
     hidden_sizes: tuple[int, ...] = setting(
         (256, 256), '', 'units of the hidden layers, actor and critic alike', 1, 16_384)
+    activation: str = setting(
+        'tanh', '', 'what follows each hidden layer', choices=('tanh', 'relu'))
     fine_observations: str = setting(
         'pad_y', '', 'observations, by name, that are seen on a logarithmic scale away from zero; '
         'names that the world lacks are passed over')
@@ -110,6 +56,9 @@ class PPOConfig:
     n_epochs: int = setting(2, '', 'passes over a roll-out', 1, 1000)
     batch_size: int = setting(4096, '', 'samples in a minibatch', 1, 10_000_000)
     clip_range: float = setting(0.1, '', 'clip of the probability ratio, epsilon', 1e-6, 10.0)
+    value_clip_range: float = setting(
+        0.0, '', 'the critic is not rewarded for moving further than this from its old value, in '
+        'its own units; 0: as far as it likes', 0.0, 1e9)
     gamma: float = setting(0.9999, '', 'discount per step', 0.0, 1.0)
     gae_lambda: float = setting(0.99, '', 'lambda of generalised advantages', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
@@ -155,6 +104,12 @@ class RunConfig:
         1, 1_000_000)
     selection_episodes: int = setting(
         512, '', 'episodes of such a flight, at least one per rocket', 1, 1_000_000)
+    training_episodes: int = setting(
+        0, 'episodes', 'fine-tuning also ends with the iteration in which so many have ended; '
+        '0: after its iterations', 0, 1_000_000_000)
+    episode_lines: bool = setting(
+        False, '', 'tell of each episode of fine-tuning, its score and the average of the last '
+        '50; keeps the scores in train.jsonl and draws them')
     evaluation_episodes: int = setting(
         2000, '', 'episodes of the final evaluation', 1, 10_000_000)
     evaluation_seed: int = setting(
@@ -227,30 +182,36 @@ def make_config(values: Mapping[str, object]) -> Config:
     return config
 
 
-def preset_names() -> tuple[str, ...]:
-    """Return the names of the presets that ship with the package."""
-    folder = resources.files('ppo_agent_node') / 'presets'
-    return tuple(sorted(
-        item.name.removesuffix('.yaml') for item in folder.iterdir()
-        if item.name.endswith('.yaml')))
+def preset_names(world: str | None = None) -> tuple[str, ...]:
+    """Return the names of the presets that ship for a world, or for any."""
+    return tuple(sorted({
+        preset.name.removesuffix('.yaml') for folder in _PRESETS.iterdir()
+        if folder.is_dir() and world in (None, folder.name)
+        for preset in folder.iterdir() if preset.name.endswith('.yaml')}))
 
 
-def preset_values(name: str) -> dict[str, Any]:
-    """Return the values that a preset sets, by name, unchecked.
+def preset_values(name: str, world: str) -> dict[str, Any]:
+    """Return the values that a preset sets in a world, by name, unchecked.
+
+    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world to begin with, on
+    whose preset of the same name the rest is put.
 
     :raises ValueError: when there is no such preset.
     """
-    if name not in preset_names():
-        raise ValueError(f'unknown preset {name!r}, expected one of {", ".join(preset_names())}')
-    text = (resources.files('ppo_agent_node') / 'presets' / f'{name}.yaml').read_text('utf-8')
-    values = yaml.safe_load(text)
-    return dict(values)
+    known = preset_names(world)
+    if name not in known:
+        raise ValueError(
+            f'unknown preset {name!r} of world {world!r}, '
+            f'expected one of {", ".join(known) or "none"}')
+    values = dict(yaml.safe_load((_PRESETS / world / f'{name}.yaml').read_text('utf-8')))
+    like = values.pop('like', None)
+    return {**preset_values(name, like), **values} if like else values
 
 
-def load_preset(name: str, **overrides: object) -> Config:
-    """Return the settings of a preset, some of them overridden.
+def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config:
+    """Return the settings of a world's preset, some of them overridden.
 
     :raises ValueError: for an unknown preset or setting, or a value out of range.
     :raises TypeError: for a value of another kind.
     """
-    return make_config({**preset_values(name), **overrides})
+    return make_config({**preset_values(name, world), **overrides})

@@ -13,6 +13,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ppo_agent_node.learning.run_folder import read_log
+from ppo_agent_node.learning.scores import WINDOW
+from ppo_agent_node.learning.scores import moving_average
 
 # Okabe and Ito, 'Color universal design', 2008: told apart by every eye.
 BLUE, ORANGE, GREEN, RED, GREY = '#0072B2', '#E69F00', '#009E73', '#D55E00', '#999999'
@@ -37,6 +39,9 @@ def draw(log: Path, folder: Path) -> list[Path]:
     if len(tuning) > 1:
         pictures.append(_save(training_figure(tuning), folder / 'training.png'))
         pictures.append(_save(diagnostics_figure(tuning[1:]), folder / 'diagnostics.png'))
+    scores = np.array([score for line in tuning for score in line.get('scores', ())], np.float64)
+    if scores.size:
+        pictures.append(_save(score_figure(scores), folder / 'score.png'))
     return pictures
 
 
@@ -51,24 +56,27 @@ def cloning_figure(lines: Lines) -> Figure:
     axes.plot(epoch, validation, color=RED, marker='s', ms=3, label='validation, other episodes')
     best = int(np.argmin(validation))
     axes.plot(epoch[best], validation[best], color=RED, marker='*', ms=14, ls='', label='kept')
-    _dress(axes, 'epoch', 'mean squared error of the action', 'Cloning the expert')
+    _dress(axes, 'epoch', 'loss of imitation', 'Cloning the expert')
     axes.set_yscale('log')
     axes.legend(frameon=False)
     return figure
 
 
 def training_figure(lines: Lines) -> Figure:
-    """Return mean return, landing rate and level over the iterations."""
+    """Return mean return, landing rate and, where there are any, level over the iterations."""
+    levels = _column(lines, 'level')
+    parts = 3 if (levels > 0).any() else 2
     figure = Figure(figsize=(8, 8), layout='constrained')
-    returns, landing, level = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1))
+    returns, landing, *level = figure.subplots(
+        parts, 1, sharex=True, height_ratios=(3, 2, 1)[:parts])
+    alone = 'final level, without noise' if level else 'without noise'
     iteration = _column(lines, 'iteration')
     raw = _column(lines, 'mean_return')
     returns.plot(iteration, raw, color=BLUE, alpha=0.35, lw=1, label='roll-out, with noise')
     returns.plot(iteration, smooth(raw), color=BLUE, label='the same, smoothed')
     selection = _column(lines, 'selection_return')
     flown = np.isfinite(selection)
-    returns.plot(iteration[flown], selection[flown], color=RED, marker='o', ms=4,
-                 label='final level, without noise')
+    returns.plot(iteration[flown], selection[flown], color=RED, marker='o', ms=4, label=alone)
     _dress(returns, '', 'return of an episode', 'Fine-tuning by PPO')
     returns.legend(frameon=False, loc='lower right')
     landing.fill_between(
@@ -78,12 +86,29 @@ def training_figure(lines: Lines) -> Figure:
     landing.plot(iteration, 100 * _column(lines, 'landing_rate'), color=GREEN,
                  label='roll-out, with noise')
     landing.plot(iteration[flown], 100 * _column(lines, 'selection_landing_rate')[flown],
-                 color=RED, marker='o', ms=4, label='final level, without noise')
-    _dress(landing, '', 'landed, % of episodes')
+                 color=RED, marker='o', ms=4, label=alone)
+    _dress(landing, '' if level else 'iteration', 'landed, % of episodes')
     landing.legend(frameon=False, loc='lower right')
-    level.step(iteration, _column(lines, 'level'), where='mid', color=ORANGE)
-    level.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _dress(level, 'iteration', 'curriculum level')
+    for axes in level:
+        axes.step(iteration, levels, where='mid', color=ORANGE)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+        _dress(axes, 'iteration', 'curriculum level')
+    return figure
+
+
+def score_figure(scores: F64) -> Figure:
+    """Return the return of each episode of fine-tuning, and its moving average.
+
+    :param scores: `(K,)` in the order in which the episodes ended.
+    """
+    figure = Figure(figsize=(9, 4.5), layout='constrained')
+    axes = figure.add_subplot()
+    episode = np.arange(1, len(scores) + 1)
+    axes.plot(episode, scores, color=BLUE, alpha=0.4, lw=0.8, label='score')
+    axes.plot(episode, moving_average(scores), color=RED, lw=1.5,
+              label=f'average of the last {WINDOW}')
+    _dress(axes, 'episode', 'score', 'Training, episode by episode')
+    axes.legend(frameon=False, loc='lower right')
     return figure
 
 
@@ -96,11 +121,14 @@ def diagnostics_figure(lines: Lines) -> Figure:
         ('explained_variance', 'explained variance', ''),
         ('approx_kl', 'approx. KL, nats', ''),
         ('clipfrac', 'clip fraction', ''), ('entropy', 'entropy, nats', ''),
-        ('log_std', 'log standard deviation', ''), ('learning_rate', 'learning rate', ''),
+        ('learning_rate', 'learning rate', ''), ('log_std', 'log standard deviation', ''),
     )
     grid = figure.subplots(4, 2, sharex=True)
     for axes, (name, label, scale) in zip(grid.flat, panels, strict=True):
         values = _column(lines, name)
+        if not np.isfinite(values).any() and name == 'log_std':
+            axes.remove()  # a categorical policy has none
+            continue
         axes.plot(iteration, values, color=BLUE, lw=1.2)
         if scale and (values[np.isfinite(values)] > 0).any():
             axes.set_yscale(scale)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import UNSET
-from ppo_agent_node.learning.config import DemonstrationConfig
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import fly_once
+from ppo_agent_node.learning.imitation_config import UNSET
+from ppo_agent_node.learning.imitation_config import DemonstrationConfig
+from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds import WorldSpec
 
 
 class Demonstrations(NamedTuple):
@@ -40,6 +42,19 @@ class Demonstrations(NamedTuple):
         return cls(
             torch.cat([part.observation for part in parts]),
             torch.cat([part.action for part in parts]), torch.cat(episodes))
+
+
+def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
+    """Return the expert with the gains of the settings.
+
+    :raises ValueError: when it cannot fly the world.
+    """
+    try:
+        return ExpertPilot(spec, **config.teacher_gains())
+    except ValueError as error:
+        raise ValueError(
+            f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as nobody '
+            f'can demonstrate: {error}') from error
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
@@ -88,6 +103,8 @@ def fly_wave(
     action = np.stack([step.action for step in steps], axis=1)[kept]
     if env.spec.continuous:
         action = np.clip(action, env.spec.action_low, env.spec.action_high, dtype=np.float32)
+    else:
+        action = action.astype(np.int64)
     samples = Demonstrations(
         torch.from_numpy(np.stack([step.observation for step in steps], axis=1)[kept]),
         torch.from_numpy(action),

@@ -39,10 +39,14 @@ class Journal:
         self._stage, self._iterations, self._first = stage, iterations, done
         self._stage_began = self._last = time.monotonic()
 
-    def entry(self, iteration: int, steps: int, message: str = '', **numbers: Any) -> None:
+    def entry(
+        self, iteration: int, steps: int, message: str = '', left: float | None = None,
+        **numbers: Any,
+    ) -> None:
         """Write down an iteration of the stage.
 
         :param steps: rocket steps taken by the run so far.
+        :param left: iterations to come, where others than those planned are expected.
         :param numbers: fields of Status, and others that only the log gets.
         :raises OSError: when the log cannot be written.
         """
@@ -57,10 +61,11 @@ class Journal:
         })
         self.lines += 1
         done = max(1, iteration - self._first)
+        left = self._iterations - iteration if left is None else left
         self._status = Status(
             run=self._folder.name, stage=self._stage, iteration=iteration,
             iterations=self._iterations, steps=steps, elapsed=now - self._began,
-            remaining=(now - self._stage_began) / done * max(0, self._iterations - iteration),
+            remaining=(now - self._stage_began) / done * max(0, left),
             steps_per_second=rate, message=message,
             **{name: value for name, value in numbers.items() if name in _STATUS_FIELDS})
         self._report(self._status)

@@ -15,7 +15,7 @@ from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import make_policy
+from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.ppo import Diagnostics
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.sealed_file import Tensors
@@ -29,12 +29,10 @@ class Learner:
         """Make both networks, which depend on the seed alone."""
         network, self._seed = config.network, config.run.seed
         self._ppo = config.ppo
-        self.policy = make_policy(
-            spec, network.hidden_sizes, streams.generator(self._seed, 'policy'),
-            log_std_init=network.log_std_init, log_std_final=network.log_std_final,
-            log_std_floor=network.log_std_floor)
+        self.policy = make_policy(spec, network, streams.generator(self._seed, 'policy'))
         self.critic = Critic(
-            spec.observation_size, network.hidden_sizes, streams.generator(self._seed, 'critic'))
+            spec.observation_size, network.hidden_sizes,
+            streams.generator(self._seed, 'critic'), network.activation)
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width

@@ -8,8 +8,10 @@ from typing import Any
 import torch
 
 from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.networks import Policy
-from ppo_agent_node.learning.networks import make_policy
+from ppo_agent_node.learning.config import NetworkConfig
+from ppo_agent_node.learning.policies import Policy
+from ppo_agent_node.learning.policies import make_policy
+from rocket_sim_node import settings
 from rocket_sim_node.worlds import WorldSpec
 
 POLICY = 'policy'
@@ -19,7 +21,7 @@ def save_policy(
     path: Path,
     policy: Policy,
     spec: WorldSpec,
-    hidden_sizes: tuple[int, ...],
+    network: NetworkConfig,
     seed: int,
     training: dict[str, Any],
 ) -> None:
@@ -31,8 +33,9 @@ def save_policy(
     sealed_file.write(path, POLICY, policy.state_dict(), {
         'world': spec.name, 'observation_names': spec.observation_names,
         'action_names': spec.action_names, 'continuous': spec.continuous,
-        'action_count': spec.action_count, 'hidden_sizes': hidden_sizes,
-        'world_settings': spec.settings, 'seed': seed, 'training': training,
+        'action_count': spec.action_count, 'hidden_sizes': network.hidden_sizes,
+        'activation': network.activation, 'world_settings': spec.settings, 'seed': seed,
+        'training': training,
     })
 
 
@@ -55,11 +58,17 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
             raise ValueError(
                 f'{path}: {name} of the policy, for world {content.get("world")!r}, is '
                 f'{content.get(name)}, expected {ours} of world {spec.name!r}')
-    sizes = content.get('hidden_sizes')
-    if not isinstance(sizes, list) or not all(
-            isinstance(size, int) and 0 < size <= 16_384 for size in sizes):
-        raise ValueError(f'{path}: hidden_sizes is {sizes!r}, expected numbers of units')
-    policy = make_policy(spec, sizes, torch.Generator())
+    policy = make_policy(spec, _network(path, content), torch.Generator())
     sealed_file.expect_tensors(path, tensors, policy.state_dict())
     policy.load_state_dict(tensors)
     return policy.eval(), content
+
+
+def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:
+    """Return the shape of the network; files of before there was a choice hold tanh."""
+    try:
+        return settings.build(NetworkConfig, {
+            'hidden_sizes': content.get('hidden_sizes'),
+            'activation': content.get('activation', 'tanh')})
+    except (ValueError, TypeError) as error:
+        raise ValueError(f'{path}: {error}') from error

@@ -17,7 +17,7 @@ from torch.optim import Adam
 
 from ppo_agent_node.learning.config import PPOConfig
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import Policy
+from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.rollout import Batch
 
 NAN = float('nan')
@@ -53,6 +53,23 @@ def clipped_objective(ratio: Tensor, advantage: Tensor, clip_range: float) -> Te
         ratio * advantage, ratio.clamp(1 - clip_range, 1 + clip_range) * advantage)
 
 
+def squared_error(value: Tensor, old: Tensor, target: Tensor, clip_range: float) -> Tensor:
+    """Return (V - target)^2 or, clipped, the larger of it and (clip(V, old ± eps) - target)^2.
+
+    The latter as OpenAI's baselines do it in PPO2 (implementation detail 9 of Huang et al.): a
+    value on its way to the target stops learning once it is eps from where the update began.
+
+    :param value: `(S,)` of the critic as it is.
+    :param old: `(S,)` of the critic as it was at the roll-out.
+    :param clip_range: eps, in the critic's units; 0: not clipped.
+    """
+    error = (value - target).square()
+    if not clip_range:
+        return error
+    near = old + (value - old).clamp(-clip_range, clip_range)
+    return torch.maximum(error, (near - target).square())
+
+
 def explained_variance(value: Tensor, target: Tensor) -> float:
     """Return 1 - Var(target - value) / Var(target); NaN when the targets are all equal."""
     variance = target.var()
@@ -85,7 +102,8 @@ def update(
             poll()
             part = batch.take(index)
 
-            value_loss = 0.5 * (critic(part.observation) - part.target).square().mean()
+            value_loss = 0.5 * squared_error(
+                critic(part.observation), part.value, part.target, config.value_clip_range).mean()
             critic_optimiser.zero_grad()
             value_loss.backward()
             clip_grad_norm_(critic.parameters(), config.max_grad_norm)

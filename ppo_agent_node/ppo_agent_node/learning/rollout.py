@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ppo_agent_node.learning.gae import advantages_and_returns
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import Policy
+from ppo_agent_node.learning.policies import Policy
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds.base import F32

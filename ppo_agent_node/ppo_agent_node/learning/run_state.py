@@ -34,6 +34,8 @@ class RunState:
     """of fine-tuning, done"""
     steps: int = 0
     """rocket steps taken"""
+    episodes: int = 0
+    """ended in roll-outs"""
     lines: int = 0
     """of the log, written"""
     best: Score | None = None
@@ -54,7 +56,8 @@ def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
 def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
     """Return what a checkpoint says about a run, as JSON can."""
     return {
-        'iteration': state.iteration, 'steps': state.steps, 'lines': state.lines,
+        'iteration': state.iteration, 'steps': state.steps, 'episodes': state.episodes,
+        'lines': state.lines,
         'level': state.curriculum.level, 'recent': [int(x) for x in state.curriculum.recent],
         'best': asdict(state.best) if state.best else None,
         'description': description(spec, config),
@@ -76,8 +79,8 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
     try:
         return RunState(
             Curriculum(config.curriculum, int(found['level']), tuple(map(bool, found['recent']))),
-            int(found['iteration']), int(found['steps']), int(found['lines']),
-            Score(**found['best']) if found['best'] else None)
+            int(found['iteration']), int(found['steps']), int(found['episodes']),
+            int(found['lines']), Score(**found['best']) if found['best'] else None)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.flights import fly_once
-from ppo_agent_node.learning.networks import Policy
-from ppo_agent_node.learning.networks import without_noise
+from ppo_agent_node.learning.policies import Policy
+from ppo_agent_node.learning.policies import without_noise
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 

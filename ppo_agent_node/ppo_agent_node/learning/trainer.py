@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.learning import run_state
+from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.anchor import Anchor
 from ppo_agent_node.learning.cloning import CloneEpoch
@@ -27,11 +27,12 @@ from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
+from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.networks import without_noise
+from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.run_folder import RunFolder
@@ -42,7 +43,6 @@ from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.selection import Score
 from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
@@ -73,6 +73,7 @@ class Trainer:
         report: Callable[[Status], None] = lambda status: None,
         expert: Pilot | None = None,
         stop_requested: Callable[[], bool] = lambda: False,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         """Prepare a run; nothing flies yet.
 
@@ -80,14 +81,17 @@ class Trainer:
         :param expert: the pilot to imitate; by default the scripted one with the gains of the
             settings.
         :param stop_requested: asked before each step and each minibatch.
-        :raises ValueError: when the world's actions are of a kind that no policy here has, or
-            when there are to be demonstrations and the scripted pilot cannot fly the world.
+        :param say: is told the lines of episodes, where the settings ask for them.
+        :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
+            the world.
         """
         if config.demonstration.demonstration_episodes and expert is None:
-            expert = ExpertPilot(env.spec, **config.demonstration.teacher_gains())
+            expert = scripted_teacher(env.spec, config.demonstration)
         torch.set_num_threads(config.run.threads)
         self._env, self._config, self._folder = env, config, folder
-        self._expert, self._stop_requested = expert, stop_requested
+        self._expert, self._stop_requested, self._say = expert, stop_requested, say
+        self._planned = config.run.training_episodes
+        self._score_lines = scores.ScoreLines(self._planned)
         self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(env.spec, config)
         self._journal = Journal(folder, report)
@@ -132,6 +136,9 @@ class Trainer:
         self._state = run_state.from_content(path, sealed, self._env.spec, self._config)
         self._learner.load(path, tensors)
         self._journal.take_up(self._state.lines, self._state.steps)
+        if self._config.run.episode_lines:
+            for line in self._folder.lines():
+                self._score_lines.add(line.get('scores', ()))
         try:
             self._anchor.moor(snapshot.numpy().tobytes())
         except ValueError as error:
@@ -169,7 +176,7 @@ class Trainer:
                 self._state, steps=self._state.steps + int(episodes.length.max()) * rockets)
             self._journal.entry(
                 wave + 1, self._state.steps, samples=len(samples.episode),
-                **self._flight_numbers(episodes))
+                **scores.figures(episodes, self._env.spec.outcomes))
         return Demonstrations.join(parts)
 
     def _begin_finetuning(self) -> None:
@@ -182,7 +189,7 @@ class Trainer:
     def _finetune(self) -> None:
         state = self._state
         self._journal.begin('finetune', self._config.ppo.iterations, state.iteration)
-        while self._state.iteration < self._config.ppo.iterations:
+        while not self._done():
             state, tensors = self._state, self._tensors()
             try:
                 self._iterate()
@@ -190,6 +197,19 @@ class Trainer:
                 self._state = state
                 self._save(tensors)
                 raise
+
+    def _done(self) -> bool:
+        """Tell whether fine-tuning has had its iterations, or its episodes."""
+        return self._state.iteration >= self._config.ppo.iterations or (
+            0 < self._planned <= self._state.episodes)
+
+    def _left(self) -> float:
+        """Return how many iterations are to come, if episodes go on to end as often as so far."""
+        left, planned = self._config.ppo.iterations - self._state.iteration, self._planned
+        if not planned or not self._state.episodes:
+            return left
+        each = self._state.iteration / self._state.episodes
+        return min(left, max(0, planned - self._state.episodes) * each)
 
     def _iterate(self) -> None:
         """Fly a roll-out, learn from it, and see what follows."""
@@ -203,22 +223,26 @@ class Trainer:
 
         episodes = self._anchor.advance(fly)
         diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
-        curriculum = before.advance(self._landed(episodes))
+        outcomes = self._env.spec.outcomes
+        curriculum = before.advance(scores.landed(episodes, outcomes))
         self._state = replace(
             self._state, iteration=iteration, curriculum=curriculum,
-            steps=began + rollout.reward.numel())
+            steps=began + rollout.reward.numel(), episodes=self._state.episodes + len(episodes))
         message = ''
         if curriculum.level != before.level:
             message = f'level {before.level} -> {curriculum.level}'
             self._reset_world()
         best: Score | None = None
         numbers: dict[str, Any] = {}
-        last = iteration == self._config.ppo.iterations
-        if last or iteration % self._config.run.selection_interval == 0:
+        if self._done() or iteration % self._config.run.selection_interval == 0:
             best, numbers = self._select()
+        if self._config.run.episode_lines:
+            numbers['scores'] = episodes.episode_return.tolist()
+            for line in self._score_lines.add(numbers['scores']):
+                self._say(line)
         self._finish_iteration(
             best, message, level=before.level, learning_rate=learning_rate,
-            **self._flight_numbers(episodes), **asdict(diagnostics), **policy.diagnostics(),
+            **scores.figures(episodes, outcomes), **asdict(diagnostics), **policy.diagnostics(),
             **numbers)
 
     def _reset_world(self) -> None:
@@ -251,11 +275,10 @@ class Trainer:
     def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:
         """Write the log's line, and the files that are due."""
         state, config = self._state, self._config
-        due = best or state.iteration in (0, config.ppo.iterations) or (
-            state.iteration % config.run.checkpoint_interval == 0)
+        due = best or self._done() or state.iteration % config.run.checkpoint_interval == 0
         if best:
             message = f'{message}, best policy so far'.removeprefix(', ')
-        self._journal.entry(state.iteration, state.steps, message, **numbers)
+        self._journal.entry(state.iteration, state.steps, message, self._left(), **numbers)
         self._state = replace(state, lines=self._journal.lines)
         if due:
             self._save(self._tensors(), best)
@@ -272,22 +295,5 @@ class Trainer:
             self._folder.save_best(tensors, content)
             save_policy(
                 self._folder.policy, self._learner.policy, spec,
-                self._config.network.hidden_sizes, self._config.run.seed,
+                self._config.network, self._config.run.seed,
                 {'run': self._folder.name, 'steps': state.steps, **asdict(best)})
-
-    def _landed(self, episodes: Episodes) -> list[bool]:
-        outcome = episodes.outcome == self._env.spec.outcomes.index('landed')
-        return [bool(landed) for landed in outcome]
-
-    def _flight_numbers(self, episodes: Episodes) -> dict[str, Any]:
-        """Return what a line says about the episodes that ended."""
-        if not len(episodes):
-            return {'episodes': 0}
-        landed = sum(self._landed(episodes))
-        low, high = wilson(landed, len(episodes))
-        return {
-            'episodes': len(episodes), 'landing_rate': landed / len(episodes),
-            'landing_rate_low': low, 'landing_rate_high': high,
-            'mean_return': float(np.mean(episodes.episode_return)),
-            'mean_length': float(np.mean(episodes.length)),
-        }

@@ -34,6 +34,7 @@ def fly_and_write(
     """
     start = time.monotonic()
     told = 0
+    flown_level = level or int(env.spec.settings.get('level', 0))
 
     def progress(done: int, total: int) -> None:
         nonlocal told
@@ -41,7 +42,7 @@ def fly_and_write(
             told = done * _REPORTS // total
             elapsed = time.monotonic() - start
             report(Status(
-                run=run, stage='evaluate', iteration=done, iterations=total, level=level,
+                run=run, stage='evaluate', iteration=done, iterations=total, level=flown_level,
                 elapsed=elapsed, remaining=elapsed / done * (total - done)))
 
     for attempt in range(1, _ATTEMPTS + 1):
@@ -52,7 +53,7 @@ def fly_and_write(
             if attempt == _ATTEMPTS:
                 raise
             told = 0
-            report(Status(run=run, stage='evaluate', level=level, message=f'{error}: anew'))
+            report(Status(run=run, stage='evaluate', level=flown_level, message=f'{error}: anew'))
     summary = metrics.summarise(result, **extra)
     if folder is not None:
         metrics.write_json(folder / 'evaluation.json', summary)

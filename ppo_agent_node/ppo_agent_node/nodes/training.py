@@ -26,6 +26,7 @@ from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
+from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
@@ -53,8 +54,8 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
     folder = RunFolder(_run_path(options), options.resume)
-    config = _config(parameters, options, folder)
-    parameters.finish()
+    saved = _saved_settings(folder) if options.resume else {}
+    _check_given(node, parameters)
     publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
     with (
         folder.locked(), Terminal() as terminal,
@@ -70,10 +71,11 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
 
         terminal.say(f'run {folder.path}')
         try:
-            client.connect()
+            config = _config(parameters, options.preset, client.connect().name, saved)
             require_lockstep(client)
             result = Trainer(
-                client, config, folder, report, stop_requested=stop_requested).run()
+                client, config, folder, report, stop_requested=stop_requested,
+                say=terminal.say).run()
             if result.finished:
                 _evaluate(client, config, folder, report, terminal)
                 return 0
@@ -102,14 +104,40 @@ def _run_path(options: TrainingParameters) -> Path:
     return path
 
 
-def _config(parameters: Parameters, options: TrainingParameters, folder: RunFolder) -> Config:
+def _check_given(node: Node, parameters: Parameters) -> None:
+    """Check the parameters of the run as far as can be without its world.
+
+    Which preset fills in the rest is known only when the simulator has said what world it is;
+    but nobody shall wait for one to be told of a misspelt name.
+
+    :raises ParameterError: for an unknown name, a value of another kind or out of range.
+    """
+    infos = {info.name: info for info in learning_config.describe()}
+    known = [*node.get_parameters_by_prefix(''), *infos]
+    unknown = sorted(set(parameters.given) - set(known))
+    if unknown:
+        raise ParameterError(
+            f'unknown parameter {", ".join(map(repr, unknown))}, expected {", ".join(known)}')
+    for name in parameters.given.keys() & infos.keys():
+        try:
+            settings.check(infos[name], parameters.given[name])
+        except (ValueError, TypeError) as error:
+            raise ParameterError(f'parameter {error}') from error
+
+
+def _saved_settings(folder: RunFolder) -> dict[str, Any]:
+    """Return the settings of the run that is resumed, by name."""
+    saved = folder.read_config().get('training', {})
+    if not isinstance(saved, dict):
+        raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
+    return saved
+
+
+def _config(
+    parameters: Parameters, preset: str, world: str, saved: dict[str, Any],
+) -> Config:
     """Return the settings: those given, else those of the run resumed, else the preset's."""
-    values = learning_config.preset_values(options.preset)
-    if options.resume:
-        saved = folder.read_config().get('training', {})
-        if not isinstance(saved, dict):
-            raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
-        values = {**values, **saved}
+    values = {**learning_config.preset_values(preset, world), **saved}
     return learning_config.make_config(
         parameters.declare_infos(learning_config.describe(), values))
 

@@ -73,9 +73,11 @@ class ExpertPilot:
         """Take the vehicle from the world's settings and the gains from the caller.
 
         :param gains: fields of :class:`ExpertSettings`, the rest by default.
-        :raises ValueError: for a world that is no rocket, an unknown gain, one out of range, or a
-            vehicle that cannot hover.
+        :raises ValueError: for a world that is no rocket or has discrete actions, an unknown
+            gain, one out of range, or a vehicle that cannot hover.
         """
+        if not spec.continuous:
+            raise ValueError(f'the expert steers continuously, but world {spec.name!r} does not')
         names = {field.name for field in fields(RocketSettings)}
         known = {name: value for name, value in spec.settings.items() if name in names}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):

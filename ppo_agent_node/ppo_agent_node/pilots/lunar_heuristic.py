@@ -41,8 +41,9 @@ class LunarHeuristic:
         turn = np.where(standing, 0.0, turn)
         climb = np.where(standing, -0.5 * velocity_y, climb)
         if self._continuous:
-            action = np.stack((20 * climb - 1, -20 * turn), axis=1)
-            return np.clip(action, -1, 1).astype(np.float32)
+            action = np.clip(np.stack((20 * climb - 1, -20 * turn), axis=1), -1, 1)
+            flown: NDArray[np.float32] = action.astype(np.float32)
+            return flown
         return np.select(
             [(climb > np.abs(turn)) & (climb > 0.05), turn < -0.05, turn > 0.05],
             [_MAIN, _RIGHT, _LEFT], _NOTHING).astype(np.int64)

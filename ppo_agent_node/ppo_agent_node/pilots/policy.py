@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ppo_agent_node.learning.networks import without_noise
+from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import load_policy
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32

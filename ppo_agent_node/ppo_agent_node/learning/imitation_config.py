@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The settings of demonstrations and cloning; see config for how they are used."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node.settings import setting
+
+UNSET = -1
+"""Value of a `demonstration_spawn_*` setting that leaves the choice to the level."""
+
+
+@dataclass(frozen=True)
+class DemonstrationConfig:
+    """What the expert flies before the policy imitates it.
+
+    The teacher is the expert with gentler gains than when it flies for itself: at its best it is
+    too sharp to be imitated, and has no reserve to recover from noise with.
+    """
+
+    demonstration_episodes: int = setting(
+        512, '', 'episodes that the expert flies; 0: neither demonstrations nor cloning',
+        0, 1_000_000)
+    demonstration_noise: float = setting(
+        0.2, '', 'standard deviation of noise on the actions flown, not on those recorded',
+        0.0, 2.0)
+    demonstration_spawn_angle: float = setting(
+        37.0, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', UNSET, 180.0)
+    demonstration_spawn_position: float = setting(
+        8.0, 'm', 'x and z at spawn, plus or minus; -1: by level', UNSET, 1e4)
+    demonstration_spawn_speed: float = setting(
+        3.5, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; -1: by level',
+        UNSET, 1e3)
+    demonstration_spawn_spin: float = setting(
+        0.05, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', UNSET, 100.0)
+    teacher_braking_share: float = setting(
+        0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
+    teacher_flare_rate: float = setting(
+        3.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
+    teacher_flare_speed: float = setting(
+        0.1, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
+    teacher_speed_settling: float = setting(
+        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn "
+        'left', 0.0, 10.0)
+    teacher_attitude_rate: float = setting(
+        24.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
+
+    def teacher_gains(self) -> dict[str, float]:
+        """Return the gains that the teacher flies with, by the expert's names."""
+        return {
+            name.removeprefix('teacher_'): value
+            for name, value in settings_module.as_dict(self).items()
+            if name.startswith('teacher_')
+        }
+
+
+@dataclass(frozen=True)
+class CloneConfig:
+    """Behavioural cloning of the demonstrations."""
+
+    clone_epochs: int = setting(12, '', 'passes over the demonstrations, at most', 1, 10_000)
+    clone_batch_size: int = setting(1024, '', 'samples in a minibatch', 1, 1_000_000)
+    clone_learning_rate: float = setting(2e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
+    clone_validation_fraction: float = setting(
+        0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
+    clone_patience: int = setting(
+        5, '', 'epochs without a better validation loss before cloning stops', 1, 10_000)

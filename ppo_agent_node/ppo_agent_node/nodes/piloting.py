@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that fly one pilot which does not learn, on the same topics as the agent."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.connection import level_setting
+from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.flying import fly
+from ppo_agent_node.nodes.flying import summary
+from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import run
+from rocket_sim_node.worlds import WorldSpec
+
+
+@dataclass(frozen=True)
+class PilotParameters:
+    """Parameters of such a node, beside those of the connection."""
+
+    seed: int = setting(0, '', 'where the spawns start, and what a pilot draws', 0, 2**62)
+    level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
+    episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)
+
+
+def run_pilot(name: str, make: Callable[[WorldSpec, int], Pilot]) -> int:
+    """Run the node until enough episodes have ended or ROS shuts down; return the exit status.
+
+    :param make: makes the pilot for a world and a seed.
+    """
+    def pilot(node: Node, executor: Executor) -> None:
+        parameters = Parameters(node)
+        options = parameters.declare(PilotParameters)
+        connection = parameters.declare(ConnectionParameters)
+        parameters.finish()
+        with make_client(node, executor, connection) as client:
+            flown = fly(
+                node, client, make(client.connect(), options.seed), options.seed,
+                options.episodes, **level_setting(options.level))
+            node.get_logger().info(summary(flown, client.spec.outcomes))
+
+    return run(name, pilot, EXPECTED_ERRORS)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Presets, each for its world."""
+from __future__ import annotations
+
+import pytest
+
+from ppo_agent_node.learning import config
+from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.config import preset_names
+from ppo_agent_node.learning.config import preset_values
+from rocket_sim_node import worlds
+
+
+@pytest.mark.parametrize('world', worlds.names())
+def test_every_world_has_a_default_and_all_presets_are_good(world: str) -> None:
+    assert 'default' in preset_names(world)
+    for name in preset_names(world):
+        levels = load_preset(name, world).curriculum.curriculum_final_level > 0
+        assert levels == ('level' in {info.name for info in worlds.settings(world)})
+    assert set(preset_names(world)) <= set(preset_names())
+
+
+def test_the_original_of_the_rocket() -> None:
+    original = load_preset('original')
+    assert original.ppo.clip_range == 0.05
+    assert original.ppo.gamma == 0.99
+    assert original.ppo.gae_lambda == 0.95
+    assert original.ppo.n_steps == 2048
+    assert original.ppo.n_epochs == 2
+    assert original.ppo.batch_size == 64
+    assert original.ppo.actor_learning_rate == 3e-5
+    assert original.ppo.critic_learning_rate == 1e-4
+    assert original.ppo.entropy_coefficient == 0.01
+    assert original.network.log_std_floor == -2.5
+    assert original.network.hidden_sizes == (256, 256)
+
+
+def test_the_original_of_the_lunar_lander() -> None:
+    original = load_preset('original', 'lunar_lander')
+    assert original.network.hidden_sizes == (512, 256, 64)
+    assert original.network.activation == 'relu'
+    ppo = original.ppo
+    assert (ppo.clip_range, ppo.value_clip_range) == (0.2, 0.2)
+    assert (ppo.gamma, ppo.gae_lambda, ppo.entropy_coefficient) == (0.99, 0.9, 0.001)
+    assert ppo.actor_learning_rate == ppo.critic_learning_rate == 2.5e-4
+    assert not ppo.learning_rate_decay
+    assert (ppo.n_steps * 8, ppo.n_epochs, ppo.batch_size) == (1000, 10, 32)
+    assert original.demonstration.demonstration_episodes == 0
+    assert original.run.episode_lines
+    assert original.run.training_episodes == 10_000
+    assert original.run.evaluation_episodes == 500
+    # 1 000 steps are the most that an episode has.
+    assert ppo.iterations * ppo.n_steps * 8 >= 1000 * original.run.training_episodes
+
+
+def test_one_world_may_begin_with_the_presets_of_another(
+        tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('default', 'original'):
+        assert preset_values(name, 'rocket_planar') == preset_values(name, 'rocket')
+    for world, text in (('one', 'gamma: 0.5\nn_steps: 7\n'), ('two', 'like: one\nn_steps: 9\n')):
+        (tmp_path / world).mkdir()
+        (tmp_path / world / 'default.yaml').write_text(text)
+    monkeypatch.setattr(config, '_PRESETS', tmp_path)
+    assert preset_values('default', 'two') == {'gamma': 0.5, 'n_steps': 9}
+    assert load_preset('default', 'two').ppo.gamma == 0.5
+
+
+def test_unknown_ones_are_named() -> None:
+    assert preset_names() == ('default', 'original')
+    assert load_preset('default', seed=9).run.seed == 9
+    with pytest.raises(ValueError, match=(
+            "unknown preset 'fast' of world 'rocket', expected one of default, original")):
+        load_preset('fast')
+    with pytest.raises(ValueError, match="'default' of world 'mars', expected one of none"):
+        load_preset('default', 'mars')
