@@ -7,6 +7,7 @@ rounds, and medians are reported: what disturbs the machine disturbs all.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import statistics
@@ -75,6 +76,9 @@ def main() -> None:
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     peers = {'ours': ours, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
+    if importlib.util.find_spec('envpool') is None:
+        print('EnvPool is not installed; ./launch_scripts/bench stepping installs it')
+        del peers['EnvPool']
     table: dict[str, dict[int, float]] = {name: {} for name in peers}
     print(f'steps/s on one core, median of {options.rounds} rounds, random actions')
     print(f'{"batch":>6}' + ''.join(f'{name:>12}' for name in peers))

@@ -15,11 +15,16 @@ from processes import Processes
 from processes import wait_until
 from rclpy.context import Context
 from rclpy.node import Node
+from recordings import rows_of
+from recordings import view_classes
 from rocket_msgs import msg
 
+from rocket_sim_node.nodes.rerun_recorder import samples_from_message
 from rocket_sim_node.recording import read
+from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.file_sink import partial_path
+from rocket_sim_node.recording.samples import Layout
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.worlds import make
@@ -44,6 +49,10 @@ class Simulator:
         self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
         self._session = 0
 
+    def take(self, world: str) -> None:
+        """Go on with another world."""
+        self._world = make(world, ROCKETS)
+
     def begin(self) -> None:
         """Begin a session, when somebody listens."""
         wait_until(
@@ -62,9 +71,16 @@ class Simulator:
             self._parts.append((self._step, self._world.finished))
         self._parts.append((self._step, self._world.telemetry(np.arange(ROCKETS))))
 
+    def telemetry(self) -> Telemetry:
+        """Return the state of all rockets."""
+        return self._world.telemetry(np.arange(ROCKETS))
+
     def fall(self, steps: int) -> None:
         """Fly for some steps and publish the states, 25 steps to a message."""
-        idle = np.tile(np.float32([-1, 0, 0]), (ROCKETS, 1))
+        spec = self._world.spec
+        idle = (
+            np.tile(np.float32(spec.action_idle), (ROCKETS, 1)) if spec.continuous
+            else np.full(ROCKETS, spec.action_idle[0], np.int32))
         for _ in range(steps):
             self._world.step(idle)
             self._step += 1
@@ -124,6 +140,45 @@ def test_what_flew_is_in_the_file(
         assert flight.position[0, 2] == pytest.approx(200.0)
         assert flight.velocity[-1, 2] == pytest.approx(-61.34, abs=0.01)
     assert list(tmp_path.glob('*.rrd')) == [path]
+
+
+def test_a_world_with_legs_and_terrain(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = start(processes, path)
+    empty = partial_path(path).stat().st_size
+    simulator.take('lunar_lander')
+    simulator.begin()
+    first = simulator.telemetry()
+    simulator.fall(250)
+    wait_for_bytes(partial_path(path), empty + 60_000)
+    recorder.signal(signal.SIGTERM)
+    assert recorder.wait(5.0) == 0
+    assert 'refused' not in recorder.output()
+    viewer.verify(path)
+    assert '2D' in view_classes(path)
+    flights = read.trajectories(path)
+    assert len(flights) >= ROCKETS
+    grounds = {
+        step: np.array(vertices)[1:12, 2]
+        for step, vertices in rows_of(path, scene.TERRAIN, 'Mesh3D:vertex_positions')}
+    for flight in flights:
+        if flight.episode == 0:
+            np.testing.assert_allclose(
+                grounds[flight.summary['first_step']], first.terrain[flight.row], rtol=1e-6)
+            np.testing.assert_allclose(
+                flight.position[0, [0, 2]], first.position[flight.row, :2], rtol=1e-6)
+
+
+@pytest.mark.parametrize('name', ['contact', 'leg_angle', 'terrain', 'contact_force', 'row'])
+def test_a_message_that_is_cut_short_is_named(name: str) -> None:
+    world = make('lunar_lander', ROCKETS)
+    message = messages.state_to_message([(0, world.telemetry(np.arange(ROCKETS)))], 1)
+    assert samples_from_message(message).layout == Layout(legs=2, heights=11)
+    setattr(message, name, getattr(message, name)[:-1])
+    with pytest.raises(ValueError, match=f'{name}: '):
+        samples_from_message(message)
 
 
 def test_killed_and_started_again(

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from rocket_sim_node.recording import blueprint
 from rocket_sim_node.recording import camera
+from rocket_sim_node.recording import effects
 from rocket_sim_node.recording import flight_log
 from rocket_sim_node.recording import palette
+from rocket_sim_node.recording import place
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import render
-from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import screenshot
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording import vehicle
@@ -26,12 +26,13 @@ from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.file_sink import partial_path
+from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.flight import FlightBuffer
 from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Flight
-from rocket_sim_node.recording.samples import FlightBuffer
+from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
@@ -143,7 +144,7 @@ def test_flights_follow_one_another_with_a_pause(tmp_path: Path, flown: Samples)
     assert flights[0].start == pytest.approx(0.0)
     for before, after in itertools.pairwise(flights):
         pause = after.start - (before.start + float(before.time[-1]))
-        assert pause == pytest.approx(flight_log.PAUSE + STAGE.dt, abs=1e-6)
+        assert pause == pytest.approx(place.PAUSE + STAGE.dt, abs=1e-6)
 
 
 def test_size_and_layout(tmp_path: Path, flown: Samples) -> None:
@@ -338,7 +339,7 @@ def test_iterations_go_on_through_the_stages() -> None:
 
 def straight(height: np.ndarray, throttle: np.ndarray) -> Flight:
     """Return a flight straight down, upright."""
-    values = np.zeros((len(height), 22))
+    values = np.zeros((len(height), WIDTH))
     values[:, FIELDS['position'].start + 2] = height
     values[:, FIELDS['orientation'].stop - 1] = 1.0
     values[:, FIELDS['throttle'].start] = throttle
@@ -375,7 +376,7 @@ def test_body_vectors() -> None:
     half = np.sqrt(0.5)
     about_x = np.array([[half, 0.0, 0.0, half]])
     np.testing.assert_allclose(
-        flight_log.to_body(about_x, np.array([[0.0, 0.0, 1.0]])), [[0.0, 1.0, 0.0]], atol=1e-12)
+        effects.to_body(about_x, np.array([[0.0, 0.0, 1.0]])), [[0.0, 1.0, 0.0]], atol=1e-12)
 
 
 def test_colours_differ() -> None:
@@ -458,12 +459,6 @@ def test_no_recording_is_named(tmp_path: Path) -> None:
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
     with pytest.raises(OSError, match='not a readable recording'):
         read.trajectories(tmp_path / 'junk.rrd')
-
-
-def test_every_plot_has_a_component() -> None:
-    assert {plot.component.split(':')[1] for plot in blueprint.PLOTS} == {
-        'motion', 'tilt', 'engine', 'reward'}
-    assert scene.TRAINING not in training_log.CURVES
 
 
 def test_picture(tmp_path: Path, flown: Samples) -> None:

@@ -14,13 +14,14 @@ from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.evaluation.intervals import bootstrap_mean
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.standing import after_touchdown
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
 """Outcomes that are no touchdown: their speed, tilt and distance say nothing of a landing."""
 
 UNITS = {
     'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',
-    'fuel_bound_kg': 'kg', 'mean_length': 'steps',
+    'fuel_bound_kg': 'kg', 'mean_length': 'steps', 'rest_distance': 'm',
 }
 
 
@@ -39,6 +40,10 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
       95th percentile;
     - `fuel_bound_kg`, the mean least fuel of straight drops from the same starts, and
       `fuel_ratio`, the mean of used / least, both over landed episodes;
+    - `standing_rate` with `standing_rate_interval`, Wilson, 95 %: how many stand after their
+      touchdown, by the contact model that takes over from world `rocket`; in `rocket_planar` who
+      landed stands; null elsewhere. `settling`, touchdowns by what happened then, and
+      `rest_distance` (m) of those that stand: world `rocket` only;
     - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`.
 
     :param extra: facts to be kept with them, such as the hash of the policy.
@@ -74,10 +79,28 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
             name: int((episodes.outcome == code).sum()) for code, name in enumerate(names)},
         'units': UNITS,
     }
+    summary |= _standing(result, ground)
     clash = sorted(set(extra) & set(summary))
     if clash:
         raise ValueError(f'{", ".join(clash)}: reserved for the figures')
     return {**summary, **extra}
+
+
+def _standing(result: EvaluationResult, ground: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the figures of what happens after touchdown."""
+    if not result.is_rocket:
+        return {'standing_rate': None, 'standing_rate_interval': None}
+    if result.spec.name == 'rocket_planar':
+        standing, more = result.landed, {}
+    else:
+        settled = after_touchdown(
+            result.final_observation, result.episodes.fuel_used, ground, result.settings)
+        standing = settled.standing
+        more = {'settling': settled.verdicts, 'rest_distance': _spread(settled.rest_distance)}
+    count = int(standing.sum())
+    return {
+        'standing_rate': count / len(standing),
+        'standing_rate_interval': list(wilson(count, len(standing))), **more}
 
 
 def _mean(values: NDArray[np.float64]) -> float | None:
@@ -113,6 +136,13 @@ def table(summary: Mapping[str, Any]) -> str:
             rows.append((
                 name.removesuffix('_kg').replace('_', ' '),
                 f'{summary[name]["mean"]:.4g} {unit}  (95 %: below {summary[name]["p95"]:.4g})'))
+    if summary['standing_rate'] is not None:
+        low, high = (100 * bound for bound in summary['standing_rate_interval'])
+        rows.insert(4, (
+            'standing', f'{100 * summary["standing_rate"]:.2f} %  [{low:.2f}, {high:.2f}]'))
+    if 'settling' in summary:
+        ends = ', '.join(f'{name} {count}' for name, count in summary['settling'].items() if count)
+        rows.append(('after touchdown', ends or 'none came down'))
     if summary['fuel_ratio'] is not None:
         rows.append(('fuel / least possible', f'{summary["fuel_ratio"]:.4f}'))
     ends = ', '.join(f'{name} {count}' for name, count in summary['outcomes'].items() if count)

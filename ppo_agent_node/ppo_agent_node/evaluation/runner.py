@@ -36,6 +36,8 @@ class EvaluationResult:
     """`(K,)` kg, least fuel of a straight drop from there; NaN likewise"""
     end_position: F64
     """`(K, 2)` m, x and z from the pad's centre at the end; NaN likewise"""
+    final_observation: NDArray[np.float32]
+    """`(K, D)` the last of each episode"""
 
     @property
     def is_rocket(self) -> bool:
@@ -131,4 +133,4 @@ def evaluate(
     return EvaluationResult(
         spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
         episodes=flown.take(order), steps=steps, first_velocity_y=velocity, fuel_bound=bound,
-        end_position=position)
+        end_position=position, final_observation=last)

@@ -17,9 +17,9 @@ from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
 from ppo_agent_node.pilots.search import find_policy
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
@@ -65,7 +65,7 @@ def evaluation(node: Node, executor: Executor) -> None:
 def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[str, str]]:
     """Return who flies, and what the figures shall say about a policy's file."""
     if options.pilot == 'expert':
-        return ExpertPilot(spec), {}
+        return scripted_pilot(spec), {}
     if options.pilot == 'random':
         return RandomPilot(spec, options.seed), {}
     path = find_policy(options.policy, spec.name)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `expert_pilot`: the scripted hoverslam controller, on the same topics as the agent."""
+"""Node `expert_pilot`: the scripted pilot of the world, on the same topics as the agent."""
 from __future__ import annotations
 
 import sys
 
 from ppo_agent_node.nodes.piloting import run_pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
 
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_pilot('expert_pilot', lambda spec, seed: ExpertPilot(spec)))
+    sys.exit(run_pilot('expert_pilot', lambda spec, seed: scripted_pilot(spec)))
 
 
 if __name__ == '__main__':

@@ -106,7 +106,9 @@ def samples_from_message(message: msg.RocketState) -> Samples:
         messages.from_sequence(message.step, 'u8'), messages.from_sequence(message.row, 'u4'),
         messages.from_sequence(message.episode, 'u8'),
         messages.from_sequence(message.outcome, 'u1'),
-        **{name: messages.from_sequence(getattr(message, name), 'f8') for name in FIELDS})
+        contact=messages.from_sequence(message.contact, 'u1'),
+        **{name: messages.from_sequence(getattr(message, name), 'f8')
+           for name in (*FIELDS, 'leg_angle', 'terrain')})
 
 
 def training_from_message(message: msg.TrainingStatus) -> Training:

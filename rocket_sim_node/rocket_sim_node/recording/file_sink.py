@@ -80,6 +80,7 @@ class FileSink:
         if os.fstat(self._lock).st_size:
             self._repair()
         self._empty = True
+        self._world = ''
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
         self._stream.set_log_time_enabled(False)
         self._stream.save(self._partial, default_blueprint=blueprint())
@@ -114,8 +115,11 @@ class FileSink:
                 28, f'only {free / 2**20:.0f} MiB of disk left, {RESERVE / 2**20:.0f} MiB needed',
                 str(self._path.parent))
 
-    def begin(self, head: Put) -> None:
-        """Write what stands at the head of a recording."""
+    def begin(self, head: Put, world: str) -> None:
+        """Write what stands at the head of a recording, and how its world is shown."""
+        if self._stream is not None and world != self._world:
+            self._world = world
+            self._stream.send_blueprint(blueprint(world=world))
         self.write(head)
 
     def write(self, put: Put) -> None:

@@ -52,6 +52,7 @@ class LiveSink:
         self._patience = patience
         self._queue: queue.Queue[Put | None] = queue.Queue(room)
         self._head: Put | None = None
+        self._world = ''
         self._stream: rr.RecordingStream | None = None
         self._recording = f'{APPLICATION}-{time.time_ns():x}'
         self._connected = False
@@ -59,9 +60,20 @@ class LiveSink:
         self._thread = threading.Thread(target=self._run, name='live sink', daemon=True)
         self._thread.start()
 
-    def begin(self, head: Put) -> None:
-        """Set what a viewer gets first, whenever it comes."""
-        self._head = head
+    def begin(self, head: Put, world: str) -> None:
+        """Set what a viewer gets first, whenever it comes, and how it shows the world.
+
+        One that is there already, which reports of training can bring about, gets it now.
+        """
+        another, self._head, self._world = world != self._world, head, world
+
+        def again(stream: rr.RecordingStream) -> None:
+            if another:
+                stream.send_blueprint(blueprint(live=True, world=world))
+            head(stream)
+
+        if self._stream is not None:
+            self.write(again)
 
     def write(self, put: Put) -> None:
         """Send soon, or drop when too much waits already."""
@@ -100,7 +112,8 @@ class LiveSink:
             return False
         stream = rr.RecordingStream(APPLICATION, recording_id=self._recording)
         stream.set_log_time_enabled(False)
-        stream.connect_grpc(self._url, default_blueprint=blueprint(live=True))
+        stream.connect_grpc(self._url, default_blueprint=blueprint(
+            live=True, world=self._world))
         if self._head is not None:
             self._head(stream)
         self._stream = stream

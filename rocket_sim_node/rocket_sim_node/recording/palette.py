@@ -16,10 +16,14 @@ BLUE: Colour = (70, 130, 220)
 GREY: Colour = (150, 156, 168)
 WHITE: Colour = (235, 238, 242)
 BACKGROUND: Colour = (16, 20, 30)
+SOIL: Colour = (50, 58, 66)
+CONCRETE: Colour = (92, 98, 106)
+PAINT: Colour = (240, 242, 246)
+TARGET: Colour = (255, 206, 84)
 
 _OUTCOMES = {
     'landed': GREEN, 'too_fast': VERMILION, 'tipped': PURPLE, 'off_pad': ORANGE,
-    'tilt_limit': SKY, 'timeout': YELLOW, 'out_of_bounds': GREY,
+    'tilt_limit': SKY, 'timeout': YELLOW, 'out_of_bounds': GREY, 'crashed': VERMILION,
 }
 _OTHERS = (VERMILION, PURPLE, ORANGE, SKY, YELLOW, GREY)
 
@@ -27,15 +31,19 @@ FALL: Colour = (88, 104, 140)
 BURN: Colour = (255, 176, 56)
 PHASES = {'fall': FALL, 'burn': BURN}
 """Phases of a flight: engine off, engine on; then its outcome."""
+SETTLING = 'settling'
+VERDICTS = {
+    SETTLING: FALL, 'stands': GREEN, 'slides': ORANGE, 'bounces': SKY, 'tips_over': VERMILION}
+"""What may follow a touchdown, and how it may end."""
 
 
 def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
-    """Return a colour for each outcome: green for the first, a success, and none twice in six."""
-    colours: dict[str, Colour] = {}
+    """Return a colour for each outcome: green for the first, a success; no other is alike."""
+    colours = {name: _OUTCOMES[name] for name in outcomes if name in _OUTCOMES}
     for index, name in enumerate(outcomes):
-        other = GREEN if index == 0 else _OTHERS[(index - 1) % len(_OTHERS)]
-        colours[name] = _OUTCOMES.get(name, other)
-    return colours
+        free = [other for other in _OTHERS if other not in colours.values()] or list(_OTHERS)
+        colours.setdefault(name, GREEN if index == 0 else free[index % len(free)])
+    return {name: colours[name] for name in outcomes}
 
 
 def light(colour: Colour) -> Colour:

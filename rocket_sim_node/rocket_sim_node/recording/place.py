@@ -9,6 +9,16 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node.recording.stage import Stage
+
+PAUSE = 2.0
+"""s of standing still after a flight, for the eye, before the next one begins"""
+
+
+def pause_steps(stage: Stage) -> int:
+    """Return how many steps lie between the end of a flight and the start of the next."""
+    return int(np.ceil(PAUSE / stage.dt))
+
 
 @dataclass(frozen=True)
 class Place:

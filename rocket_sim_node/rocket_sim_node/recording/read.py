@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import scene
-from rocket_sim_node.recording.flight_log import ARROW
 
 F32 = NDArray[np.float32]
+ARROW = 0.9
+"""m of velocity arrow per m/s in recordings that do not say it"""
 
 
 @dataclass(frozen=True)
@@ -62,15 +63,15 @@ def trajectories(path: Path | str) -> list[Trajectory]:
     order = np.argsort(step, kind='stable')
     step = step[order]
 
-    def values(name: str, width: int) -> F32:
-        parts = [_numbers(batch, name, width) for batch in tables[scene.ROCKET]]
+    def values(name: str) -> F32:
+        parts = [_numbers(batch, name) for batch in tables[scene.ROCKET]]
         return np.concatenate(parts)[order]
 
     columns = {
-        'position': values('Transform3D:translation', 3),
-        'orientation': values('Transform3D:quaternion', 4),
-        'arrows': values('Arrows3D:vectors', 6), 'tilt': values('Flight:tilt', 1),
-        'engine': values('Flight:engine', 2), 'reward': values('Flight:reward', 2),
+        'position': values('Transform3D:translation'),
+        'orientation': values('Transform3D:quaternion'),
+        'arrows': values('Arrows3D:vectors'), 'tilt': values('Flight:tilt'),
+        'engine': values('Flight:engine'), 'reward': values('Flight:reward'),
     }
     summaries = [
         (record, seconds)
@@ -95,8 +96,10 @@ def _trajectory(record: dict[str, Any], end: float, part: dict[str, F32]) -> Tra
         row=record['row'], episode=record['episode'], outcome=record['outcome'],
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
         position=part['position'], orientation=part['orientation'],
-        velocity=_to_world(part['orientation'], part['arrows'][:, :3]) / np.float32(ARROW),
+        velocity=_to_world(part['orientation'], part['arrows'][:, :3]) / np.float32(
+            record.get('arrow', ARROW)),
         tilt=part['tilt'][:, 0], throttle=part['engine'][:, 0] / np.float32(100),
+        # Where no fuel is burnt the second line is another.
         fuel=part['engine'][:, 1] * np.float32(record['tank'] / 100.0),
         reward=part['reward'][:, 1], summary=record)
 
@@ -106,12 +109,12 @@ def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
     return np.asarray(batch.column(name).cast('int64').to_numpy(zero_copy_only=False))
 
 
-def _numbers(batch: pa.RecordBatch, name: str, width: int) -> F32:
-    """Return a component with `width` numbers a row, `(rows, width)`."""
+def _numbers(batch: pa.RecordBatch, name: str) -> F32:
+    """Return a component with k numbers in every row, `(rows, k)`."""
     array = batch.column(name)
     while hasattr(array, 'flatten') and array.type.num_fields:
         array = array.flatten()
-    return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(-1, width)
+    return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(batch.num_rows, -1)
 
 
 def _to_world(quaternion: F32, vector: F32) -> F32:

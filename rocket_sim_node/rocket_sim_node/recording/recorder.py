@@ -6,23 +6,25 @@ import time
 from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
 
-from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording.blueprint import blueprint
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import Note
 from rocket_sim_node.recording.file_sink import Put
+from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.flight import FlightBuffer
+from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.flight_log import log_flight
-from rocket_sim_node.recording.flight_log import pause_steps
 from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.place import pause_steps
 from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Flight
-from rocket_sim_node.recording.samples import FlightBuffer
 from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
 
@@ -32,12 +34,15 @@ TRAINING_PERIOD = 10.0
 EARLY = 200
 """messages kept that come before the description of their world"""
 
+Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
+"""Says what becomes of a rocket after a flight, or None where nothing does."""
+
 
 class Sink(Protocol):
     """Where a recording goes."""
 
-    def begin(self, head: Put) -> None:
-        """Log what stands at the head of a recording."""
+    def begin(self, head: Put, world: str) -> None:
+        """Log what stands at the head of a recording of a world."""
         ...
 
     def write(self, put: Put) -> None:
@@ -58,13 +63,18 @@ class Recorder:
 
     def __init__(
         self, choice: Choice, sinks: Sequence[Sink], note: Note,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = time.monotonic, settle: Settle | None = None,
     ) -> None:
-        """Begin an empty recording."""
+        """Begin an empty recording.
+
+        :param settle: asked after each flight that is recorded; what it returns is shown after
+            the flight, before the next one.
+        """
         self._choice = choice
         self._sinks = sinks
         self._note = note
         self._clock = clock
+        self._settle = settle
         self._buffers = {row: FlightBuffer() for row in choice.rows}
         self._stage: Stage | None = None
         self._session = 0
@@ -82,17 +92,17 @@ class Recorder:
 
     def world(self, stage: Stage) -> None:
         """Take note of a world; what came before it was kept for it."""
-        if stage == self._stage:
+        known, self._stage = self._stage, stage
+        if stage == known:
             return
-        self._stage = stage
 
         def head(stream: rr.RecordingStream) -> None:
-            scene.log_static(stream, stage)
+            scenery(stage.world).static(stream, stage)
             if self._training is not None:
                 _show_training(stream, stage)
 
         for sink in self._sinks:
-            sink.begin(head)
+            sink.begin(head, stage.world)
         early, self._early = self._early, []
         for session, samples in early:
             self.states(session, samples)
@@ -126,8 +136,8 @@ class Recorder:
         if training.learning:
             self._pending.append((place, training))
         dt = self._dt
-        if first:
-            stage = self._stage or Stage('', dt, ())
+        stage = self._stage
+        if first and stage is not None:  # otherwise the head does it, when the world is known
             self._put(lambda stream: _show_training(stream, stage))
         if new_stage:
             self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
@@ -202,10 +212,12 @@ class Recorder:
                     + (' until the agent has learnt' if self._learning else '')))
             return
         place = Place(self._next_step, self._iterations.count)
-        self._put(lambda stream: log_flight(stream, flight, stage, place))
-        self.steps += len(flight)
+        settling = self._settle(flight, stage) if self._settle is not None else None
+        self._put(lambda stream: log_flight(stream, flight, stage, place, settling))
+        steps = len(flight) + (len(settling.values) if settling is not None else 0)
+        self.steps += steps
         self.flights += 1
-        self._next_step += len(flight) + pause_steps(stage)
+        self._next_step += steps + pause_steps(stage)
 
     def _flush_training(self) -> None:
         if self._pending:
@@ -218,4 +230,4 @@ def _show_training(stream: rr.RecordingStream, stage: Stage) -> None:
     """Add the tab of an agent that trains."""
     training_log.log_styles(stream)
     training_log.log_backdrop(stream, stage)
-    stream.send_blueprint(blueprint(training=True))
+    stream.send_blueprint(blueprint(training=True, world=stage.world))

@@ -27,11 +27,23 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
         store = reader.stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
         trained = any(
             path.startswith(scene.TRAINING) for path in store.schema().entity_paths())
+        world = _world(reader)
     except (RuntimeError, ValueError, IndexError) as error:
         raise OSError(22, f'not a readable recording: {error}', str(source)) from error
     stream = rr.RecordingStream(
         entry.application_id, recording_id=entry.recording_id, send_properties=False)
-    stream.save(target, default_blueprint=blueprint(training=trained, tab=tab))
+    stream.save(target, default_blueprint=blueprint(
+        training=trained, tab=tab, world=world))
     stream.send_chunks(store)
     stream.flush()
     stream.disconnect()
+
+
+def _world(reader: RrdReader) -> str:
+    """Return the name of the world that was recorded last, empty when it is not said."""
+    for chunk in reader.stream():
+        if chunk.entity_path == scene.WORLD and chunk.is_static:
+            batch = chunk.to_record_batch()
+            if scene.WORLD_NAME in batch.schema.names:
+                return str(batch.column(scene.WORLD_NAME).to_pylist()[-1][0])
+    return ''

@@ -17,7 +17,9 @@ from rocket_sim_node.recording.viewer import ViewerError
 from rocket_sim_node.settings import setting
 
 BURN_HEIGHT = 26.0
-"""m above the pad at which the picture `at:=burn` is taken"""
+BURN_PART = 0.3
+"""The picture `at:=burn` is taken so many m above the end of the flight, or at so much of the
+height from which it fell, whichever is lower."""
 MOMENTS = ('burn', 'touchdown', 'end')
 
 
@@ -59,8 +61,9 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
         return last.start + float(last.time[-1]) + 1.0
     if picture.at == 'touchdown':
         return flight.start + float(flight.time[-1]) + 1.0
+    height = flight.position[:, 2] - flight.position[-1, 2]
     low = np.flatnonzero(
-        (flight.position[:, 2] - flight.position[-1, 2] < BURN_HEIGHT) & (flight.throttle > 0))
+        (height < min(BURN_HEIGHT, BURN_PART * height[0])) & (flight.throttle > 0))
     return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
 
 

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field
+
+from rocket_sim_node.worlds import lunar_vehicle
 
 DRAWN_HEIGHT = 5.2
 """m from the feet to the origin of the vehicle as it is drawn; others are scaled to fit."""
 
+UNSAID: Mapping[str, Mapping[str, float]] = {
+    'lunar_lander': {
+        'touchdown_height': lunar_vehicle.LEG_DOWN, 'landed_distance': 2.0, 'fuel': 0.0},
+}
+"""What some worlds do not say of themselves among their settings."""
+
 
 @dataclass(frozen=True)
 class Stage:
-    """A world as its recordings show it; SI units."""
+    """A world as its recordings show it; SI units.
+
+    `fuel` is 0 where none is burnt; `stance` is how far the feet stand from the axis, as seen in
+    a planar world, and `field_half_width` how far the terrain reaches.
+    """
 
     world: str
     dt: float
@@ -22,14 +35,20 @@ class Stage:
     fuel: float = 2_000.0
     max_torque: float = 2e6
     level: int = 0
+    stance: float = 6.7
+    field_half_width: float = 10.0
+    settings: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
+    """all that the world says of itself; no part of what its recordings look like"""
 
     @classmethod
     def build(
         cls, world: str, dt: float, outcomes: tuple[str, ...], settings: Mapping[str, float],
     ) -> Stage:
         """Take from a world's settings what is known here; the rest keeps its default."""
+        known = {**UNSAID.get(world, {}), **settings}
+
         def value(name: str, default: float) -> float:
-            return float(settings.get(name, default))
+            return float(known.get(name, default))
 
         return cls(
             world, dt, outcomes,
@@ -39,9 +58,17 @@ class Stage:
             fuel=value('fuel', cls.fuel),
             max_torque=value('rcs_torque', cls.max_torque),
             level=int(value('level', cls.level)),
+            stance=value('stance', cls.stance),
+            field_half_width=value('field_half_width', cls.field_half_width),
+            settings=dict(settings),
         )
+
+    @property
+    def unit(self) -> float:
+        """Height of the vehicle's origin above the ground when it stands, m, never 0."""
+        return self.touchdown_height if self.touchdown_height > 0 else DRAWN_HEIGHT
 
     @property
     def scale(self) -> float:
         """How much larger than drawn the vehicle is."""
-        return self.touchdown_height / DRAWN_HEIGHT if self.touchdown_height > 0 else 1.0
+        return self.unit / DRAWN_HEIGHT

@@ -31,9 +31,12 @@ _STEEL: Colour = (108, 114, 124)
 _BAND: Colour = (0, 114, 178)
 
 
-def rocket() -> Mesh:
-    """Return the vehicle with its legs deployed, about 1 300 triangles."""
-    legs = [transform(_leg(), yaw=np.pi / 4 + k * np.pi / 2) for k in range(4)]
+def rocket(reach: float = FOOT_RADIUS) -> Mesh:
+    """Return the vehicle with its legs deployed, about 1 300 triangles.
+
+    :param reach: m, how far the feet stand from the axis, at 45 deg to x.
+    """
+    legs = [transform(_leg(reach), yaw=np.pi / 4 + k * np.pi / 2) for k in range(4)]
     fins = [transform(_fin(), yaw=k * np.pi / 2) for k in range(4)]
     return join([_body(), _engine(), *legs, *fins])
 
@@ -60,12 +63,12 @@ def _engine() -> Mesh:
     return join([nozzle, *ring])
 
 
-def _leg() -> Mesh:
+def _leg(reach: float) -> Mesh:
     """Return the leg that reaches along x: a broad blade, a telescope and a foot."""
-    blade = strut((1.7, 0.0, -1.7), (FOOT_RADIUS - 0.4, 0.0, FEET + 0.35), (1.9, 0.7), _DARK)
-    telescope = strut((1.8, 0.0, 6.5), (FOOT_RADIUS - 0.9, 0.0, FEET + 0.7), (0.5, 0.35), _STEEL)
+    blade = strut((1.7, 0.0, -1.7), (reach - 0.4, 0.0, FEET + 0.35), (1.9, 0.7), _DARK)
+    telescope = strut((1.8, 0.0, 6.5), (reach - 0.9, 0.0, FEET + 0.7), (0.5, 0.35), _STEEL)
     foot = revolve(((0.95, FEET, _STEEL), (0.0, FEET + 0.5, _STEEL)), 12)
-    return join([blade, telescope, transform(foot, offset=(FOOT_RADIUS, 0.0, 0.0))])
+    return join([blade, telescope, transform(foot, offset=(reach, 0.0, 0.0))])
 
 
 def _fin() -> Mesh:

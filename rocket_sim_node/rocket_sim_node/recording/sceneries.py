@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How each world looks: a scenery by the world's name."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from rocket_sim_node.recording import camera
+from rocket_sim_node.recording import contact_log
+from rocket_sim_node.recording import effects
+from rocket_sim_node.recording import ground
+from rocket_sim_node.recording import lander
+from rocket_sim_node.recording import planar
+from rocket_sim_node.recording import planar_rocket
+from rocket_sim_node.recording import plots
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import vehicle
+from rocket_sim_node.recording import views
+from rocket_sim_node.recording.camera import Camera
+from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.geometry import transform
+from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.plots import Plot
+from rocket_sim_node.recording.stage import DRAWN_HEIGHT
+from rocket_sim_node.recording.stage import Stage
+
+Effect: TypeAlias = Callable[[rr.RecordingStream, Flight, Stage, Place], None]
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What a recording of a world consists of, beside what all have.
+
+    `static` logs what stands still, at the head of a recording; each of `effects` logs what a
+    flight does to an entity of its own. Lengths are in heights of the vehicle's origin above the
+    ground when it stands: `label` is where the outcome is written above the origin, `velocity` and
+    `thrust` are the arrows of 1 m/s and of full throttle (there is none when it is 0), and at the
+    end of a flight an origin within `reach` of the ground has touched it. `bends` is how many
+    points a piece of the trail has between its ends.
+    """
+
+    view: Callable[[], rrb.View]
+    plots: tuple[Plot, ...]
+    camera: Camera
+    static: Callable[[rr.RecordingStream, Stage], None]
+    effects: tuple[Effect, ...]
+    label: float
+    velocity: float
+    thrust: float = 0.0
+    reach: float = 1.0
+    bends: int = 0
+
+
+def _log_rocket(stream: rr.RecordingStream, stage: Stage) -> None:
+    """Log ground, pad and vehicle in three dimensions."""
+    scene.log_styles(
+        stream, stage, unit=0.35 * stage.scale, mark=0.8, nose=vehicle.NOSE * stage.scale)
+    ground.log_ground(stream, stage)
+    stream.log(scene.BODY, scene.archetype(transform(vehicle.rocket(), stage.scale)), static=True)
+    effects.log_body(stream, stage.scale)
+    contact_log.log_style(stream, stage)
+
+
+SCENERIES: Mapping[str, Scenery] = {
+    'rocket': Scenery(
+        view=views.spatial_view,
+        plots=(plots.MOTION, plots.TILT, plots.ENGINE, plots.REWARD),
+        camera=camera.SPATIAL, static=_log_rocket,
+        effects=(effects.log_flame, effects.log_puffs, contact_log.log_contact),
+        label=(vehicle.NOSE + 5.0) / DRAWN_HEIGHT,
+        velocity=0.9 / DRAWN_HEIGHT, thrust=16.0 / DRAWN_HEIGHT),
+    'rocket_planar': Scenery(
+        view=planar.view,
+        plots=(plots.MOTION, plots.TILT, plots.ENGINE, plots.REWARD, plots.CONTACT),
+        camera=Camera(camera.follow, planar.columns), static=planar_rocket.log_static,
+        effects=(effects.log_flame, effects.log_puffs, planar_rocket.log_contact),
+        label=(vehicle.NOSE + 5.0) / DRAWN_HEIGHT, velocity=0.9 / DRAWN_HEIGHT),
+    'lunar_lander': Scenery(
+        view=lambda: planar.view(lander.ASPECT),
+        plots=(plots.MOTION, plots.TILT, plots.ENGINES, plots.REWARD, plots.CONTACT),
+        camera=Camera(lander.frame, planar.columns, follows=False), static=lander.log_static,
+        effects=(
+            planar.log_terrain, lander.log_legs, lander.log_flame, lander.log_side_engines,
+            lander.log_contact),
+        label=lander.LABEL, velocity=lander.VELOCITY, reach=2.0, bends=3),
+}
+
+
+def scenery(world: str) -> Scenery:
+    """Return how a world looks; one that nobody has drawn looks like `rocket`."""
+    return SCENERIES.get(world, SCENERIES['rocket'])

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings for tests: made of given samples, and read back entity by entity."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.recorder import Settle
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import OWN_FIELDS
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.wire import frames
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.base import SimulatedWorld
+from rocket_sim_node.worlds.base import Telemetry
+
+VECTORS = ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force')
+Pilot = Callable[[Telemetry, np.ndarray], np.ndarray]
+
+
+def joined(parts: list[tuple[int, Telemetry]]) -> Samples:
+    """Return telemetry of several steps as samples, z up."""
+    def join(name: str) -> np.ndarray:
+        values = np.concatenate([getattr(part, name) for _, part in parts])
+        if name == 'orientation':
+            return frames.quaternion_to_ros(values)
+        return frames.vector_to_ros(values) if name in VECTORS else values
+
+    return Samples.build(
+        np.concatenate([np.full(len(part.row), step) for step, part in parts]),
+        join('row'), join('episode'), join('outcome'),
+        **{name: join(name) for name in (*FIELDS, *OWN_FIELDS)})
+
+
+def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: float) -> tuple[
+        SimulatedWorld, Samples]:
+    """Fly and return what a simulator publishes: all rows at each step, finished ones twice.
+
+    :param pilot: makes actions of telemetry and observation.
+    """
+    simulated = make(world, rockets, 0, **settings)
+    rows = np.arange(rockets)
+    parts = [(0, simulated.telemetry(rows))]
+    observation = simulated.observe()
+    for step in range(1, steps + 1):
+        observation = simulated.step(pilot(parts[-1][1], observation))[0]
+        if len(simulated.finished.row):
+            parts.append((step, simulated.finished))
+        parts.append((step, simulated.telemetry(rows)))
+    return simulated, joined(parts)
+
+
+def record(
+    path: Path, stage: Stage, samples: Samples, settle: Settle | None = None,
+) -> Recorder:
+    """Record samples to a file."""
+    recorder = Recorder(
+        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=settle)
+    recorder.world(stage)
+    for start in range(0, len(samples.step), 100):
+        recorder.states(1, samples.take(slice(start, start + 100)))
+    recorder.close()
+    return recorder
+
+
+def rows_of(
+    path: Path, entity: str, component: str, timeline: str = 'step',
+) -> list[tuple[int, Any]]:
+    """Return (step, value) of an entity's component on a timeline, in the order of steps."""
+    rows: list[tuple[int, Any]] = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path != entity:
+            continue
+        batch = chunk.to_record_batch()
+        if component not in batch.schema.names or timeline not in batch.schema.names:
+            continue
+        rows += [row for row in zip(
+            batch.column(timeline).to_pylist(), batch.column(component).to_pylist(), strict=True)
+            if None not in row]
+    return sorted(rows, key=lambda row: row[0])
+
+
+def view_classes(path: Path) -> list[str]:
+    """Return the kinds of views of a recording's layout, sorted."""
+    reader = RrdReader(path)
+    kinds = []
+    for chunk in reader.stream(store=reader.blueprints()[-1]):
+        batch = chunk.to_record_batch()
+        if 'ViewBlueprint:class_identifier' in batch.schema.names:
+            kinds += [row[0] for row in batch.column('ViewBlueprint:class_identifier').to_pylist()]
+    return sorted(kinds)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What becomes of a rocket after its touchdown is shown after its flight, and said."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import record
+from recordings import rows_of
+
+from rocket_sim_node.recording import camera
+from rocket_sim_node.recording import planar
+from rocket_sim_node.recording import read
+from rocket_sim_node.recording import render
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import vehicle
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.flight import Settling
+from rocket_sim_node.recording.flight_log import log_flight
+from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import FLYING
+from rocket_sim_node.recording.samples import WIDTH
+from rocket_sim_node.recording.samples import Layout
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.stage import Stage
+
+STAGE = Stage('rocket', 0.02, ('landed', 'too_fast'), settings={'dry_mass': 22_000.0})
+FLIGHT, AFTER = 100, 150
+
+
+def two_flights() -> Samples:
+    """Return two flights straight down, the first of which lands."""
+    values = np.zeros((FLIGHT, WIDTH))
+    values[:, FIELDS['time'].start] = 0.02 * np.arange(FLIGHT)
+    values[:, FIELDS['position'].stop - 1] = np.linspace(60.0, 5.2, FLIGHT)
+    values[:, FIELDS['orientation'].stop - 1] = 1.0
+    values[:, FIELDS['mass']] = 22_000.0
+    values[:, FIELDS['throttle']] = 0.7
+    values[:, FIELDS['reward']] = 1.0
+    outcome = np.full(2 * FLIGHT, FLYING)
+    outcome[[FLIGHT - 1, 2 * FLIGHT - 1]] = 0, 1
+    return Samples(
+        np.arange(2 * FLIGHT), np.zeros(2 * FLIGHT, np.int64),
+        np.repeat((0, 1), FLIGHT), outcome, np.concatenate((values, values)))
+
+
+def topple(flight: Flight, stage: Stage) -> Settling | None:
+    """Tip the first rocket over to the right, about its foot at 6.7 m; leave the others alone."""
+    if flight.outcome != 'landed':
+        return None
+    assert stage.settings['dry_mass'] == 22_000.0
+    angle = np.linspace(0.0, 0.5 * np.pi, AFTER)
+    foot = np.array((6.7, 0.0, 0.0))
+    arm = np.stack((
+        -6.7 * np.cos(angle) + 5.2 * np.sin(angle), 0 * angle,
+        6.7 * np.sin(angle) + 5.2 * np.cos(angle)), axis=1)
+    force = np.zeros((AFTER, 3))
+    force[:, 2] = 22_000.0 * 9.81
+    return Settling.build(
+        'tips_over', foot + arm, planar.turn(-angle), contact_force=force)
+
+
+@pytest.fixture
+def settled(tmp_path: Path) -> Path:
+    """Record two flights, of which the first settles."""
+    path = tmp_path / 'run.rrd'
+    recorder = record(path, STAGE, two_flights(), topple)
+    assert recorder.steps == 2 * FLIGHT + AFTER
+    viewer.verify(path)
+    return path
+
+
+def test_flights_are_what_they_were(settled: Path) -> None:
+    first, second = read.trajectories(settled)
+    assert len(first.time) == len(second.time) == FLIGHT
+    assert first.position[-1, 2] == pytest.approx(5.2)
+    assert first.summary['return'] == FLIGHT - 1
+    assert first.summary['tilt'] == 0.0
+    assert (first.summary['verdict'], first.summary['settled']) == ('tips_over', AFTER)
+    assert (second.summary['verdict'], second.summary['settled']) == ('', 0)
+    assert second.start == pytest.approx(0.02 * (FLIGHT + AFTER + pause_steps(STAGE)))
+
+
+def test_the_vehicle_goes_on_moving(settled: Path) -> None:
+    poses = dict(rows_of(settled, scene.ROCKET, 'Transform3D:translation'))
+    flight = Flight(0, 0, 0, 'landed', np.zeros((1, WIDTH)))
+    settling = topple(flight, STAGE)
+    assert settling is not None
+    for k in (0, 50, AFTER - 1):
+        np.testing.assert_allclose(
+            poses[FLIGHT + k][0], settling.values[k, FIELDS['position']], atol=1e-5)
+    tilt = dict(rows_of(settled, scene.ROCKET, 'Flight:tilt'))
+    assert tilt[FLIGHT + AFTER - 1][0] == pytest.approx(90.0)
+    assert np.isnan(tilt[FLIGHT + AFTER][0]), 'a gap ends the lines'
+
+
+def test_it_is_said(settled: Path) -> None:
+    states = [
+        (step, state[0]) for step, state in rows_of(settled, scene.PHASE, 'StateChange:state')]
+    end = FLIGHT + AFTER - 1
+    assert states[:5] == [
+        (0, 'burn'), (FLIGHT - 1, 'landed'), (FLIGHT, 'settling'), (end, 'tips_over'),
+        (end + pause_steps(STAGE) - 1, 'tips_over')]
+    assert states[-1][1] == 'too_fast'
+    labels = dict(rows_of(settled, scene.PHASE, 'Points3D:labels'))
+    assert labels[end][0].startswith('landed, tips over\n')
+    assert not labels[FLIGHT - 1]
+    texts = [text[0] for _, text in rows_of(settled, scene.LANDINGS, 'TextLog:text')]
+    assert 'episode 0: landed, tips over, ' in texts[0]
+    assert 'episode 1: too fast, ' in texts[1]
+
+
+def test_the_ground_pushes_until_the_next_flight(settled: Path) -> None:
+    arrows = dict(rows_of(settled, scene.CONTACT, 'Arrows3D:vectors'))
+    assert min(arrows) == FLIGHT
+    assert arrows[FLIGHT][0] == pytest.approx([0.0, 0.0, 2.0 * STAGE.unit])
+    assert arrows[FLIGHT + AFTER + pause_steps(STAGE) - 1] == []
+
+
+def test_nothing_is_added_where_nothing_settles(tmp_path: Path) -> None:
+    for name, settle in (('with', lambda flight, stage: None), ('without', None)):
+        record(tmp_path / f'{name}.rrd', STAGE, two_flights(), settle)
+    for entity, component in (
+            (scene.ROCKET, 'Transform3D:translation'), (scene.PHASE, 'StateChange:state')):
+        assert (rows_of(tmp_path / 'with.rrd', entity, component)
+                == rows_of(tmp_path / 'without.rrd', entity, component))
+    assert rows_of(tmp_path / 'without.rrd', scene.CONTACT, 'Arrows3D:vectors') == []
+
+
+def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    still = np.zeros((4, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (4, 1))
+    with pytest.raises(ValueError, match='settling: torque has 4 values, expected 12'):
+        Settling.build('stands', *still, torque=np.zeros(4))
+    with pytest.raises(ValueError, match="settling: unknown quantity 'colour'"):
+        Settling.build('stands', *still, colour=np.zeros(4))
+    flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
+    wide = Settling.build('stands', *still, layout=Layout(legs=2))
+    with pytest.raises(ValueError, match=r'settling: samples are \(30,\) wide, expected \(26,\)'):
+        log_flight(None, flight, STAGE, Place(0), wide)  # type: ignore[arg-type]
+
+
+def test_picture(settled: Path) -> None:
+    """The band of the body is high in the picture at touchdown, and low when it has toppled."""
+    times = [0.02 * (FLIGHT + 1), 0.02 * (FLIGHT + AFTER) + 1.0]
+    try:
+        pictures = render.render(settled, times, size=(960, 600))
+    except render.RendererMissing as error:
+        pytest.skip(str(error))
+    rows = []
+    for picture in pictures:
+        pixels = np.asarray(picture, np.int64)[60:, :picture.width // 2]
+        red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
+        band = (blue - red > 60) & (blue - green > 25) & (blue > 80) & (red < 30)
+        assert band.sum() > 30
+        rows.append(float(np.mean(np.nonzero(band)[0])))
+    assert rows[1] > rows[0] + 50
+
+
+def test_the_view_holds_what_has_toppled() -> None:
+    flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
+    settling = topple(flight, STAGE)
+    whole = flight.followed_by(settling)
+    assert len(whole) == FLIGHT + AFTER
+    assert flight.followed_by(None) is flight
+    view = camera.shots(whole, STAGE)[-1]
+    ends = whole.position[-1] + np.array(((0.0,), (vehicle.NOSE,))) * whole.up[-1]
+    assert ends[1, 0] == pytest.approx(6.7 + 5.2 + vehicle.NOSE)
+    assert np.all(np.abs(ends - view[:3]) < view[3] / 2)
+    standing = camera.shots(flight, STAGE)[-1]
+    assert ends[1, 0] > standing[0] + standing[3] / 2, 'the shot of a landing would not do'

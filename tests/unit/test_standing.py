@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The standing rate of an evaluation: what the contact model makes of the ends of episodes."""
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.evaluation.standing import _swing
+from ppo_agent_node.evaluation.standing import after_touchdown
+from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import rotation
+
+SETTINGS = worlds.make('rocket').spec.settings
+
+
+def ends(*states: tuple[float, float, float, float]) -> np.ndarray:
+    """Last observations at (x m, speed along x m/s, lean to x deg, spin to x rad/s)."""
+    observation = np.zeros((len(states), 15), np.float32)
+    for row, (x, speed, tilt, spin) in enumerate(states):
+        observation[row, :3] = np.array((x, 5.2, 0)) / 50
+        observation[row, 3:6] = np.array((speed, -0.1, 0)) / 20
+        angle = np.deg2rad(tilt)
+        observation[row, 6:9] = (np.sin(angle), np.cos(angle), 0)
+        observation[row, 11] = -spin / 10
+    return observation
+
+
+def test_a_swing_turns_up_into_the_nose() -> None:
+    rng = np.random.default_rng(0)
+    up = rng.standard_normal((50, 3))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    quaternion = _swing(up)
+    assert np.linalg.norm(quaternion, axis=1) == pytest.approx(1.0)
+    turned = rotation.up_vector(quaternion.T).T
+    assert turned == pytest.approx(up)
+    assert (quaternion[:, 1] == 0).all()
+
+
+def test_gentle_touchdowns_stand_and_fast_ones_do_not() -> None:
+    """One that leans and turns on topples; 3.9 m/s is beyond the legs; the last is in the air."""
+    standing = after_touchdown(
+        ends((3, 0, 0, 0), (0, 0, 40, 1.5), (0, 3.9, 0, 0), (0, 0, 0, 0)), np.full(4, 800.0),
+        np.array((True, True, True, False)), SETTINGS)
+    assert standing.standing.tolist() == [True, False, False, False]
+    assert standing.verdicts == {'stands': 1, 'slides': 1, 'bounces': 0, 'tips_over': 1}
+    assert standing.rest_distance == pytest.approx([3.0], abs=0.01)
+
+
+@pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
+def test_an_evaluation_tells_how_many_stand(world: str) -> None:
+    env = worlds.make(world, num_envs=20)
+    summary = metrics.summarise(evaluate(env, scripted_pilot(env.spec), 20, 1))
+    assert summary['standing_rate'] == 1.0
+    assert summary['standing_rate_interval'][1] == 1.0
+    line = next(x for x in metrics.table(summary).split('\n') if x.startswith('standing'))
+    assert line.split()[1] == '100.00'
+    if world == 'rocket':
+        assert summary['settling'] == {'stands': 20, 'slides': 0, 'bounces': 0, 'tips_over': 0}
+        assert summary['rest_distance']['p95'] < 0.05
+    json.dumps(summary, allow_nan=False)
+
+
+def test_who_does_not_come_down_does_not_stand() -> None:
+    env = worlds.make('rocket', num_envs=20)
+    summary = metrics.summarise(evaluate(env, RandomPilot(env.spec), 20, 1, level=1))
+    assert summary['standing_rate'] == 0.0
+    json.dumps(summary, allow_nan=False)
+
+
+def test_a_lander_has_no_standing_rate() -> None:
+    """There, rest is what landed means."""
+    env = worlds.make('lunar_lander', num_envs=10)
+    summary = metrics.summarise(evaluate(env, scripted_pilot(env.spec), 10, 1))
+    assert summary['standing_rate'] is None
+    assert 'standing' not in metrics.table(summary)
