@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from rerun.chunk import RrdReader
 
+from rocket_sim_node import frames
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.recorder import Recorder
@@ -17,7 +18,6 @@ from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import OWN_FIELDS
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.wire import frames
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import Telemetry

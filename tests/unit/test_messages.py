@@ -9,8 +9,8 @@ from rocket_msgs.msg import Observation
 from rocket_msgs.msg import Setting
 from scipy.spatial.transform import Rotation
 
+from rocket_sim_node import frames
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import frames
 from rocket_sim_node.wire import messages
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from rocket_sim_node import frames
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import effects
 from rocket_sim_node.recording import flight_log
@@ -36,7 +37,6 @@ from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
-from rocket_sim_node.wire import frames
 from rocket_sim_node.worlds import make
 
 OUTCOMES = ('landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds')

@@ -9,24 +9,30 @@ import pytest
 from recordings import record
 from recordings import rows_of
 
+from rocket_sim_node import worlds
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import planar
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import render
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.flight_log import log_flight
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.samples import Layout
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.worlds.outcome import OUTCOMES
 
 STAGE = Stage('rocket', 0.02, ('landed', 'too_fast'), settings={'dry_mass': 22_000.0})
 FLIGHT, AFTER = 100, 150
@@ -172,3 +178,58 @@ def test_the_view_holds_what_has_toppled() -> None:
     assert np.all(np.abs(ends - view[:3]) < view[3] / 2)
     standing = camera.shots(flight, STAGE)[-1]
     assert ends[1, 0] > standing[0] + standing[3] / 2, 'the shot of a landing would not do'
+
+
+def landing(lean: float, outcome: str = 'landed') -> Flight:
+    """Return a flight that ends at the ground, leaning towards world y by `lean`, rad."""
+    values = np.zeros((50, WIDTH))
+    values[:, FIELDS['position']] = np.stack(
+        (np.full(50, 3.0), np.zeros(50), np.linspace(6.0, 5.2, 50)), axis=1)
+    # About x by minus the lean the nose goes to +y.
+    values[:, FIELDS['orientation']] = (-np.sin(lean / 2), 0, 0, np.cos(lean / 2))
+    values[:, FIELDS['linear_velocity']] = (0, 0, -0.5)
+    values[:, FIELDS['mass']], values[:, FIELDS['fuel']] = 23_000.0, 1_000.0
+    return Flight(0, 0, 0, outcome, values)
+
+
+REAL = Stage.build('rocket', 0.02, OUTCOMES, worlds.make('rocket').spec.settings)
+
+
+def test_a_landing_is_followed_by_the_contact_model() -> None:
+    """It goes on where the flight ended, rights itself and stands in its place."""
+    flight = landing(np.deg2rad(4.0))
+    settling = touchdown.follow(flight, REAL)
+    assert settling is not None
+    assert settling.verdict in ('stands', 'bounces')
+    after = Flight(0, 0, 0, 'landed', settling.values)
+    assert after.position[0] == pytest.approx(flight.position[-1], abs=0.6)
+    assert after.tilt[0] == pytest.approx(4.0, abs=0.3)
+    assert after.up[0, 1] > 0.06
+    assert after.tilt[-1] == pytest.approx(0.0, abs=0.1)
+    assert after.position[-1, 2] == pytest.approx(5.2, abs=0.01)
+    assert after.position[-1, :2] == pytest.approx((3.0, 0.0), abs=0.5)
+    assert (after.fuel == 1_000.0).all()
+    assert len(after) > 25
+
+
+def test_only_landings_of_rocket_are_followed() -> None:
+    assert touchdown.follow(landing(0.0, 'timeout'), REAL) is None
+    assert touchdown.follow(landing(0.0, 'too_fast'), REAL) is None
+    other = Stage.build('rocket_planar', 0.02, OUTCOMES, REAL.settings)
+    assert touchdown.follow(landing(0.0), other) is None
+
+
+def test_nothing_is_followed_while_an_agent_learns(tmp_path: Path) -> None:
+    """Training has no use for it, and the recorder should not take its time."""
+    asked: list[Flight] = []
+
+    def settle(flight: Flight, stage: Stage) -> Settling | None:
+        asked.append(flight)
+        return None
+
+    recorder = Recorder(Choice(every_nth_episode=1), [], lambda level, text: None, settle=settle)
+    recorder.world(STAGE)
+    recorder.training(Training('finetune', 1, {}))
+    recorder.states(1, two_flights())
+    assert recorder.flights == 2
+    assert not asked

@@ -15,6 +15,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
 
+from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.live_sink import LiveSink
@@ -151,7 +152,7 @@ def record(node: Node, executor: Executor) -> None:
             note('INFO', f'recording to {destinations.output}')
         if not sinks:
             note('WARN', 'nothing to do: set output, connect or serve_web')
-        recorder = Recorder(choice, sinks, note)
+        recorder = Recorder(choice, sinks, note, settle=touchdown.follow)
         heard = RecorderNode(node, recorder)
         try:
             while not stopping.requested():

@@ -67,8 +67,8 @@ class Recorder:
     ) -> None:
         """Begin an empty recording.
 
-        :param settle: asked after each flight that is recorded; what it returns is shown after
-            the flight, before the next one.
+        :param settle: asked after each flight that is recorded while no agent learns; what it
+            returns is shown after the flight, before the next one.
         """
         self._choice = choice
         self._sinks = sinks
@@ -212,7 +212,9 @@ class Recorder:
                     + (' until the agent has learnt' if self._learning else '')))
             return
         place = Place(self._next_step, self._iterations.count)
-        settling = self._settle(flight, stage) if self._settle is not None else None
+        settling = None
+        if self._settle is not None and not self._learning:
+            settling = self._settle(flight, stage)
         self._put(lambda stream: log_flight(stream, flight, stage, place, settling))
         steps = len(flight) + (len(settling.values) if settling is not None else 0)
         self.steps += steps

@@ -17,7 +17,7 @@ from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import Setting
 from rocket_msgs.msg import World
 
-from rocket_sim_node.wire import frames
+from rocket_sim_node import frames
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec

@@ -13,8 +13,10 @@ from pymunk import batch
 from rocket_sim_node.worlds.base import F64
 
 _CELLS = 40
-"""Cells of the spatial hash for each lane: few enough that all are visited often, because cells
-are rid of ground that has moved away only when they are visited."""
+"""cells of the spatial hash for each lane"""
+_SWEEP_AFTER = 256
+"""lanes whose ground has moved, after which the cells are swept"""
+_NOTHING = pymunk.ShapeFilter(categories=0, mask=0)
 
 STATE = (
     batch.BodyFields.POSITION | batch.BodyFields.ANGLE | batch.BodyFields.VELOCITY
@@ -103,6 +105,8 @@ class LaneBlock:
         for ground in self.grounds:
             space.add(*ground)
         self._limits = [[joint.max_force for joint in v.joints] for v in self.vehicles]
+        self._moved = 0
+        self._field = self.grounds[0][0].bb
         self.state, self.push = state, push
         self._state_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
         self._state_buffer.set_float_buf(state)
@@ -120,3 +124,21 @@ class LaneBlock:
         """Switch the joints of a vehicle on or off; a step without empties their memory."""
         for joint, limit in zip(self.vehicles[lane].joints, self._limits[lane], strict=True):
             joint.max_force = limit if on else 0.0
+
+    def reindex(self, moved: Sequence[pymunk.Shape]) -> None:
+        """Take note that ground of a lane has moved; in the same order for every lane.
+
+        The cells of the hash keep note of where ground was until somebody looks into them, and
+        nobody ever looks into some. So all are looked into now and then.
+        """
+        for shape in moved:
+            self.space.reindex_shape(shape)
+        self._moved += 1
+        if self._moved >= _SWEEP_AFTER:
+            self._moved = 0
+            box = self._field
+            for ground in self.grounds:
+                for shape in ground:
+                    box = box.merge(shape.bb)
+            self._field = box
+            self.space.bb_query(box, _NOTHING)

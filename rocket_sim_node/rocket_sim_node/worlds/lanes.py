@@ -91,6 +91,7 @@ class Lanes:
         self.pose = np.zeros((count, bodies, 3))
         self.velocity = np.zeros((count, bodies, 3))
         self._state_read, self._touch_read = batch.Buffer(), batch.Buffer()
+        # As designed; who changes a body's mass must not push it in the step after `place`.
         first = self.vehicle(0).bodies
         self._mass = np.array([body.mass for body in first])
         self._moment = np.array([body.moment for body in first])
@@ -113,9 +114,7 @@ class Lanes:
 
     def reindex(self, row: int, moved: Sequence[pymunk.Shape]) -> None:
         """Take note that ground of a lane has moved; in the same order for every lane."""
-        space = self._blocks[row // LANES].space
-        for shape in moved:
-            space.reindex_shape(shape)
+        self._blocks[row // LANES].reindex(moved)
 
     # Stepping
 

@@ -36,6 +36,25 @@ def judge_touchdown(speed: F64, tilt: F64, distance: F64, task: TaskSettings) ->
     return outcome
 
 
+def judge_contact(
+    hull: NDArray[np.bool_], resting: NDArray[np.bool_], speed: F64, tilt: F64, distance: F64,
+    task: TaskSettings,
+) -> NDArray[np.uint8]:
+    """Return the outcomes of touchdowns in worlds with contact, `(K,)`, as `judge_touchdown` does.
+
+    :param hull: `(K,)` whether the hull touched the ground.
+    :param resting: `(K,)` whether the rocket came to rest; if neither, its time is up.
+    :param speed: `(K,)` m/s at first contact.
+    :param tilt: `(K,)` deg from vertical, now.
+    :param distance: `(K,)` m from the pad's centre, now.
+    """
+    outcome = np.where(resting, LANDED, TIMEOUT).astype(np.uint8)
+    outcome[resting & (distance >= task.landed_distance)] = OFF_PAD
+    outcome[hull | (resting & (tilt >= task.landed_tilt))] = TIPPED
+    outcome[speed >= task.landed_speed] = TOO_FAST
+    return outcome
+
+
 def judge_flight(
     tilted: NDArray[np.bool_], late: NDArray[np.bool_], outside: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
@@ -52,12 +71,13 @@ def terminal_reward(
 ) -> F64:
     """Return what the ends of episodes are worth, `(K,)`, the cost of the step left out.
 
-    A landing earns more the slower, the more upright and the nearer to the centre it is.
+    A landing earns more the slower, the more upright and the nearer to the centre it is; what is
+    beyond its limit earns nothing (where a rocket may land that touched down beyond it).
     """
     landed = (
         task.reward_landed
-        + (1 - speed / task.landed_speed) * task.reward_speed
-        + (1 - tilt / task.landed_tilt) * task.reward_tilt
-        + (1 - distance / task.landed_distance) * task.reward_distance
+        + np.maximum(1 - speed / task.landed_speed, 0.0) * task.reward_speed
+        + np.maximum(1 - tilt / task.landed_tilt, 0.0) * task.reward_tilt
+        + np.maximum(1 - distance / task.landed_distance, 0.0) * task.reward_distance
     )
     return np.where(outcome == LANDED, landed, task.reward_crash)

@@ -10,7 +10,9 @@ from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.lunar_lander import LunarLanderWorld
 from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
+from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
 from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
 from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
@@ -24,6 +26,7 @@ class _Entry:
 
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
+    'rocket_planar': _Entry(RocketPlanarWorld, PlanarSettings, CURRICULUM_SETTINGS),
     'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),
 }
 

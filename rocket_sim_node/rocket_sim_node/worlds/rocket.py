@@ -40,14 +40,23 @@ class RocketWorld:
 
     Row k of every array is rocket k. State is kept as structure of arrays: `position`,
     `velocity`, `spin` (angular velocity) `(3, N)`, `attitude` `(4, N)`, `fuel` `(N,)`.
+    Worlds that differ in some of this derive from it.
     """
+
+    name = 'rocket'
+    settings_class: type[RocketSettings] = RocketSettings
+    settings: RocketSettings
+    in_plane = False
+    """Whether rockets start within the x-y plane."""
+    feet = 0
+    """How many feet can touch the ground."""
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
         """Make the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
-        self._made_with = settings_module.build(RocketSettings, settings)
+        self._made_with = settings_module.build(self.settings_class, settings)
         self._apply(self._made_with)
         self._rows = np.arange(num_envs)
         self._all = slice(None)
@@ -63,10 +72,12 @@ class RocketWorld:
         self._throttle = np.zeros(num_envs)
         self._torque = np.zeros((3, num_envs))
         self._reward = np.zeros(num_envs)
+        self._touching = np.zeros((num_envs, self.feet), np.bool_)
+        self._contact_force = np.zeros((3, num_envs))
         self._none_finished = self._finished = self.telemetry(self._rows[:0])
         self._seed = seed
         self.spec = WorldSpec(
-            name='rocket', num_envs=num_envs, dt=self.settings.dt,
+            name=self.name, num_envs=num_envs, dt=self.settings.dt,
             observation_names=OBSERVATION_NAMES, action_names=ACTION_NAMES,
             continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3,
             action_idle=(-1.0, 0.0, 0.0), action_count=0,
@@ -87,12 +98,12 @@ class RocketWorld:
             raise ValueError(
                 f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
         checked = settings_module.build(
-            RocketSettings, {**settings_module.as_dict(self._made_with), **settings})
+            self.settings_class, {**settings_module.as_dict(self._made_with), **settings})
         new_seed, episode = (
             (self._seed, self.episode + 1) if seed is None
             else (seed, np.zeros_like(self.episode)))
         first = spawn.draw(
-            new_seed, self._rows, episode, spawn.spawn_range(checked), checked)
+            new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
         self._apply(checked)
         self._seed, self.episode = new_seed, episode
         self._store_spawns()
@@ -153,8 +164,8 @@ class RocketWorld:
             angular_velocity=self.spin[:, rows].T,
             mass=self.fuel[rows] + self.settings.dry_mass, fuel=self.fuel[rows],
             throttle=self._throttle[rows], thrust=thrust, lateral_thrust=np.zeros(len(rows)),
-            torque=self._torque[:, rows].T, contact_force=np.zeros((len(rows), 3)),
-            contact=np.zeros((len(rows), 0), np.bool_), leg_angle=np.zeros((len(rows), 0)),
+            torque=self._torque[:, rows].T, contact_force=self._contact_force[:, rows].T,
+            contact=self._touching[rows], leg_angle=np.zeros((len(rows), self.feet)),
             terrain=np.zeros((len(rows), 0)),
             reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
         )
@@ -172,27 +183,40 @@ class RocketWorld:
         """Put all rockets back into a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours)
-        for name in ('seed', 'age', 'episode', 'fuel'):
-            if (arrays[name] < 0).any():
-                raise ValueError(f'snapshot: {name} has a value below 0')
+        self._check_state(arrays)
         snapshots.check_settings(self.spec, arrays.pop('settings'))
         values = dict(zip(spawn.CURRICULUM_SETTINGS, arrays.pop('curriculum').tolist(),
                           strict=True))
         try:
             settings = settings_module.build(
-                RocketSettings, {**settings_module.as_dict(self._made_with), **values})
+                self.settings_class, {**settings_module.as_dict(self._made_with), **values})
         except TypeError as error:
             raise ValueError(f'snapshot: {error}') from error
         self._apply(settings)
         self._seed = int(arrays.pop('seed')[0])
-        for name, array in arrays.items():
-            ours[name][...] = array
+        self._load_state(arrays, ours)
         self._throttle[:] = 0
         self._torque[:] = 0
+        self._touching[:] = False
+        self._contact_force[:] = 0
         self._reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
         self._store_spawns()
         return self.observe()
+
+    def _check_state(self, arrays: snapshots.Arrays) -> None:
+        """Check values of a snapshot that no world can have.
+
+        :raises ValueError: naming the array.
+        """
+        for name in ('seed', 'age', 'episode', 'fuel'):
+            if (arrays[name] < 0).any():
+                raise ValueError(f'snapshot: {name} has a value below 0')
+
+    def _load_state(self, arrays: snapshots.Arrays, ours: snapshots.Arrays) -> None:
+        """Copy the arrays of a snapshot into ours, those of `_state_arrays`."""
+        for name, array in arrays.items():
+            ours[name][...] = array
 
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all that the future depends on; the arrays are the world's own, not copies."""
@@ -217,7 +241,7 @@ class RocketWorld:
     def _store_spawns(self) -> None:
         """Forget the starts drawn ahead: another seed or range is in force."""
         self._spawns = spawn.SpawnStore(
-            self._seed, self.spec.num_envs, self._spawn_range, self.settings)
+            self._seed, self.spec.num_envs, self._spawn_range, self.settings, self.in_plane)
 
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
         """Put the given rockets into their first states."""
@@ -230,6 +254,8 @@ class RocketWorld:
         self.episode_return[rows] = 0.0
         self._throttle[rows] = 0.0
         self._torque[:, rows] = 0.0
+        self._touching[rows] = False
+        self._contact_force[:, rows] = 0.0
 
     def _advance(self, command: F64) -> None:
         """Integrate one step: forces, then velocities, then positions (semi-implicit Euler)."""
@@ -270,6 +296,20 @@ class RocketWorld:
             (y > s.height_limit) | (np.abs(x) > s.range_limit) | (np.abs(z) > s.range_limit))
         return np.flatnonzero(self._down | self._tilted | self._late | self._outside)
 
+    def _judge(
+        self, done: NDArray[np.int64], up: F64,
+    ) -> tuple[NDArray[np.uint8], F64, F64, F64]:
+        """Return how episodes ended: outcome, speed (m/s), tilt (deg), distance (m), `(K,)`."""
+        speed = rotation.norm(self.velocity[:, done])
+        # atan2 keeps its precision near upright, where arccos loses half the digits.
+        tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))
+        distance = np.hypot(self.position[0, done], self.position[2, done])
+        outcome = np.where(
+            self._down[done],
+            outcomes.judge_touchdown(speed, tilt, distance, self.settings),
+            outcomes.judge_flight(self._tilted[done], self._late[done], self._outside[done]))
+        return outcome, speed, tilt, distance
+
     def _finish(
         self, done: NDArray[np.int64], up: F64, observation: F32, reward: F64,
     ) -> dict[str, Any]:
@@ -279,14 +319,7 @@ class RocketWorld:
         :param observation: `(N, 15)`; the rows that finished get their new first observation.
         :param reward: `(N,)`, to which the ends are added.
         """
-        speed = rotation.norm(self.velocity[:, done])
-        # atan2 keeps its precision near upright, where arccos loses half the digits.
-        tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))
-        distance = np.hypot(self.position[0, done], self.position[2, done])
-        outcome = np.where(
-            self._down[done],
-            outcomes.judge_touchdown(speed, tilt, distance, self.settings),
-            outcomes.judge_flight(self._tilted[done], self._late[done], self._outside[done]))
+        outcome, speed, tilt, distance = self._judge(done, up)
         reward[done] += outcomes.terminal_reward(outcome, speed, tilt, distance, self.settings)
         self.episode_return += reward
         self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)

@@ -47,6 +47,8 @@ CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS)
 
 _MAX_ATTEMPTS = 1000
 _WIDEST = 4
+_OUT_OF_PLANE = [1, 4, 5, 6, 8]
+"""Of the ten numbers of a draw: position z, velocity z, spin x and y, pitch."""
 _AHEAD = 32
 """Most episodes of a rocket drawn at once."""
 _STORED = 2**16
@@ -109,6 +111,7 @@ def draw(
     episode: NDArray[np.integer],
     ranges: SpawnRange,
     task: TaskSettings,
+    in_plane: bool = False,
 ) -> Spawn:
     """Draw the first states of episodes, each from its own random stream.
 
@@ -116,9 +119,13 @@ def draw(
 
     :param row: `(K,)` rockets.
     :param episode: `(K,)` their episodes.
+    :param in_plane: leave out all that leads out of the x-y plane; the rest is the same, save for
+        attitudes that are drawn again.
     :raises ValueError: when no allowed attitude turns up in 1 000 draws.
     """
     unit = random_streams.uniform(seed, row, episode, 10)
+    if in_plane:
+        unit[_OUT_OF_PLANE] = 0.0
     position = np.stack((unit[0] * ranges.position, np.full(len(row), task.spawn_height),
                          unit[1] * ranges.position))
     velocity = np.stack((unit[2] * ranges.speed, (unit[3] - 1.0) * ranges.speed,
@@ -133,6 +140,8 @@ def draw(
         if not again.size:
             return Spawn(position, velocity, attitude, spin)
         angles = random_streams.uniform(seed, row[again], episode[again], 2, attempt)
+        if in_plane:
+            angles[0] = 0.0
         attitude[:, again] = rotation.from_pitch_roll(
             angles[0] * half_width, angles[1] * half_width)
     raise ValueError(
@@ -150,9 +159,10 @@ class SpawnStore:
 
     def __init__(
         self, seed: int, num_envs: int, ranges: SpawnRange, task: TaskSettings,
+        in_plane: bool = False,
     ) -> None:
         """Draw nothing yet."""
-        self._seed, self._ranges, self._task = seed, ranges, task
+        self._seed, self._ranges, self._task, self._in_plane = seed, ranges, task, in_plane
         self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
         self._from = np.full(num_envs, -self._ahead)
         self._states = np.empty((13, num_envs, self._ahead))
@@ -165,7 +175,8 @@ class SpawnStore:
             rows, first = row[missing], episode[missing]
             episodes = (first[:, None] + np.arange(self._ahead)).ravel()
             drawn = draw(
-                self._seed, np.repeat(rows, self._ahead), episodes, self._ranges, self._task)
+                self._seed, np.repeat(rows, self._ahead), episodes, self._ranges, self._task,
+                self._in_plane)
             self._states[:, rows] = np.concatenate(drawn).reshape(13, len(rows), -1)
             self._from[rows] = first
             slot[missing] = 0

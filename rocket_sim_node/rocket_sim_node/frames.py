@@ -26,3 +26,9 @@ def quaternion_to_ros(quaternion: F64) -> F64:
     """Return attitudes `(S, 4)` x y z w, y up, as attitudes with z up."""
     x, y, z, w = quaternion.T
     return np.stack((x, -z, y, w), axis=1)
+
+
+def quaternion_from_ros(quaternion: F64) -> F64:
+    """Return attitudes `(S, 4)` x y z w, z up, as attitudes with y up."""
+    x, y, z, w = quaternion.T
+    return np.stack((x, z, -y, w), axis=1)
