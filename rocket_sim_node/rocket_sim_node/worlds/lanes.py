@@ -206,9 +206,10 @@ class Lanes:
     def _write(self, rows: Rows, state: F64, hold: bool) -> None:
         """Give vehicles a state `(K, B, 6)` of Chipmunk's, their joints switched on or off."""
         self._state[self._index[rows]] = state
-        for row in rows.tolist():
+        chosen = rows.tolist()
+        for row in chosen:
             self._blocks[row // LANES].hold(row % LANES, hold)
-        for number in np.unique(rows // LANES).tolist():
+        for number in {row // LANES for row in chosen}:
             self._blocks[number].set_state()
 
     # Snapshots

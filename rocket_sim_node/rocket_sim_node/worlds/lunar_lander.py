@@ -7,7 +7,6 @@ floor.
 """
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -83,7 +82,7 @@ class LunarLanderWorld:
                 **settings_module.as_dict(s), 'field_half_width': vehicle.HALF_WIDTH,
                 'max_thrust': self._engines.max_thrust},
         )
-        self._none_finished = self._finished = self.telemetry(self._rows[:0])
+        self._none_finished = self._finished = self._state_of(self._rows[:0])
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
@@ -99,7 +98,7 @@ class LunarLanderWorld:
         else:
             self._seed = seed
             self.episode[:] = 0
-        self._starts = lunar_start.Starts(self._seed, self.spec.num_envs)
+        self._starts = self._make_starts()
         self._reward[:] = 0
         self._finished = self._none_finished
         return self._begin(self._rows)
@@ -179,9 +178,13 @@ class LunarLanderWorld:
 
     # Episodes
 
+    def _make_starts(self) -> lunar_start.Starts:
+        return lunar_start.Starts(
+            self._seed, self.spec.num_envs, self.settings.dt, self.settings.gravity)
+
     def _begin(self, rows: NDArray[np.int64]) -> F32:
         """Put landers at the start of their episodes; return their observations `(K, 8)`."""
-        start = self._starts.take(rows, self.episode[rows], self.settings.dt)
+        start = self._starts.take(rows, self.episode[rows])
         self.terrain[rows] = start.terrain
         for row in rows.tolist():
             lunar_start.shape_ground(self._lanes, row, self.terrain[row])
@@ -202,7 +205,7 @@ class LunarLanderWorld:
 
         :param observation: `(N, 8)`; the rows that finished get their new first observation.
         """
-        self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)
+        self._finished = self._state_of(done)._replace(outcome=outcome)
         x, _ = lunar_view.hull_origin(self._lanes.pose[done, 0])
         speed_x, speed_y = lunar_view.hull_velocity(
             self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
@@ -222,35 +225,22 @@ class LunarLanderWorld:
         self._reward[done] = 0.0
         return info
 
+    def _state_of(self, rows: NDArray[np.integer]) -> lunar_view.State:
+        """Return a copy of what there is to tell of the chosen landers."""
+        return lunar_view.State(
+            np.asarray(rows, np.int64), self.episode[rows], self.age[rows] * self.settings.dt,
+            self._lanes.pose[rows], self._lanes.velocity[rows, 0], self._main[rows],
+            self._side[rows], self._contact_force[rows], self._touching[rows],
+            self.terrain[rows], self._reward[rows], np.full(len(rows), NO_OUTCOME, np.uint8))
+
     def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
         """Return the physical state of the chosen landers, with S = len(rows)."""
-        flat = np.zeros(len(rows))
-        pose, velocity = self._lanes.pose[rows], self._lanes.velocity[rows, 0]
-        x, y = lunar_view.hull_origin(pose[:, 0])
-        half = pose[:, 0, 2] / 2
-        return Telemetry(
-            row=np.asarray(rows, np.int64), episode=self.episode[rows],
-            time=self.age[rows] * self.settings.dt,
-            position=np.stack((x, y - vehicle.PAD_GROUND, flat), axis=1),
-            orientation=np.stack((flat, flat, np.sin(half), np.cos(half)), axis=1),
-            linear_velocity=np.stack(
-                (*lunar_view.hull_velocity(pose[:, 0], velocity), flat), axis=1),
-            angular_velocity=np.stack((flat, flat, velocity[:, 2]), axis=1),
-            mass=np.full(len(rows), vehicle.TOTAL_MASS), fuel=flat,
-            throttle=self._main[rows], thrust=self._main[rows] * self._engines.max_thrust,
-            lateral_thrust=-self._side[rows] * self._engines.max_lateral_thrust,
-            torque=np.zeros((len(rows), 3)),
-            contact_force=np.column_stack((self._contact_force[rows], flat)),
-            contact=self._touching[rows, 1:],
-            leg_angle=np.abs(pose[:, 1:, 2] - pose[:, :1, 2]) - vehicle.LEG_INNER,
-            terrain=self.terrain[rows] - vehicle.PAD_GROUND,
-            reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
-        )
+        return lunar_view.telemetry(self._state_of(rows), self._engines)
 
     @property
     def finished(self) -> Telemetry:
         """Last states of the landers that finished at the last step."""
-        return self._finished
+        return lunar_view.telemetry(self._finished, self._engines)
 
     # Snapshots
 
@@ -273,7 +263,7 @@ class LunarLanderWorld:
         self._seed = int(arrays.pop('seed')[0])
         for name, array in arrays.items():
             ours[name][...] = array
-        self._starts = lunar_start.Starts(self._seed, self.spec.num_envs)
+        self._starts = self._make_starts()
         self._keys = random_streams.keys(self._seed, self._rows, self.episode)
         for row in self._rows.tolist():
             lunar_start.shape_ground(self._lanes, row, self.terrain[row])

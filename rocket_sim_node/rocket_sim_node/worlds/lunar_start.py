@@ -17,6 +17,8 @@ _DRAWS = _HEIGHTS + 4
 _PAD = slice(3, 8)
 """Terrain points of Gymnasium's that it levels: 11 points, of which the pad is the middle."""
 _WIND_PLACES = 9999
+_TERRAIN, _POSE, _VELOCITY, _WIND = slice(0, 11), slice(11, 20), slice(20, 29), slice(29, 31)
+"""Places in what is kept of a start."""
 
 
 _EDGES = np.linspace(-vehicle.HALF_WIDTH, vehicle.HALF_WIDTH, 11).tolist()
@@ -74,33 +76,47 @@ _PLACES = (
 class Starts:
     """Draws the starts of N landers; each is a function of (seed, row, episode)."""
 
-    def __init__(self, seed: int, num_envs: int) -> None:
+    def __init__(self, seed: int, num_envs: int, dt: float, gravity: float) -> None:
         """Draw nothing yet."""
-        self._drawn = DrawnAhead(seed, num_envs, _DRAWS)
+        self._drawn = DrawnAhead(
+            seed, num_envs, _DRAWS, lambda unit: derive(unit, dt, gravity))
 
-    def take(
-        self, rows: NDArray[np.integer], episodes: NDArray[np.integer], dt: float,
-        gravity: float = 10.0,
-    ) -> Start:
-        """Return the starts `(K,)` of rows and their episodes: one step after the push."""
-        key, unit = self._drawn.take(rows, episodes)
-        terrain = _terrain(unit[:_HEIGHTS])
-        push = unit[_HEIGHTS:_HEIGHTS + 2] * vehicle.START_PUSH * dt
-        wind = np.floor(unit[_HEIGHTS + 2:] * _WIND_PLACES)
-        velocity_x, spin = push[0] * _PUSH_X, push[0] * _PUSH_TURN
-        velocity_y = push[1] * _PUSH_Y - gravity * dt
-        angle = spin * dt
-        sin, cos = np.sin(angle), np.cos(angle)
-        pose, velocity = np.empty((len(rows), 3, 3)), np.empty((len(rows), 3, 3))
-        for body, (x, y, turned) in enumerate(_PLACES):
-            arm_x, arm_y = cos * x - sin * y, sin * x + cos * y
-            pose[:, body, 0] = velocity_x * dt + arm_x
-            pose[:, body, 1] = _START_HEIGHT + velocity_y * dt + arm_y
-            pose[:, body, 2] = angle + turned
-            velocity[:, body, 0] = velocity_x - spin * arm_y
-            velocity[:, body, 1] = velocity_y + spin * arm_x
-            velocity[:, body, 2] = spin
-        return Start(terrain, pose, velocity, wind, key)
+    def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> Start:
+        """Return the starts of rows' episodes: one step after the push."""
+        key, flat = self._drawn.take(rows, episodes)
+        return Start(
+            flat[:, _TERRAIN], flat[:, _POSE].reshape(-1, 3, 3),
+            flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)
+
+
+def derive(unit: F64, dt: float, gravity: float) -> F64:
+    """Return terrain, poses, velocities and places in the wind, side by side `(K, 31)`.
+
+    :param unit: `(16, K)` random numbers in [-1, 1): heights of the terrain, the push along x and
+        y, where wind and turbulence begin.
+    """
+    count = unit.shape[1]
+    start = np.empty((count, 31))
+    start[:, _TERRAIN] = _terrain(unit[:_HEIGHTS])
+    push = unit[_HEIGHTS:_HEIGHTS + 2] * vehicle.START_PUSH * dt
+    start[:, _WIND] = np.floor(unit[_HEIGHTS + 2:] * _WIND_PLACES).T
+    velocity_x, spin = push[0] * _PUSH_X, push[0] * _PUSH_TURN
+    velocity_y = push[1] * _PUSH_Y - gravity * dt
+    angle = spin * dt
+    sin, cos = np.sin(angle), np.cos(angle)
+    pose = start[:, _POSE].reshape(count, 3, 3)
+    velocity = start[:, _VELOCITY].reshape(count, 3, 3)
+    for body, (x, y, turned) in enumerate(_PLACES):
+        arm_x, arm_y = cos * x - sin * y, sin * x + cos * y
+        pose[:, body, 0] = velocity_x * dt + arm_x
+        pose[:, body, 1] = _START_HEIGHT + velocity_y * dt + arm_y
+        pose[:, body, 2] = angle + turned
+        velocity[:, body, 0] = velocity_x - spin * arm_y
+        velocity[:, body, 1] = velocity_y + spin * arm_x
+        velocity[:, body, 2] = spin
+    start[:, _POSE] = pose.reshape(count, 9)
+    start[:, _VELOCITY] = velocity.reshape(count, 9)
+    return start
 
 
 def _terrain(unit: F64) -> F64:

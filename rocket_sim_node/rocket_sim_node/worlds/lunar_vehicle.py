@@ -139,7 +139,7 @@ class LunarDesign:
 
     bodies = 3
     lane_width = 64.0
-    cell = 2.0
+    cell = 4.0
     slopes = 10
 
     def vehicle(self) -> Parts:

@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is seen of a lunar lander: its observation, and the potential that shapes its reward."""
+"""What is seen of a lunar lander: observation, the potential that shapes rewards, telemetry."""
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import lunar_vehicle as vehicle
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.lunar_engines import Engines
 
 OBSERVATION_NAMES = (
     'position_x', 'position_y', 'velocity_x', 'velocity_y', 'angle', 'angular_velocity',
@@ -55,3 +60,51 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
         np.sqrt(state[0]**2 + state[1]**2) + np.sqrt(state[2]**2 + state[3]**2)
         + np.abs(state[4]))
     return np.ascontiguousarray(state.T, np.float32), potential
+
+
+class State(NamedTuple):
+    """What there is to tell of K landers; `(K,)` unless a shape is given."""
+
+    row: NDArray[np.int64]
+    episode: NDArray[np.int64]
+    time: F64
+    """s since the episode began"""
+    pose: F64
+    """`(K, 3, 3)` m, m, rad of the bodies"""
+    velocity: F64
+    """`(K, 3)` m/s, m/s, rad/s of the hull's body"""
+    main: F64
+    """throttle, 0 to 1"""
+    side: F64
+    """-1, left engine, to 1, right engine"""
+    contact_force: F64
+    """`(K, 2)` N"""
+    touching: Bools
+    """`(K, 3)` hull, left and right leg"""
+    terrain: F64
+    """`(K, 11)` m"""
+    reward: F64
+    outcome: NDArray[np.uint8]
+
+
+def telemetry(state: State, engines: Engines) -> Telemetry:
+    """Return what is told on the wire, relative to the pad."""
+    flat = np.zeros(len(state.row))
+    hull = state.pose[:, 0]
+    x, y = hull_origin(hull)
+    half = hull[:, 2] / 2
+    return Telemetry(
+        row=state.row, episode=state.episode, time=state.time,
+        position=np.stack((x, y - vehicle.PAD_GROUND, flat), axis=1),
+        orientation=np.stack((flat, flat, np.sin(half), np.cos(half)), axis=1),
+        linear_velocity=np.stack((*hull_velocity(hull, state.velocity), flat), axis=1),
+        angular_velocity=np.stack((flat, flat, state.velocity[:, 2]), axis=1),
+        mass=np.full(len(flat), vehicle.TOTAL_MASS), fuel=flat,
+        throttle=state.main, thrust=state.main * engines.max_thrust,
+        lateral_thrust=-state.side * engines.max_lateral_thrust,
+        torque=np.zeros((len(flat), 3)),
+        contact_force=np.column_stack((state.contact_force, flat)),
+        contact=state.touching[:, 1:],
+        leg_angle=np.abs(state.pose[:, 1:, 2] - state.pose[:, :1, 2]) - vehicle.LEG_INNER,
+        terrain=state.terrain - vehicle.PAD_GROUND, reward=state.reward, outcome=state.outcome,
+    )

@@ -7,6 +7,7 @@ any moment without saving a generator.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -88,24 +89,32 @@ def uniform(
 
 
 class DrawnAhead:
-    """Keys and first numbers of the next few episodes of each rocket, drawn many at a time.
+    """What the next few episodes of each rocket begin with, drawn many at a time.
 
     A draw costs the calls it makes, hardly the numbers it draws, and a step seldom ends more than
     a few episodes. As a stream depends on (seed, row, episode) alone, drawing ahead changes none.
     """
 
-    def __init__(self, seed: int, num_envs: int, draws: int) -> None:
-        """Draw nothing yet; each episode gets `draws` numbers."""
-        self._seed, self._draws = seed, draws
+    def __init__(
+        self, seed: int, num_envs: int, draws: int,
+        make: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    ) -> None:
+        """Draw nothing yet.
+
+        :param draws: numbers that an episode gets.
+        :param make: returns `(K, M)`, what to keep of episodes, given their numbers `(draws, K)`.
+        """
+        self._seed, self._draws, self._make = seed, draws, make
         self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
         self._from = np.full(num_envs, -self._ahead)
         self._keys = np.zeros((num_envs, self._ahead), np.uint64)
-        self._numbers = np.zeros((draws, num_envs, self._ahead))
+        size = make(np.zeros((draws, 1))).shape[1]
+        self._kept = np.zeros((num_envs, self._ahead, size))
 
     def take(
         self, row: NDArray[np.integer], episode: NDArray[np.integer],
     ) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
-        """Return keys `(K,)` and numbers `(draws, K)` of rows and their episodes."""
+        """Return keys `(K,)` and what was made of the numbers `(K, M)`, of rows' episodes."""
         slot = episode - self._from[row]
         missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
         if missing.size:
@@ -113,8 +122,8 @@ class DrawnAhead:
             episodes = (first[:, None] + np.arange(self._ahead)).ravel()
             key = keys(self._seed, np.repeat(rows, self._ahead), episodes)
             self._keys[rows] = key.reshape(-1, self._ahead)
-            self._numbers[:, rows] = numbers(key, self._draws).reshape(
-                self._draws, -1, self._ahead)
+            made = self._make(numbers(key, self._draws))
+            self._kept[rows] = made.reshape(len(rows), self._ahead, -1)
             self._from[rows] = first
             slot[missing] = 0
-        return self._keys[row, slot], self._numbers[:, row, slot]
+        return self._keys[row, slot], self._kept[row, slot]
