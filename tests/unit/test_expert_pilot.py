@@ -128,3 +128,13 @@ def test_time_to_go_is_that_of_flying_it(pace: float) -> None:
         height = height - speed * dt
         elapsed += dt
     assert expected.coast[0] + expected.burn[0] == pytest.approx(elapsed, abs=0.02)
+
+
+@pytest.mark.parametrize('level', [7, 8])
+def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
+    """A leaning rocket touches before its origin is where it stands: the flare has to know."""
+    world = worlds.make('rocket_planar', num_envs=250)
+    episodes = evaluate(world, ExpertPilot(world.spec), 500, 4, level=level).episodes
+    assert (episodes.outcome == 0).all()
+    assert episodes.touchdown_speed.max() < 0.1
+    assert episodes.episode_return.mean() > 294

@@ -82,6 +82,7 @@ class ExpertPilot:
         known = {name: value for name, value in spec.settings.items() if name in names}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
             raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
+        self._stance = spec.settings.get('stance')
         self.settings = settings_module.build(ExpertSettings, gains)
         self.vehicle = settings_module.build(RocketSettings, known)
         v, gain = self.vehicle, self.settings
@@ -107,7 +108,7 @@ class ExpertPilot:
         up = seen[6:9]
         spin = seen[9:12] * v.spin_scale
         offset = -seen[12:15] * v.position_scale
-        height, lateral, drift = offset[1], offset[::2], velocity[::2]
+        height, lateral, drift = self._height(offset[1], up), offset[::2], velocity[::2]
         speed = -velocity[1]
         profile = self._paced_profile(height, speed, lateral, drift)
         to_go = profile.time_to_go(height, speed)
@@ -119,6 +120,17 @@ class ExpertPilot:
         throttle = lift * mass / (v.max_thrust * np.maximum(up[1], 0.1))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+    def _height(self, origin: F64, up: F64) -> F64:
+        """Return how far there is to fall, `(N,)` m: in a world with feet, that of the lower one.
+
+        :param origin: `(N,)` m, of the vehicle's origin above where it stands upright.
+        """
+        if self._stance is None:
+            return origin
+        legs = self.vehicle.touchdown_height
+        lower: F64 = origin + legs - self._stance * np.hypot(up[0], up[2]) - legs * up[1]
+        return lower
 
     def _mass(self, to_go: TimeToGo) -> F64:
         """Return the estimated mass `(N,)` kg."""
