@@ -84,6 +84,28 @@ def test_the_ground_carries_the_weight() -> None:
     assert contact.force[0] == pytest.approx((0.0, MASS * G), rel=1e-6, abs=1.0)
 
 
+@pytest.mark.parametrize('sleeping', [False, True])
+def test_a_vehicle_at_rest_stays_for_a_minute_sleeping_or_not(sleeping: bool) -> None:
+    """Rest is found from velocities; whether pymunk may put a body to sleep makes no difference.
+
+    On a slope of 0.3, below the friction of 0.6: sideways gravity does not creep it along.
+    """
+    contact = PlanarContact(1, PlanarSettings())
+    if sleeping:
+        for block in contact._lanes._blocks:
+            block.space.sleep_time_threshold = 0.5
+    contact.begin(np.array([0]), touching(0.0), np.zeros((1, 3)), np.array([MASS]))
+    pull = np.array([[0.3 * G, -G, 0.0]])
+    contact.step(np.zeros(0, np.int64), np.zeros((0, 3)))
+    for _ in range(100):
+        start = contact.step(np.array([0]), pull)[0]
+    for _ in range(3000):
+        pose, velocity = contact.step(np.array([0]), pull)
+    assert contact.resting.all()
+    assert pose == pytest.approx(start, abs=1e-3)
+    assert np.abs(velocity).max() < 1e-6
+
+
 @pytest.mark.parametrize('side', [-1, 1])
 def test_contacts_are_where_the_feet_are(side: int) -> None:
     """A vehicle that leans to the left, a positive angle, touches with its left foot."""
@@ -284,14 +306,14 @@ def test_a_vehicle_that_begins_anew_is_a_new_one_to_the_bit() -> None:
 def lunar(count: int) -> tuple[Lanes, Starts]:
     """Return lunar landers at their starts."""
     lanes = Lanes(count, LunarDesign(), 0.02, 10.0, Solver(20, 0.005, (1 - 0.2) ** 50))
-    starts = Starts(3, count)
+    starts = Starts(3, count, 0.02, 10.0)
     launch(lanes, starts, np.arange(count), 0)
     return lanes, starts
 
 
 def launch(lanes: Lanes, starts: Starts, rows: NDArray[np.int64], episode: int) -> None:
     """Begin an episode of lunar landers, terrain and all."""
-    start = starts.take(rows, np.full(len(rows), episode), 0.02)
+    start = starts.take(rows, np.full(len(rows), episode))
     for row, terrain in zip(rows.tolist(), start.terrain, strict=True):
         lunar_start.shape_ground(lanes, row, terrain)
     lanes.place(rows, start.pose, start.velocity)
