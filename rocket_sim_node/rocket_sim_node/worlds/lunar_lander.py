@@ -90,12 +90,10 @@ class LunarLanderWorld:
         if settings:
             raise ValueError(
                 f'reset: unknown setting {", ".join(map(repr, sorted(settings)))}, expected none')
-        if seed is not None and not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
-            raise ValueError(
-                f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
         if seed is None:
             self.episode += 1
         else:
+            random_streams.check_seed(seed)
             self._seed = seed
             self.episode[:] = 0
         self._starts = self._make_starts()

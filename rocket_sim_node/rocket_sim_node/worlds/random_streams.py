@@ -41,6 +41,15 @@ def _seed_key(seed: int) -> NDArray[np.uint64]:
     return key
 
 
+def check_seed(seed: object) -> None:
+    """Check that a seed for `reset` is one.
+
+    :raises ValueError: when it is no whole number from 0 to 2**63 - 1.
+    """
+    if not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
+        raise ValueError(f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
+
+
 def keys(
     seed: int,
     row: NDArray[np.integer],

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""World `rocket`: powered landing in three dimensions, N rockets as one batch of NumPy arrays.
-
-SI units, y up. Rigid body with a spherical inertia, thrust along its axis, torque about world X
-and Z, drag against the velocity; semi-implicit Euler.
-"""
+"""World `rocket`: powered landing in three dimensions, N rockets as one batch."""
 from __future__ import annotations
 
 import dataclasses
@@ -14,6 +10,7 @@ from numpy.typing import NDArray
 
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.worlds import outcome as outcomes
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds import spawn
@@ -21,26 +18,21 @@ from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import NO_EPISODES
-from rocket_sim_node.worlds.base import NO_OUTCOME
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.rocket_flight import ACTION_NAMES
+from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
+from rocket_sim_node.worlds.rocket_flight import RocketFlight
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
-OBSERVATION_NAMES = (
-    'position_x', 'position_y', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z',
-    'up_x', 'up_y', 'up_z', 'spin_x', 'spin_y', 'spin_z', 'pad_x', 'pad_y', 'pad_z',
-)
-ACTION_NAMES = ('throttle', 'rcs_x', 'rcs_z')
 
-
-class RocketWorld:
+class RocketWorld(RocketFlight):
     """N rockets that fall on a pad at the origin and have one burn to stop. A `VectorEnv`.
 
-    Row k of every array is rocket k. State is kept as structure of arrays: `position`,
-    `velocity`, `spin` (angular velocity) `(3, N)`, `attitude` `(4, N)`, `fuel` `(N,)`.
-    Worlds that differ in some of this derive from it.
+    Their motion is that of :class:`RocketFlight`; here are the episodes. Worlds that differ in
+    some of this derive from it.
     """
 
     name = 'rocket'
@@ -48,8 +40,6 @@ class RocketWorld:
     settings: RocketSettings
     in_plane = False
     """Whether rockets start within the x-y plane."""
-    feet = 0
-    """How many feet can touch the ground."""
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
         """Make the world and begin the first episodes.
@@ -57,23 +47,9 @@ class RocketWorld:
         :raises ValueError: for a setting that is unknown or out of range.
         """
         self._made_with = settings_module.build(self.settings_class, settings)
-        self._apply(self._made_with)
+        super().__init__(num_envs, self._made_with)
         self._rows = np.arange(num_envs)
-        self._all = slice(None)
-        self.position = np.zeros((3, num_envs))
-        self.velocity = np.zeros((3, num_envs))
-        self.attitude = np.zeros((4, num_envs))
-        self.spin = np.zeros((3, num_envs))
-        self.fuel = np.zeros(num_envs)
-        self.age = np.zeros(num_envs, np.int64)
-        self.episode = np.zeros(num_envs, np.int64)
         self.episode_return = np.zeros(num_envs)
-        # What the last step did, for telemetry only.
-        self._throttle = np.zeros(num_envs)
-        self._torque = np.zeros((3, num_envs))
-        self._reward = np.zeros(num_envs)
-        self._touching = np.zeros((num_envs, self.feet), np.bool_)
-        self._contact_force = np.zeros((3, num_envs))
         self._none_finished = self._finished = self.telemetry(self._rows[:0])
         self._seed = seed
         self.spec = WorldSpec(
@@ -93,10 +69,8 @@ class RocketWorld:
                 f'reset: unknown setting {", ".join(map(repr, unknown))}, '
                 f'expected {", ".join(spawn.CURRICULUM_SETTINGS)}'
             )
-        if seed is not None and not (
-                isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
-            raise ValueError(
-                f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
+        if seed is not None:
+            random_streams.check_seed(seed)
         checked = settings_module.build(
             self.settings_class, {**settings_module.as_dict(self._made_with), **settings})
         new_seed, episode = (
@@ -104,7 +78,7 @@ class RocketWorld:
             else (seed, np.zeros_like(self.episode)))
         first = spawn.draw(
             new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
-        self._apply(checked)
+        self._use(checked)
         self._seed, self.episode = new_seed, episode
         self._store_spawns()
         self._begin(self._rows, first)
@@ -136,40 +110,6 @@ class RocketWorld:
         truncated = np.zeros(self.spec.num_envs, np.bool_)
         return observation, reward.astype(np.float32), terminated, truncated, info
 
-    def observe(self) -> F32:
-        """Return the observation `(N, 15)` of the present state."""
-        return self._observe(self._all, rotation.up_vector(self.attitude))
-
-    def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
-        """Return the observation `(K, 15)` of the chosen rockets, whose up vectors are given."""
-        s = self.settings
-        observation = np.empty((15, up.shape[1]))
-        np.divide(self.position[:, rows], s.position_scale, out=observation[0:3])
-        np.divide(self.velocity[:, rows], s.velocity_scale, out=observation[3:6])
-        observation[6:9] = up
-        np.divide(self.spin[:, rows], s.spin_scale, out=observation[9:12])
-        np.negative(observation[0:3], out=observation[12:15])
-        observation[13] += s.touchdown_height / s.position_scale
-        np.minimum(observation, s.observation_limit, out=observation)
-        np.maximum(observation, -s.observation_limit, out=observation)
-        return np.ascontiguousarray(observation.T, dtype=np.float32)
-
-    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
-        """Return the physical state of the chosen rockets, with S = len(rows)."""
-        thrust = self._throttle[rows] * self.settings.max_thrust
-        return Telemetry(
-            row=np.asarray(rows, np.int64), episode=self.episode[rows],
-            time=self.age[rows] * self.settings.dt, position=self.position[:, rows].T,
-            orientation=self.attitude[:, rows].T, linear_velocity=self.velocity[:, rows].T,
-            angular_velocity=self.spin[:, rows].T,
-            mass=self.fuel[rows] + self.settings.dry_mass, fuel=self.fuel[rows],
-            throttle=self._throttle[rows], thrust=thrust, lateral_thrust=np.zeros(len(rows)),
-            torque=self._torque[:, rows].T, contact_force=self._contact_force[:, rows].T,
-            contact=self._touching[rows], leg_angle=np.zeros((len(rows), self.feet)),
-            terrain=np.zeros((len(rows), 0)),
-            reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
-        )
-
     @property
     def finished(self) -> Telemetry:
         """Last states of the rockets that finished at the last step."""
@@ -192,7 +132,7 @@ class RocketWorld:
                 self.settings_class, {**settings_module.as_dict(self._made_with), **values})
         except TypeError as error:
             raise ValueError(f'snapshot: {error}') from error
-        self._apply(settings)
+        self._use(settings)
         self._seed = int(arrays.pop('seed')[0])
         self._load_state(arrays, ours)
         self._throttle[:] = 0
@@ -230,13 +170,12 @@ class RocketWorld:
                 [getattr(self.settings, n) for n in spawn.CURRICULUM_SETTINGS], np.float64),
         }
 
-    def _apply(self, settings: RocketSettings) -> None:
-        self.settings = settings
+    def _use(self, settings: RocketSettings) -> None:
+        """Put settings into force."""
+        super()._use(settings)
         self._spawn_range = spawn.spawn_range(settings)
         self._max_age = outcomes.step_limit(settings, settings.dt)
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
-        self._drag = (
-            0.5 * settings.air_density * settings.drag_coefficient * settings.drag_area)
 
     def _store_spawns(self) -> None:
         """Forget the starts drawn ahead: another seed or range is in force."""
@@ -256,34 +195,6 @@ class RocketWorld:
         self._torque[:, rows] = 0.0
         self._touching[rows] = False
         self._contact_force[:, rows] = 0.0
-
-    def _advance(self, command: F64) -> None:
-        """Integrate one step: forces, then velocities, then positions (semi-implicit Euler)."""
-        s = self.settings
-        dt = s.dt / s.substeps
-        throttle = (command[:, 0] + 1.0) * 0.5
-        throttle[throttle <= s.throttle_cutoff] = 0.0
-        self._torque[0] = command[:, 1] * s.rcs_torque
-        self._torque[2] = command[:, 2] * s.rcs_torque
-        spin_gain = self._torque * (dt / s.inertia)
-        yaw_kept = (1.0 - s.yaw_damping) ** (1.0 / s.substeps)
-        flow = s.max_thrust / (s.specific_impulse * s.gravity) if s.gravity else 0.0
-        for _ in range(s.substeps):
-            throttle[self.fuel <= 0.0] = 0.0
-            per_mass = dt / (self.fuel + s.dry_mass)
-            speed = rotation.norm(self.velocity)
-            impulse = rotation.up_vector(self.attitude)
-            impulse *= throttle * s.max_thrust * per_mass
-            self.velocity *= 1.0 - self._drag * speed * per_mass
-            self.velocity += impulse
-            self.velocity[1] -= s.gravity * dt
-            self.position += self.velocity * dt
-            self.fuel -= throttle * (flow * dt)
-            np.maximum(self.fuel, 0.0, out=self.fuel)
-            self.spin += spin_gain
-            self.spin[1] *= yaw_kept
-            self.attitude = rotation.integrate(self.attitude, self.spin, dt)
-        self._throttle = throttle
 
     def _ended(self, up_y: F64) -> NDArray[np.int64]:
         """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
