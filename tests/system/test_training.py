@@ -8,34 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import yaml
 from processes import Process
 from processes import Processes
-from safetensors.torch import load_file
+from training_runs import SMALL
+from training_runs import agent
+from training_runs import assert_same_run
+from training_runs import log_without_times
+from training_runs import simulator
+from training_runs import train_in_process
 
-SMALL = {
-    'demonstration_episodes': 16, 'clone_epochs': 2, 'hidden_sizes': '[16,16]', 'iterations': 4,
-    'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
-    'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
-    'critic_warmup_iterations': 1,
-}
-"""Settings of a run that takes seconds and lands nothing."""
 RESULTS = (
     'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',
     'checkpoints/best.safetensors',
 )
-
-
-def simulator(processes: Processes) -> Process:
-    """Start a simulator of eight rockets."""
-    return processes.run_node('rocket_sim_node', 'simulator', num_envs=8)
-
-
-def agent(processes: Processes, run: Path, **parameters: object) -> Process:
-    """Start a small training run."""
-    return processes.run_node(
-        'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
 
 
 def interrupted(processes: Processes, run: Path) -> Process:
@@ -48,46 +34,10 @@ def interrupted(processes: Processes, run: Path) -> Process:
     return trainer
 
 
-def weights(run: Path) -> dict[str, torch.Tensor]:
-    """Return all that the last checkpoint of a run learnt."""
-    tensors = load_file(run / 'checkpoints' / f'iteration_{SMALL["iterations"]:06d}.safetensors')
-    return {name: value for name, value in tensors.items() if name != 'world'}
-
-
-def log_without_times(run: Path) -> list[dict]:
-    """Return the lines of train.jsonl but for what the machine's speed decides."""
-    lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
-    return [
-        {k: v for k, v in line.items() if k not in ('seconds', 'steps_per_second')}
-        for line in lines]
-
-
-def assert_same_run(first: Path, second: Path) -> None:
-    """Assert that two runs learnt the same, bit for bit."""
-    ours, theirs = weights(first), weights(second)
-    assert ours.keys() == theirs.keys()
-    for name in ours:
-        assert torch.equal(ours[name], theirs[name]), name
-    assert log_without_times(first) == log_without_times(second)
-
-
 @pytest.fixture(scope='module')
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same run in one process, without ROS."""
-    from ppo_agent_node.learning.config import load_preset
-    from ppo_agent_node.learning.run_folder import RunFolder
-    from ppo_agent_node.learning.trainer import Trainer
-    from rocket_sim_node.worlds import make
-
-    run = tmp_path_factory.mktemp('undisturbed') / 'run'
-    world = make('rocket', num_envs=8)
-    config = load_preset('default', **{
-        **SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes']))})
-    threads = torch.get_num_threads()
-    result = Trainer(world, config, RunFolder(run)).run()
-    torch.set_num_threads(threads)
-    assert result.finished
-    return run
+    return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run')
 
 
 def test_training_over_dds_equals_training_in_process(
