@@ -17,6 +17,9 @@ from ppo_agent_node.learning.cloning import split_by_episode
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import spawn_settings
+from ppo_agent_node.learning.demonstrations import steered
+from ppo_agent_node.learning.demonstrations import touching
+from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
@@ -173,3 +176,21 @@ def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:
     assert np.ptp(observation[:, 1]) * 50 < 60
     unmoved = world.reset(3)
     assert (scatter(world, unmoved, expert, 0, rng, nothing) == unmoved).all()
+
+
+def test_what_is_said_after_touchdown_is_not_learnt() -> None:
+    """In `rocket_planar` the contact switch cuts the engine; in `rocket` all is flown."""
+    world = worlds.make('rocket_planar', 12, seed=1)
+    pilot = ExpertPilot(world.spec)
+    samples, episodes = fly_wave(world, pilot, CALM, 7, 5, 0, nothing)
+    assert (episodes.outcome == 0).all()
+    assert not touching(samples.observation.numpy(), world.spec.settings).any()
+    # All of the flight is there, and of the 26 steps or more on the ground none.
+    counts = np.bincount(samples.episode.numpy())
+    length = episodes.length[np.argsort(episodes.row)]
+    assert (counts <= length - 25).all()
+    assert (counts >= length - 100).all()
+    free = worlds.make('rocket_planar', 12, seed=1, engine_cutoff=False)
+    steps = [Step(free.observe(), np.zeros((12, 3)), np.ones(12, np.bool_), episodes)] * 3
+    assert steered(steps, free.spec.settings).all()
+    assert steered(steps, worlds.make('rocket', 12).spec.settings).all()

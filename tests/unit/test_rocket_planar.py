@@ -82,7 +82,8 @@ def test_it_is_the_same_for_a_pilot() -> None:
         assert getattr(planar, name) == getattr(rocket, name)
     assert planar.name == 'rocket_planar'
     assert rocket.settings.items() <= planar.settings.items()
-    assert registry.reset_settings('rocket_planar') == spawn.CURRICULUM_SETTINGS
+    assert registry.reset_settings('rocket_planar') == (
+        *spawn.CURRICULUM_SETTINGS, 'spawn_heading')
 
 
 def test_settings_are_told_with_their_meaning() -> None:
@@ -354,3 +355,66 @@ def test_who_flies_rocket_lands_here_too(make_pilot: Callable[[RocketPlanarWorld
     assert result.landed.all()
     assert result.episodes.episode_return.mean() > 285
     assert result.episodes.touchdown_speed.mean() < 0.3
+
+
+# Headings
+
+
+def turned(observation: NDArray[np.float32], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return observations `(N, 15)` of the x-y plane in axes turned about the vertical."""
+    cos, sin = heading
+    seen = observation.astype(np.float64)
+    along, across = seen[:, 0::3].copy(), seen[:, 2::3].copy()
+    seen[:, 0::3] = cos[:, None] * along + sin[:, None] * across
+    seen[:, 2::3] = cos[:, None] * across - sin[:, None] * along
+    return seen
+
+
+def test_a_heading_turns_what_the_pilot_sees_and_does_and_nothing_else() -> None:
+    """What it does across its plane is not flown."""
+    straight = worlds.make('rocket_planar', 20, seed=2)
+    other = worlds.make('rocket_planar', 20, seed=2)
+    first = straight.observe()
+    seen = other.reset(2, spawn_heading=180.0)
+    heading = other._heading
+    assert np.hypot(*heading) == pytest.approx(1.0)
+    assert np.ptp(np.arctan2(heading[1], heading[0])) > np.pi
+    assert seen == pytest.approx(turned(first, heading), abs=1e-6)
+    rng = np.random.default_rng(1)
+    episodes = 0
+    for _ in range(300):
+        throttle, torque, across = rng.uniform(-0.7, 0.7, (3, 20))
+        cos, sin = other._heading
+        observation, *_, info = straight.step(
+            np.stack((throttle, np.zeros(20), torque), axis=1))
+        action = np.stack(
+            (throttle, sin * torque + cos * across, cos * torque - sin * across), axis=1)
+        seen, *_, theirs = other.step(action)
+        assert np.array_equal(info['final_rows'], theirs['final_rows'])
+        episodes += len(info['final_rows'])
+        assert other.position == pytest.approx(straight.position, abs=1e-6)
+        assert seen == pytest.approx(turned(observation, other._heading), abs=1e-5)
+    assert episodes > 10
+
+
+def test_headings_are_drawn_for_each_episode_and_survive_a_snapshot() -> None:
+    world = worlds.make('rocket_planar', 6, seed=2)
+    world.reset(2, spawn_heading=90.0)
+    before = world._heading.copy()
+    assert (before[0] >= 0).all()
+    for _ in range(200):
+        info = world.step(np.tile((-1.0, 0.3, 0.9), (6, 1)))[4]
+    assert not np.array_equal(world._heading, before)
+    state, seen = world.snapshot(), world.observe()
+    other = worlds.make('rocket_planar', 6, seed=3)
+    assert np.array_equal(other.restore(state), seen)
+    assert np.array_equal(other._heading, world._heading)
+    assert len(info) == 3
+    world.reset(2)
+    assert (world.observe()[:, 2::3] == 0).all()
+
+
+def test_the_expert_lands_whatever_the_heading() -> None:
+    world = worlds.make('rocket_planar', 100)
+    episodes = evaluate(world, ExpertPilot(world.spec), 200, 4, spawn_heading=180.0).episodes
+    assert (episodes.outcome == 0).all()

@@ -89,6 +89,16 @@ class CurriculumConfig:
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
         64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
+    curriculum_heading: float = setting(
+        0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
+        'spawn_heading; rocket_planar only', 0.0, 180.0)
+
+    def reset_settings(self, level: int) -> dict[str, float]:
+        """Return what the world is reset with for roll-outs."""
+        settings: dict[str, float] = {'level': level} if level else {}
+        if self.curriculum_heading:
+            settings['spawn_heading'] = self.curriculum_heading
+        return settings
 
 
 @dataclass(frozen=True)

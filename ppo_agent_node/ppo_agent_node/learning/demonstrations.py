@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 from typing import NamedTuple
 
@@ -13,6 +15,7 @@ from torch import Tensor
 
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.flights import Pilot
+from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
@@ -20,6 +23,11 @@ from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import Bools
+
+_TOUCH = 1e-5
+"""m above the ground at which a foot touches, for the rounding of observations"""
 
 
 class Demonstrations(NamedTuple):
@@ -67,6 +75,32 @@ def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
     return {'level': level, **chosen} if level else {}
 
 
+def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
+    """Return which rockets touch the ground, `(N,)`, by what is seen of them.
+
+    :param observation: `(N, 15)` of a world of rockets with feet.
+    :param settings: of that world.
+    """
+    seen = observation.astype(np.float64)
+    lean = np.hypot(seen[:, 6], seen[:, 8])
+    foot = (
+        seen[:, 1] * settings['position_scale'] - settings['stance'] * lean
+        - settings['touchdown_height'] * seen[:, 7])
+    return np.asarray(foot <= _TOUCH)
+
+
+def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
+    """Return which actions were flown, `(N, T)`: after its touchdown nobody steers a rocket.
+
+    Where its contact switch cuts the engine, what the expert says afterwards means nothing, and a
+    policy that learnt it would have less of an eye for the last metre.
+    """
+    if 'stance' not in settings or not settings['engine_cutoff']:
+        return np.ones((len(steps[0].flying), len(steps)), np.bool_)
+    touched = np.stack([touching(step.observation, settings) for step in steps], axis=1)
+    return ~np.logical_or.accumulate(touched, axis=1)
+
+
 def fly_wave(
     env: VectorEnv,
     expert: Pilot,
@@ -100,6 +134,7 @@ def fly_wave(
     landed[episodes.row[episodes.outcome == env.spec.outcomes.index('landed')]] = True
     # Rocket after rocket: (N, T) before flattening.
     kept = np.stack([step.flying & landed for step in steps], axis=1)
+    kept &= steered(steps, env.spec.settings)
     action = np.stack([step.action for step in steps], axis=1)[kept]
     if env.spec.continuous:
         action = np.clip(action, env.spec.action_low, env.spec.action_high, dtype=np.float32)

@@ -247,11 +247,11 @@ class Trainer:
 
     def _reset_world(self) -> None:
         """Begin new episodes on the curriculum's level, and get them out of step."""
-        level = self._state.curriculum.level
+        settings = self._config.curriculum.reset_settings(self._state.curriculum.level)
         seed = streams.derived_seed(self._config.run.seed, 'world', self._state.iteration)
 
         def begin() -> F32:
-            observation = self._env.reset(seed, **({'level': level} if level else {}))
+            observation = self._env.reset(seed, **settings)
             return scatter(
                 self._env, observation, without_noise(self._learner.policy),
                 self._config.ppo.scatter_steps, np.random.default_rng(seed), self._poll)

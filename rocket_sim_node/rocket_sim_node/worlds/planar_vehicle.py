@@ -52,6 +52,10 @@ class LegSettings:
 class PlanarSettings(LegSettings, RocketSettings):
     """All settings of world `rocket_planar`."""
 
+    spawn_heading: float = setting(
+        0.0, 'deg', "the pilot's axes are turned about the vertical, plus or minus, anew for each "
+        'episode; 0: the plane is x-y', 0.0, 180.0)
+
 
 def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return where the feet are, left and right, relative to the origin, m."""

@@ -26,7 +26,8 @@ class _Entry:
 
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
-    'rocket_planar': _Entry(RocketPlanarWorld, PlanarSettings, CURRICULUM_SETTINGS),
+    'rocket_planar': _Entry(
+        RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),
 }
 

@@ -38,6 +38,8 @@ class RocketWorld(RocketFlight):
     name = 'rocket'
     settings_class: type[RocketSettings] = RocketSettings
     settings: RocketSettings
+    reset_settings: tuple[str, ...] = spawn.CURRICULUM_SETTINGS
+    """Settings that a reset may change."""
     in_plane = False
     """Whether rockets start within the x-y plane."""
 
@@ -63,11 +65,11 @@ class RocketWorld(RocketFlight):
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
         """Begin new episodes of all rockets; see :class:`VectorEnv`."""
-        unknown = sorted(set(settings) - set(spawn.CURRICULUM_SETTINGS))
+        unknown = sorted(set(settings) - set(self.reset_settings))
         if unknown:
             raise ValueError(
                 f'reset: unknown setting {", ".join(map(repr, unknown))}, '
-                f'expected {", ".join(spawn.CURRICULUM_SETTINGS)}'
+                f'expected {", ".join(self.reset_settings)}'
             )
         if seed is not None:
             random_streams.check_seed(seed)
@@ -125,8 +127,7 @@ class RocketWorld(RocketFlight):
         arrays = snapshots.unpack(self.spec, state, like=ours)
         self._check_state(arrays)
         snapshots.check_settings(self.spec, arrays.pop('settings'))
-        values = dict(zip(spawn.CURRICULUM_SETTINGS, arrays.pop('curriculum').tolist(),
-                          strict=True))
+        values = dict(zip(self.reset_settings, arrays.pop('curriculum').tolist(), strict=True))
         try:
             settings = settings_module.build(
                 self.settings_class, {**settings_module.as_dict(self._made_with), **values})
@@ -167,7 +168,7 @@ class RocketWorld(RocketFlight):
             'seed': np.array([self._seed], np.int64),
             'settings': np.array(list(self.spec.settings.values()), np.float64),
             'curriculum': np.array(
-                [getattr(self.settings, n) for n in spawn.CURRICULUM_SETTINGS], np.float64),
+                [getattr(self.settings, name) for name in self.reset_settings], np.float64),
         }
 
     def _use(self, settings: RocketSettings) -> None:

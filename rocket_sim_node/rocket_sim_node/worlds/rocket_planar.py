@@ -5,6 +5,10 @@ In flight it is world `rocket`, line by line: what starts in the plane stays in 
 begins at first contact and ends at rest: see PlanarContact. Observations and actions are those of
 `rocket`, what is out of the plane 0, so that one policy flies both.
 
+A policy trained in one plane alone knows nothing of the other axis, and cannot fly `rocket`. With
+`spawn_heading` the axes in which the pilot sees and steers are turned about the vertical, for each
+episode by another angle: then it learns all planes. All else here stays in the x-y plane.
+
 First contact is found from the geometry, after the step that brings a foot to the ground or below
 and before the ground has changed anything, as `rocket` finds its touchdown. From then on pymunk
 moves the vehicle: its pushes are what a step of flight would do to the velocities. (`substeps`
@@ -20,9 +24,11 @@ from numpy.typing import NDArray
 from rocket_sim_node.worlds import outcome as outcomes
 from rocket_sim_node.worlds import planar_contact
 from rocket_sim_node.worlds import planar_vehicle
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds import spawn
+from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.planar_contact import PlanarContact
 from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
@@ -31,6 +37,8 @@ from rocket_sim_node.worlds.rocket import RocketWorld
 _IDLE = (-1.0, 0.0, 0.0)
 _IN_FLIGHT = -1
 _PREFIX = 'contact_'
+_HEADINGS = 2**32
+"""Which of an episode's random streams; starts use the first ones"""
 
 
 class RocketPlanarWorld(RocketWorld):
@@ -42,6 +50,7 @@ class RocketPlanarWorld(RocketWorld):
     name = 'rocket_planar'
     settings_class = PlanarSettings
     settings: PlanarSettings
+    reset_settings = (*spawn.CURRICULUM_SETTINGS, 'spawn_heading')
     in_plane = True
     feet = 2
 
@@ -54,6 +63,8 @@ class RocketPlanarWorld(RocketWorld):
         self._contact_speed = np.zeros(num_envs)
         self._contact_tilt = np.zeros(num_envs)
         self._struck = np.zeros(num_envs, np.bool_)
+        # Cosine and sine of the angle by which each pilot's axes are turned.
+        self._heading = np.tile([[1.0], [0.0]], num_envs)
         super().__init__(num_envs, seed, **settings)
         s = self.settings
         self.contact = PlanarContact(num_envs, s)
@@ -64,6 +75,7 @@ class RocketPlanarWorld(RocketWorld):
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
         """Put the given rockets into their first states."""
         super()._begin(rows, first)
+        self._turn_axes(rows)
         touched = rows[self._steps_down[rows] != _IN_FLIGHT]
         if touched.size:
             self.contact.end(touched)
@@ -71,12 +83,35 @@ class RocketPlanarWorld(RocketWorld):
             self._struck[touched] = False
             self._contact_speed[touched] = self._contact_tilt[touched] = 0.0
 
+    # The pilot's axes
+
+    def _turn_axes(self, rows: NDArray[np.integer]) -> None:
+        """Draw headings for the episodes that rockets are in."""
+        if not self.settings.spawn_heading:
+            self._heading[:, rows] = [[1.0], [0.0]]
+            return
+        unit = random_streams.uniform(self._seed, rows, self.episode[rows], 1, _HEADINGS)[0]
+        angle = np.deg2rad(unit * self.settings.spawn_heading)
+        self._heading[:, rows] = np.cos(angle), np.sin(angle)
+
+    def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
+        """Return the observation `(K, 15)` of the chosen rockets, in the pilots' axes."""
+        observation = super()._observe(rows, up)
+        if self.settings.spawn_heading:
+            cos, sin = self._heading[:, rows]
+            along, across = observation[:, 0::3].copy(), observation[:, 2::3]
+            observation[:, 0::3] = cos[:, None] * along + sin[:, None] * across
+            observation[:, 2::3] = cos[:, None] * across - sin[:, None] * along
+        return observation
+
     # Stepping
 
     def _advance(self, command: F64) -> None:
         """Fly one step; rockets in touchdown get what flight would do to them as a force."""
         s = self.settings
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
+        cos, sin = self._heading
+        command[:, 2] = np.clip(cos * command[:, 2] + sin * command[:, 1], -1.0, 1.0)
         command[:, 1] = 0.0
         if landing.size:
             if s.engine_cutoff:
@@ -199,3 +234,4 @@ class RocketPlanarWorld(RocketWorld):
             {name: array for name, array in arrays.items()
              if name.removeprefix(_PREFIX) not in own}, ours)
         self._struck[:] = False
+        self._turn_axes(self._rows)
