@@ -114,7 +114,8 @@ def test_a_snapshot_just_after_a_reset_is_exact() -> None:
 
 
 @pytest.mark.parametrize(('name', 'value', 'message'), [
-    ('lanes_pose', 1e30, 'pose has a value beyond'), ('age', -1, 'age has a value below 0'),
+    ('lanes_pose', 1e9, 'pose has a value beyond'), ('shaping', 1e300, 'beyond'),
+    ('age', -1, 'age has a value below 0'),
     ('settings', 5.0, 'of a world with dt 5, expected 0.02'), ('still', np.nan, 'not finite'),
 ])
 def test_a_forged_snapshot_changes_nothing(name: str, value: float, message: str) -> None:
@@ -373,3 +374,92 @@ def test_memory_stays_flat_over_many_resets() -> None:
     before = begin_anew(200)
     # 0.5 kB a reset would be 13 MB.
     assert begin_anew(400) - before < 3e6
+
+
+# What a review found that no test kept
+
+
+def test_wind_goes_on_after_a_snapshot() -> None:
+    world = make(10, enable_wind=True)
+    fly(world, 60, 1)
+    state = world.snapshot()
+    onwards = fly(world, 60, 2)
+    other = make(10, seed=8, enable_wind=True)
+    other.restore(state)
+    assert_equal(fly(other, 60, 2), onwards)
+
+
+def test_forces_of_contact_are_exact_too() -> None:
+    """Whatever the order in which Chipmunk keeps its contacts."""
+    world = make(40)
+    fly(world, 300, 7)
+    other = make(40, seed=2)
+    other.restore(world.snapshot())
+    rows = np.arange(40)
+    for action in np.random.default_rng(3).integers(0, 4, (200, 40)):
+        world.step(action)
+        other.step(action)
+        assert np.array_equal(
+            world.telemetry(rows).contact_force, other.telemetry(rows).contact_force)
+
+
+def test_terrain_of_a_snapshot_is_that_of_its_episodes() -> None:
+    """It is drawn again, so no snapshot can bring ground that is not there."""
+    world = make(4)
+    fly(world, 150, 1)
+    other = make(4, seed=9)
+    other.restore(world.snapshot())
+    assert np.array_equal(other.terrain, world.terrain)
+    assert 'terrain' not in np.load(io.BytesIO(world.snapshot()))
+
+
+@pytest.mark.parametrize(('rest', 'struck', 'reward', 'outcome'), [
+    (True, True, 100.0, LANDED), (False, True, -100.0, 1), (True, False, 100.0, LANDED),
+])
+def test_who_rests_has_landed_whatever_touches(
+    rest: bool, struck: bool, reward: float, outcome: int, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world = make(1)
+    advance = world._advance
+
+    def rig(command: NDArray[Any]) -> None:
+        advance(command)
+        world._still[:] = 1.0 if rest else 0.0
+        world._touching[:, 0] = struck
+
+    monkeypatch.setattr(world, '_advance', rig)
+    _, paid, _, _, info = world.step(np.zeros(1, np.int64))
+    assert paid.tolist() == [reward]
+    assert info['episodes'].outcome.tolist() == [outcome]
+
+
+def test_no_rest_without_standing_still() -> None:
+    world = make(4, rest_time=0.0)
+    assert not world.step(np.zeros(4, np.int64))[2].any()
+    with pytest.raises(ValueError, match="'rest_time': got 30"):
+        make(rest_time=30.0)
+
+
+def test_telemetry_tells_left_from_right() -> None:
+    """The left engine pushes to the right; the leg at negative x is the left one."""
+    world = make(1)
+    world.step(np.array([LEFT]))
+    told = world.telemetry(np.array([0]))
+    assert told.lateral_thrust[0] == pytest.approx(0.6 / 0.02 * 12 / 30)
+    world._touching[:] = (False, True, False)
+    told = world.telemetry(np.array([0]))
+    assert told.contact.tolist() == [[True, False]]
+    assert world.observe()[0, 6:].tolist() == [0.0, 1.0]
+    left, right = world._lanes.pose[0, 1:, 0]
+    assert left < right
+
+
+def test_tilt_is_that_of_an_upright_lander_however_often_it_turned() -> None:
+    world = make(5)
+    tilts: list[float] = []
+    for _ in range(600):
+        info = world.step(np.full(5, LEFT))[4]
+        if len(info['final_rows']):
+            tilts += info['episodes'].tilt.tolist()
+    assert tilts
+    assert 0 <= min(tilts) <= max(tilts) <= 180

@@ -397,3 +397,20 @@ def test_fifty_thousand_lunar_landers_leave_nothing_behind() -> None:
     assert touched > 1000
     assert parts(lanes) == before
     assert resident() - memory < 4.0
+
+
+def test_rest_needs_both_feet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Still on one foot, as at the height of a bounce or in balance, is not at rest."""
+    contact = PlanarContact(1, PlanarSettings())
+    contact.begin(np.array([0]), touching(0.0), np.zeros((1, 3)), np.array([MASS]))
+    contact.step(np.zeros(0, np.int64), np.zeros((0, 3)))
+    touch = contact._touch
+
+    def one_foot(pose: F64) -> None:
+        touch(pose)
+        contact.feet[:, 1] = False
+
+    monkeypatch.setattr(contact, '_touch', one_foot)
+    for _ in range(100):
+        contact.step(np.array([0]), np.array([[0.0, -G, 0.0]]))
+    assert contact.still.tolist() == [0]

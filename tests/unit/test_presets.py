@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ppo_agent_node.learning import config
+from ppo_agent_node.learning.config import check_headings
 from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.config import preset_names
 from ppo_agent_node.learning.config import preset_values
@@ -56,7 +57,9 @@ def test_the_original_of_the_lunar_lander() -> None:
 def test_one_world_may_begin_with_the_presets_of_another(
         tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ('default', 'original'):
-        assert preset_values(name, 'rocket_planar') == preset_values(name, 'rocket')
+        own = {'curriculum_heading', 'demonstration_spawn_heading'}
+        values = preset_values(name, 'rocket_planar')
+        assert {k: v for k, v in values.items() if k not in own} == preset_values(name, 'rocket')
     for world, text in (('one', 'gamma: 0.5\nn_steps: 7\n'), ('two', 'like: one\nn_steps: 9\n')):
         (tmp_path / world).mkdir()
         (tmp_path / world / 'default.yaml').write_text(text)
@@ -73,3 +76,16 @@ def test_unknown_ones_are_named() -> None:
         load_preset('fast')
     with pytest.raises(ValueError, match="'default' of world 'mars', expected one of none"):
         load_preset('default', 'mars')
+
+
+def test_headings_are_for_worlds_that_have_them() -> None:
+    """Else a run would end after cloning, when the world refuses the reset."""
+    turned = load_preset('default', 'rocket_planar')
+    assert turned.curriculum.reset_settings(3) == {'level': 3, 'spawn_heading': 180.0}
+    check_headings(turned, worlds.make('rocket_planar').spec)
+    with pytest.raises(ValueError, match='curriculum_heading: got 180'):
+        check_headings(turned, worlds.make('rocket').spec)
+    check_headings(load_preset('default', 'rocket'), worlds.make('rocket').spec)
+    asked = load_preset('default', 'rocket', demonstration_spawn_heading=90.5)
+    with pytest.raises(ValueError, match='demonstration_spawn_heading: got 90'):
+        check_headings(asked, worlds.make('rocket').spec)

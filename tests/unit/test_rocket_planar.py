@@ -418,3 +418,61 @@ def test_the_expert_lands_whatever_the_heading() -> None:
     world = worlds.make('rocket_planar', 100)
     episodes = evaluate(world, ExpertPilot(world.spec), 200, 4, spawn_heading=180.0).episodes
     assert (episodes.outcome == 0).all()
+
+
+# What a review found that no test kept
+
+
+def test_the_ground_goes_on_as_far_as_one_can_slide() -> None:
+    """Nobody falls off its end; who leaves the field is out of bounds."""
+    world = worlds.make(
+        'rocket_planar', 40, foot_friction=0.0, hull_friction=0.0, spawn_speed=50.0, level=1,
+        spawn_height=12.0, landed_speed=500.0, touchdown_limit=20.0, rest_time=0.1)
+    lowest, outcomes = 0.0, set()
+    for _ in range(900):
+        info = world.step(np.tile((-1.0, 0.0, 0.0), (40, 1)))[4]
+        lowest = min(lowest, float(world.position[1].min()))
+        if len(info['final_rows']):
+            outcomes |= set(info['episodes'].outcome.tolist())
+    assert lowest > -1.0
+    assert 6 in outcomes
+
+
+@pytest.mark.parametrize('stance', [70.0, 300.0])
+def test_wide_legs_stand_on_the_same_ground_in_any_batch(stance: float) -> None:
+    def distance(count: int) -> float:
+        world = worlds.make(
+            'rocket_planar', count, stance=stance, spawn_height=6.0, level=1, spawn_angle=0.0,
+            spawn_speed=0.3, seed=3)
+        for _ in range(400):
+            info = world.step(np.tile((-0.2, 0.0, 0.0), (count, 1)))[4]
+            rows = info['final_rows']
+            if len(rows) and rows[0] == 0:
+                return float(info['episodes'].distance[0])
+        raise AssertionError('nobody came down')
+
+    assert distance(1) == distance(2) == distance(40)
+
+
+def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
+    with pytest.raises(ValueError, match='where a foot could touch'):
+        worlds.make('rocket_planar', level=4, spawn_height=5.3, tilt_limit=60.0)
+    world = worlds.make('rocket_planar', seed=1)
+    before = world.snapshot()
+    with pytest.raises(ValueError, match='where a foot could touch'):
+        world.reset(4, spawn_height=6.0)
+    assert world.snapshot() == before
+    with pytest.raises(ValueError, match='rest_time'):
+        worlds.make('rocket_planar', rest_time=6.0)
+
+
+def test_contact_ends_with_the_episode() -> None:
+    """Who begins anew is not on the ground any more."""
+    world = worlds.make('rocket_planar', 8, spawn_height=6.5, level=1, seed=2)
+    ended = 0
+    for _ in range(300):
+        rows = world.step(np.tile((-0.2, 0.0, 0.0), (8, 1)))[4]['final_rows']
+        ended += len(rows)
+        assert not world.contact.present[rows].any()
+        assert (world.contact.present == (world._steps_down >= 0)).all()
+    assert ended > 8

@@ -86,7 +86,9 @@ def test_a_snapshot_changes_no_flight() -> None:
 @pytest.mark.parametrize(('name', 'value', 'message'), [
     ('steps_down', -2, 'steps_down has a value below -1'),
     ('contact_still', -1, 'contact_still has a value below 0'),
-    ('contact_mass', 0, 'contact_mass has a value that is not positive'),
+    ('contact_mass', 0, 'contact_mass has a value outside 22000 to 24000 kg'),
+    ('contact_start_x', 1e9, 'contact_start_x has a value outside the field'),
+    ('contact_lanes_bodies', 1e9, 'bodies has a value beyond'),
     ('fuel', -1, 'fuel has a value below 0'),
     ('contact_speed', np.nan, 'contact_speed has a value that is not finite'),
     ('settings', 1, 'of a world with dt 1, expected 0.02'),

@@ -185,3 +185,11 @@ def test_a_forged_snapshot_is_refused_by_name(
     arrays = contents(world.snapshot())
     forge(arrays)
     refused(world, packed(arrays), message)
+
+
+def test_an_attitude_that_is_none_is_refused() -> None:
+    """All zeros would fly on as NaN."""
+    world = flown()
+    arrays = contents(world.snapshot())
+    arrays['attitude'] = arrays['attitude'] * 0.0
+    refused(world, packed(arrays), 'attitude')

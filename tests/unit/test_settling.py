@@ -250,3 +250,24 @@ def test_it_is_the_touchdown_of_rocket_planar() -> None:
             break
     assert world.spec.outcomes[world.finished.outcome[0]] == 'landed'
     assert end.position[0, 0] == pytest.approx(world.finished.position[0, 0], abs=0.02)
+
+
+@pytest.mark.parametrize('speed', [35.0, 60.0])
+def test_the_ground_is_there_however_far_it_slides(speed: float) -> None:
+    """Without friction it is still on the ground, and on its way, when its time is up."""
+    end = touch_down((speed, 0.0, 0.0), foot_friction=0.0)
+    assert end.position[0, 1] == pytest.approx(HEIGHT, abs=0.002)
+    assert end.position[0, 0] == pytest.approx(3.0 + 5.0 * speed, rel=0.02)
+    assert end.standing.tolist() == [False]
+
+
+def test_the_fuel_left_counts_as_mass() -> None:
+    """A heavier one turns less for the same torque of friction, as inertia is a constant."""
+    def turned(fuel: float) -> float:
+        end = settle(
+            np.array([[0.0, 5.1, 0.0]]), attitude(8.0)[None], np.array([[1.0, -1.0, 0.0]]),
+            np.zeros((1, 3)), np.array([fuel]), SETTINGS, trajectory=True)
+        assert end.trajectory is not None
+        return float(end.trajectory.angular_velocity[5, 0, 2])
+
+    assert abs(turned(0.0) - turned(2_000.0)) > 1e-3

@@ -17,7 +17,8 @@ from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.standing import after_touchdown
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
-"""Outcomes that are no touchdown: their speed, tilt and distance say nothing of a landing."""
+"""Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
+their speed, tilt and distance say nothing of a landing."""
 
 UNITS = {
     'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',
@@ -133,8 +134,12 @@ def table(summary: Mapping[str, Any]) -> str:
     for name, unit in (('touchdown_speed', 'm/s'), ('tilt', 'deg'), ('distance', 'm'),
                        ('fuel_used_kg', 'kg')):
         if summary[name]['mean'] is not None:
+            label = name.removesuffix('_kg').replace('_', ' ')
+            if summary['standing_rate'] is None:
+                # No rocket: nothing is taken down at the moment of touchdown.
+                label = label.replace('touchdown speed', 'speed at the end')
             rows.append((
-                name.removesuffix('_kg').replace('_', ' '),
+                label,
                 f'{summary[name]["mean"]:.4g} {unit}  (95 %: below {summary[name]["p95"]:.4g})'))
     if summary['standing_rate'] is not None:
         low, high = (100 * bound for bound in summary['standing_rate_interval'])

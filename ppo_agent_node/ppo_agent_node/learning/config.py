@@ -20,6 +20,7 @@ from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds import WorldSpec
 
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
 
@@ -190,6 +191,20 @@ def make_config(values: Mapping[str, object]) -> Config:
     if not config.network.hidden_sizes:
         raise ValueError('hidden_sizes: got none, expected at least one layer')
     return config
+
+
+def check_headings(config: Config, spec: WorldSpec) -> None:
+    """Check that headings are asked of a world only that has them.
+
+    :raises ValueError: naming the setting.
+    """
+    for name, value in (
+        ('curriculum_heading', config.curriculum.curriculum_heading),
+        ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading),
+    ):
+        if value > 0 and 'spawn_heading' not in spec.settings:
+            raise ValueError(
+                f'{name}: got {value:g}, expected none, as world {spec.name!r} has no headings')
 
 
 def preset_names(world: str | None = None) -> tuple[str, ...]:

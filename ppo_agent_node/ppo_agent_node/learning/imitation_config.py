@@ -35,8 +35,8 @@ class DemonstrationConfig:
     demonstration_spawn_spin: float = setting(
         0.05, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', UNSET, 100.0)
     demonstration_spawn_heading: float = setting(
-        UNSET, 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; -1: not turned",
-        UNSET, 180.0)
+        float(UNSET), 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; "
+        '-1: not turned', UNSET, 180.0)
     teacher_braking_share: float = setting(
         0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
     teacher_flare_rate: float = setting(

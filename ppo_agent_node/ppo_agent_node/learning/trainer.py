@@ -24,6 +24,7 @@ from ppo_agent_node.learning.anchor import Anchor
 from ppo_agent_node.learning.cloning import CloneEpoch
 from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.config import check_headings
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
@@ -83,8 +84,9 @@ class Trainer:
         :param stop_requested: asked before each step and each minibatch.
         :param say: is told the lines of episodes, where the settings ask for them.
         :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
-            the world.
+            the world, or when a setting is not for it.
         """
+        check_headings(config, env.spec)
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(env.spec, config.demonstration)
         torch.set_num_threads(config.run.threads)

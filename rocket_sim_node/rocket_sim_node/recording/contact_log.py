@@ -44,7 +44,7 @@ def log_contact(
     :param in_front: m, how far in front of the vehicle all that is drawn, as seen along y.
     """
     unit = stage.unit
-    force = weights(flight)
+    force = weights(flight, stage)
     strength = np.linalg.norm(force, axis=1, keepdims=True)
     force *= np.minimum(1.0, STRONGEST / np.maximum(strength, 1e-9))
     if feet is None:

@@ -37,9 +37,10 @@ class Plot:
         return f'Flight:{self.name}'
 
 
-def weights(flight: Flight) -> F64:
+def weights(flight: Flight, stage: Stage) -> F64:
     """Return the force of the ground `(n, 3)`, in weights of the vehicle as it started."""
-    return flight.contact_force / max(float(flight.mass[0]) * STANDARD_GRAVITY, 1e-9)
+    gravity = stage.settings.get('gravity') or STANDARD_GRAVITY
+    return flight.contact_force / max(float(flight.mass[0]) * gravity, 1e-9)
 
 
 def _motion(flight: Flight, stage: Stage) -> tuple[F64, ...]:
@@ -63,7 +64,7 @@ def _reward(flight: Flight, stage: Stage) -> tuple[F64, ...]:
 
 
 def _contact(flight: Flight, stage: Stage) -> tuple[F64, ...]:
-    return (np.linalg.norm(weights(flight), axis=1),)
+    return (np.linalg.norm(weights(flight, stage), axis=1),)
 
 
 MOTION = Plot(

@@ -204,7 +204,11 @@ class Recorder:
         """Log a flight at the end of the recording, if there is room."""
         stage = self._stage
         assert stage is not None
-        if self.steps + len(flight) > self._choice.room(learning=self._learning):
+        settling = None
+        if self._settle is not None and not self._learning:
+            settling = self._settle(flight, stage)
+        steps = len(flight) + (len(settling.values) if settling is not None else 0)
+        if self.steps + steps > self._choice.room(learning=self._learning):
             if self._learning not in self._full:
                 self._full.add(self._learning)
                 self._note('WARN', (
@@ -212,11 +216,7 @@ class Recorder:
                     + (' until the agent has learnt' if self._learning else '')))
             return
         place = Place(self._next_step, self._iterations.count)
-        settling = None
-        if self._settle is not None and not self._learning:
-            settling = self._settle(flight, stage)
         self._put(lambda stream: log_flight(stream, flight, stage, place, settling))
-        steps = len(flight) + (len(settling.values) if settling is not None else 0)
         self.steps += steps
         self.flights += 1
         self._next_step += steps + pause_steps(stage)

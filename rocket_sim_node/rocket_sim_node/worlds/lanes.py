@@ -31,13 +31,12 @@ from pymunk import batch
 
 from rocket_sim_node.worlds import lane_block
 from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.lane_block import LANES
 from rocket_sim_node.worlds.lane_block import Design
 from rocket_sim_node.worlds.lane_block import LaneBlock
 from rocket_sim_node.worlds.lane_block import Parts
 from rocket_sim_node.worlds.lane_block import Solver
 
-LANES = 32
-"""vehicles in one Space: with fewer the calls cost more, with more the cache misses do"""
 _PARK = 1e4
 """m above its place, where a vehicle spends the step in which it forgets"""
 _FARTHEST = 1e6
@@ -47,7 +46,7 @@ Rows = NDArray[np.integer]
 
 
 class Contacts(NamedTuple):
-    """Touches of vehicles and their ground in the last step, K of them, in no order."""
+    """Touches of vehicles and their ground in the last step, K of them, by row and body."""
 
     row: NDArray[np.int64]
     """`(K,)` vehicle"""
@@ -159,8 +158,10 @@ class Lanes:
             row, body = np.divmod(which, self.pose.shape[1])
             point = values[:, 2:].copy()
             point[:, 0] -= self._origin[row]
-            self._contacts = Contacts(
-                row, body, point, values[:, :2] * np.where(second, -1.0, 1.0)[:, None])
+            impulse = values[:, :2] * np.where(second, -1.0, 1.0)[:, None]
+            # Chipmunk's own order is that of addresses in memory.
+            order = np.lexsort((point[:, 1], point[:, 0], body, row))
+            self._contacts = Contacts(row[order], body[order], point[order], impulse[order])
         return self._contacts
 
     # Placing
@@ -229,14 +230,18 @@ class Lanes:
         state[:, :, 0] -= self._origin[:, None]
         return state
 
-    def load(self, bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
-        """Put all vehicles where `arrays` found them, and forget.
+    @staticmethod
+    def check(bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
+        """Check what `load` is to be given.
 
-        :raises ValueError: when one is where none can be; nothing changes.
+        :raises ValueError: when a vehicle is where none can be.
         """
         for name, array in (('bodies', bodies), ('pose', pose), ('velocity', velocity)):
             if (np.abs(array) > _FARTHEST).any():
                 raise ValueError(f'snapshot: {name} has a value beyond {_FARTHEST:g}')
+
+    def load(self, bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
+        """Put all vehicles where `arrays` found them, and forget."""
         self.pose, self.velocity = pose.copy(), velocity.copy()
         self._fresh = fresh.copy()
         state = bodies.copy()

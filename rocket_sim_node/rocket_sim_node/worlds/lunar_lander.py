@@ -50,6 +50,10 @@ class LunarLanderWorld:
         :raises ValueError: for a setting that is unknown or out of range.
         """
         self.settings = s = settings_module.build(LunarSettings, settings)
+        if s.rest_time > s.time_limit:
+            raise ValueError(
+                f"setting 'rest_time': got {s.rest_time}, "
+                f'expected at most time_limit, {s.time_limit} s')
         self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
         self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
         self._engines = Engines(s, num_envs)
@@ -113,7 +117,7 @@ class LunarLanderWorld:
         reward += s.reward_side_engine * np.abs(self._side)
         crashed = self._touching[:, 0]
         outside = np.abs(observation[:, 0]) >= 1.0
-        rest = self._still >= s.rest_time - 1e-9
+        rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
         # In this order: who is at rest has landed, whatever touches.
         reward[crashed | outside] = s.reward_crash
         reward[rest] = s.reward_landed
@@ -213,7 +217,7 @@ class LunarLanderWorld:
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
-                tilt=np.rad2deg(np.abs(self._lanes.pose[done, 0, 2])), distance=np.abs(x),
+                tilt=lunar_view.tilt(self._lanes.pose[done, 0]), distance=np.abs(x),
                 fuel_used=np.zeros(len(done)),
             ),
         }
@@ -255,14 +259,17 @@ class LunarLanderWorld:
         for name in ('seed', 'age', 'episode', 'still'):
             if (arrays[name] < 0).any():
                 raise ValueError(f'snapshot: {name} has a value below 0')
-        self._lanes.load(**{
+        bodies = {
             name.removeprefix('lanes_'): arrays.pop(name)
-            for name in list(arrays) if name.startswith('lanes_')})
+            for name in list(arrays) if name.startswith('lanes_')}
+        self._lanes.check(**bodies)
+        self._lanes.load(**bodies)
         self._seed = int(arrays.pop('seed')[0])
         for name, array in arrays.items():
             ours[name][...] = array
         self._starts = self._make_starts()
-        self._keys = random_streams.keys(self._seed, self._rows, self.episode)
+        start = self._starts.take(self._rows, self.episode)
+        self.terrain, self._keys = start.terrain, start.key
         for row in self._rows.tolist():
             lunar_start.shape_ground(self._lanes, row, self.terrain[row])
         self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
@@ -273,7 +280,7 @@ class LunarLanderWorld:
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all that the future depends on; the arrays are the world's own, save `lanes_`."""
         return {
-            'terrain': self.terrain, 'shaping': self._shaping, 'still': self._still,
+            'shaping': self._shaping, 'still': self._still,
             'touching': self._touching, 'wind': self._wind, 'age': self.age,
             'episode': self.episode, 'episode_return': self.episode_return,
             'seed': np.array([self._seed], np.int64),

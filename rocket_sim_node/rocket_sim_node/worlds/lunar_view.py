@@ -39,6 +39,13 @@ def hull_velocity(pose: F64, velocity: F64) -> tuple[F64, F64]:
         velocity[:, 0] - arm * np.cos(pose[:, 2]), velocity[:, 1] - arm * np.sin(pose[:, 2]))
 
 
+def tilt(pose: F64) -> F64:
+    """Return how far hulls lean from upright, `(K,)` deg, 0 to 180, however often they turned."""
+    angle = pose[:, 2]
+    leaning: F64 = np.rad2deg(np.abs(np.arctan2(np.sin(angle), np.cos(angle))))
+    return leaning
+
+
 def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
     """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded.
 

@@ -166,14 +166,25 @@ class PlanarContact:
             'mass': self.mass,
             **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()}}
 
+    def check(self, arrays: dict[str, NDArray[Any]]) -> None:
+        """Check what `load` is to be given.
+
+        :raises ValueError: when a vehicle is where none can be.
+        """
+        self._lanes.check(**self._of_lanes(arrays))
+
+    @staticmethod
+    def _of_lanes(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        return {
+            name.removeprefix('lanes_'): array for name, array in arrays.items()
+            if name.startswith('lanes_')}
+
     def load(self, arrays: dict[str, NDArray[Any]]) -> None:
         """Put all vehicles where `arrays` found them."""
         self._start_x[:], self.still[:] = arrays['start_x'], arrays['still']
         self.mass[:], self.present[:] = arrays['mass'], arrays['present']
         self._weigh(np.arange(len(self.mass)))
-        self._lanes.load(**{
-            name.removeprefix('lanes_'): array for name, array in arrays.items()
-            if name.startswith('lanes_')})
+        self._lanes.load(**self._of_lanes(arrays))
         self.feet[:] = False
         self.hull[:] = False
         self.force[:] = 0.0

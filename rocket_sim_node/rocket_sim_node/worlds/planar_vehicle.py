@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import pymunk
 
 from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.lane_block import LANES
 from rocket_sim_node.worlds.lane_block import Parts
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
@@ -87,6 +88,7 @@ class PlanarDesign:
         self._settings = settings
         # So thick that no foot gets through within a step.
         self._depth = max(5.0, 2 * settings.landed_speed * settings.dt)
+        self._reach = 2 * settings.range_limit + settings.stance + 1000.0
 
     def vehicle(self) -> Parts:
         """Return the body, its left foot, its right foot and its hull."""
@@ -102,10 +104,15 @@ class PlanarDesign:
         return Parts([body], shapes)
 
     def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
-        """Return one thick plate from this lane's edge to the other, its surface at y = 0."""
-        half = self.lane_width / 2
+        """Return the first lane's ground, which is that of all: one thick plate, its top y = 0.
+
+        It reaches as far as a vehicle can slide before its episode ends.
+        """
+        if origin:
+            return []
         plate = pymunk.Segment(
-            body, (origin - half, -self._depth), (origin + half, -self._depth), self._depth)
+            body, (-self._reach, -self._depth), (self._reach + LANES * self.lane_width,
+                                                 -self._depth), self._depth)
         # pymunk multiplies the coefficients of what touches.
         plate.friction = plate.elasticity = 1.0
         plate.filter = pymunk.ShapeFilter(categories=_GROUND, mask=_VEHICLE)

@@ -68,7 +68,8 @@ def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> Simula
     :raises ValueError: for an unknown world or setting, or a value out of range.
     """
     entry = _entry(name)
-    if not isinstance(num_envs, int) or not 1 <= num_envs <= 1_000_000:
+    whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
+    if not whole or not 1 <= num_envs <= 1_000_000:
         raise ValueError(f'num_envs: got {num_envs!r}, expected a whole number from 1 to 1000000')
     if not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')

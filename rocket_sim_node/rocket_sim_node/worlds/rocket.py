@@ -27,6 +27,9 @@ from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
 from rocket_sim_node.worlds.rocket_flight import RocketFlight
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
+_UNIT = 1e-6
+"""How far from length 1 an attitude may be."""
+
 
 class RocketWorld(RocketFlight):
     """N rockets that fall on a pad at the origin and have one burn to stop. A `VectorEnv`.
@@ -153,6 +156,8 @@ class RocketWorld(RocketFlight):
         for name in ('seed', 'age', 'episode', 'fuel'):
             if (arrays[name] < 0).any():
                 raise ValueError(f'snapshot: {name} has a value below 0')
+        if (np.abs(rotation.norm(arrays['attitude']) - 1.0) > _UNIT).any():
+            raise ValueError('snapshot: attitude has a quaternion that is not of length 1')
 
     def _load_state(self, arrays: snapshots.Arrays, ours: snapshots.Arrays) -> None:
         """Copy the arrays of a snapshot into ours, those of `_state_arrays`."""

@@ -3,7 +3,7 @@
 
 In flight it is world `rocket`, line by line: what starts in the plane stays in it. A touchdown
 begins at first contact and ends at rest: see PlanarContact. Observations and actions are those of
-`rocket`, what is out of the plane 0, so that one policy flies both.
+`rocket`, what is out of the plane 0 (but see below), so that one policy flies both.
 
 A policy trained in one plane alone knows nothing of the other axis, and cannot fly `rocket`. With
 `spawn_heading` the axes in which the pilot sees and steers are turned about the vertical, for each
@@ -82,6 +82,25 @@ class RocketPlanarWorld(RocketWorld):
             self._steps_down[touched] = _IN_FLIGHT
             self._struck[touched] = False
             self._contact_speed[touched] = self._contact_tilt[touched] = 0.0
+
+    def _use(self, settings: PlanarSettings) -> None:  # type: ignore[override]
+        """Put settings into force.
+
+        :raises ValueError: when no landing or no flight would be possible.
+        """
+        if settings.rest_time > settings.touchdown_limit:
+            raise ValueError(
+                f"setting 'rest_time': got {settings.rest_time}, "
+                f'expected at most touchdown_limit, {settings.touchdown_limit} s')
+        widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
+        lean = np.linspace(0.0, widest, 91)
+        reach = (
+            settings.stance * np.sin(lean) + settings.touchdown_height * np.cos(lean)).max()
+        if settings.spawn_height <= reach:
+            raise ValueError(
+                f"setting 'spawn_height': got {settings.spawn_height}, expected more than "
+                f'{reach:.3f} m, where a foot could touch')
+        super()._use(settings)
 
     # The pilot's axes
 
@@ -176,15 +195,19 @@ class RocketPlanarWorld(RocketWorld):
     def _ended(self, up_y: F64) -> NDArray[np.int64]:
         """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
         super()._ended(up_y)
-        # Not what is low has come down, but what touches; and then no limit of flight holds.
+        # Not what is low has come down, but what touches; and then only the field's edge holds of
+        # the limits of flight.
         self._down[:] = False
         ended = self._tilted | self._late | self._outside
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
         if landing.size:
-            ended[landing] = self._down[landing] = (
+            outside = self._outside[landing]
+            self._tilted[landing] = self._late[landing] = False
+            self._down[landing] = ~outside & (
                 self._struck[landing] | self.contact.resting[landing]
                 | (self._contact_speed[landing] >= self.settings.landed_speed)
                 | (self._steps_down[landing] >= self._most_steps_down))
+            ended[landing] = self._down[landing] | outside
         return np.flatnonzero(ended)
 
     def _judge(
@@ -223,8 +246,17 @@ class RocketPlanarWorld(RocketWorld):
             raise ValueError(f'snapshot: steps_down has a value below {_IN_FLIGHT}')
         if (arrays['contact_still'] < 0).any():
             raise ValueError('snapshot: contact_still has a value below 0')
-        if (arrays['contact_mass'] <= 0).any():
-            raise ValueError('snapshot: contact_mass has a value that is not positive')
+        s = self.settings
+        mass = arrays['contact_mass']
+        if ((mass < s.dry_mass) | (mass > s.dry_mass + s.fuel)).any():
+            raise ValueError(
+                f'snapshot: contact_mass has a value outside {s.dry_mass:g} to '
+                f'{s.dry_mass + s.fuel:g} kg')
+        if (np.abs(arrays['contact_start_x']) > s.range_limit + s.stance + 1000.0).any():
+            raise ValueError('snapshot: contact_start_x has a value outside the field')
+        self.contact.check({
+            name.removeprefix(_PREFIX): array for name, array in arrays.items()
+            if name.startswith(_PREFIX)})
 
     def _load_state(self, arrays: snapshots.Arrays, ours: snapshots.Arrays) -> None:
         """Copy the arrays of a snapshot into ours."""

@@ -20,6 +20,9 @@ _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, MemoryError,
 )
 
+_LARGEST = 1e15
+"""No state of a world comes near; sums of greater ones could end up infinite."""
+
 
 def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
     """Return the arrays as bytes that `unpack` takes."""
@@ -53,6 +56,8 @@ def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
             )
         if not np.isfinite(array).all():
             raise ValueError(f'snapshot: {name} has a value that is not finite')
+        if array.dtype.kind == 'f' and (np.abs(array) > _LARGEST).any():
+            raise ValueError(f'snapshot: {name} has a value beyond {_LARGEST:g}')
     return arrays
 
 
