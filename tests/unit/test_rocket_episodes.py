@@ -318,7 +318,7 @@ def test_reset_settings_hold_until_the_next_reset() -> None:
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
-    ({'gravity': 3.0}, "reset: unknown setting 'gravity', expected level"),
+    ({'gravity': 3.0}, "unknown setting 'gravity', expected level"),
     ({'level': 9}, 'level: got 9, expected 1 to 8'),
     ({'level': 3, 'spawn_height': 500.0}, "'spawn_height': got 500.0"),
     ({'spawn_position': 300}, "'spawn_position': got 300"),

@@ -93,7 +93,8 @@ class LunarLanderWorld:
         """Begin new episodes of all landers; there is no curriculum to be set."""
         if settings:
             raise ValueError(
-                f'reset: unknown setting {", ".join(map(repr, sorted(settings)))}, expected none')
+                f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '
+                'resets of lunar_lander change nothing but the seed')
         if seed is None:
             self.episode += 1
         else:

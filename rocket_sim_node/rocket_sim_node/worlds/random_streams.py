@@ -47,7 +47,7 @@ def check_seed(seed: object) -> None:
     :raises ValueError: when it is no whole number from 0 to 2**63 - 1.
     """
     if not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
-        raise ValueError(f'reset: seed is {seed}, expected 0 to 2**63 - 1, a whole number')
+        raise ValueError(f'seed is {seed}, expected 0 to 2**63 - 1, a whole number')
 
 
 def keys(

@@ -71,7 +71,7 @@ class RocketWorld(RocketFlight):
         unknown = sorted(set(settings) - set(self.reset_settings))
         if unknown:
             raise ValueError(
-                f'reset: unknown setting {", ".join(map(repr, unknown))}, '
+                f'unknown setting {", ".join(map(repr, unknown))}, '
                 f'expected {", ".join(self.reset_settings)}'
             )
         if seed is not None:
