@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from benchmarks import gymnasium_lander
 from benchmarks.intervals import difference
 from benchmarks.intervals import mean_line
+from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
@@ -64,7 +64,7 @@ def main() -> None:
             for side in ('ours', 'theirs'):
                 values: np.ndarray = result.pop(side)
                 result[side] = {'mean': float(values.mean()), 'std': float(values.std(ddof=1))}
-        options.output.write_text(json.dumps(results, indent=2) + '\n', 'utf-8')
+        write_json(options.output, results)
 
 
 if __name__ == '__main__':

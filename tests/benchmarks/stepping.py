@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import os
 import statistics
 import time
@@ -21,6 +20,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node import worlds
 
 SIZES = (1, 4, 16, 64, 256, 1024, 4096)
@@ -102,9 +102,8 @@ def main() -> None:
     ratios = {name: best['ours'] / best[name] for name in peers if name != 'ours'}
     print('ours is ' + ', '.join(f'{ratio:.1f} x {name}' for name, ratio in ratios.items()))
     if options.output:
-        options.output.write_text(json.dumps(
-            {'steps_per_second': table, 'best': best, 'ratios': ratios}, indent=2) + '\n',
-            'utf-8')
+        write_json(
+            options.output, {'steps_per_second': table, 'best': best, 'ratios': ratios})
 
 
 if __name__ == '__main__':

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from benchmarks import gymnasium_lander
 from benchmarks.intervals import difference
 from benchmarks.intervals import mean_line
+from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
@@ -36,13 +36,13 @@ def main() -> None:
     print(f'ours - Gymnasium           {change:+7.1f}  [{low:+.1f}, {high:+.1f}]')
     print(f'Gymnasium: {theirs.outcomes}')
     if options.output:
-        options.output.write_text(json.dumps({
+        write_json(options.output, {
             'policy': str(path), 'episodes': options.episodes, 'seed': options.seed,
             'ours': float(ours.episode_return.mean()),
             'gymnasium': float(theirs.episode_return.mean()),
             'difference': change, 'difference_interval': [low, high],
             'gymnasium_outcomes': theirs.outcomes,
-        }, indent=2) + '\n', 'utf-8')
+        })
 
 
 if __name__ == '__main__':

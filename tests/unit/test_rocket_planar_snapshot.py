@@ -2,11 +2,12 @@
 """Snapshots of `rocket_planar` bring back the exact state, in touchdown too."""
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import numpy as np
 import pytest
+from forging import contents
+from forging import packed
 
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
@@ -27,17 +28,6 @@ def flown(steps: int = 90, num_envs: int = N) -> RocketPlanarWorld:
     for action in actions(steps, 1):
         world.step(action[:num_envs])
     return world
-
-
-def contents(state: bytes) -> dict[str, Any]:
-    with np.load(io.BytesIO(state)) as archive:
-        return dict(archive)
-
-
-def packed(arrays: dict[str, Any]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
 
 
 @pytest.mark.parametrize('steps', [0, 60, 90, 150])

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forging import contents
+from forging import packed
 from numpy.typing import NDArray
 
 from rocket_sim_node import worlds
@@ -22,19 +24,6 @@ def flown(steps: int = 120, num_envs: int = N, **settings: Any) -> RocketWorld:
     for action in np.random.default_rng(1).uniform(-0.5, 0.5, (steps, num_envs, 3)):
         world.step(action)
     return world
-
-
-def contents(state: bytes) -> dict[str, NDArray[Any]]:
-    """Return the arrays in a snapshot."""
-    with np.load(io.BytesIO(state)) as archive:
-        return dict(archive)
-
-
-def packed(arrays: dict[str, Any]) -> bytes:
-    """Return arrays as bytes, as a forger would."""
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    return buffer.getvalue()
 
 
 def refused(world: RocketWorld, state: bytes, message: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -156,12 +157,12 @@ def table(summary: Mapping[str, Any]) -> str:
     return '\n'.join(f'{name:<{width}}  {value}' for name, value in rows)
 
 
-def write_json(path: Path, summary: Mapping[str, Any]) -> None:
-    """Write a summary; a reader finds the old file or the whole new one, never half of it.
+def write_json(path: Path, figures: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Write figures; a reader finds the old file or the whole new one, never half of it.
 
     :raises ValueError: for NaN or infinity, which JSON does not know; nothing is written.
     :raises OSError: naming the path; nothing changes.
     """
-    text = json.dumps(summary, indent=2, allow_nan=False) + '\n'
+    text = json.dumps(figures, indent=2, allow_nan=False) + '\n'
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, text.encode())

@@ -25,6 +25,7 @@ from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.planar_vehicle import foot_height
 
 _TOUCH = 1e-5
 """m above the ground at which a foot touches, for the rounding of observations"""
@@ -83,9 +84,7 @@ def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
     """
     seen = observation.astype(np.float64)
     lean = np.hypot(seen[:, 6], seen[:, 8])
-    foot = (
-        seen[:, 1] * settings['position_scale'] - settings['stance'] * lean
-        - settings['touchdown_height'] * seen[:, 7])
+    foot = foot_height(seen[:, 1] * settings['position_scale'], lean, seen[:, 7], settings)
     return np.asarray(foot <= _TOUCH)
 
 

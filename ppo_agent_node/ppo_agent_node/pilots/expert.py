@@ -20,6 +20,7 @@ from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.planar_vehicle import foot_height
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
 F64 = NDArray[np.float64]
@@ -82,7 +83,7 @@ class ExpertPilot:
         known = {name: value for name, value in spec.settings.items() if name in names}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
             raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
-        self._stance = spec.settings.get('stance')
+        self._feet = spec.settings
         self.settings = settings_module.build(ExpertSettings, gains)
         self.vehicle = settings_module.build(RocketSettings, known)
         v, gain = self.vehicle, self.settings
@@ -126,11 +127,10 @@ class ExpertPilot:
 
         :param origin: `(N,)` m, of the vehicle's origin above where it stands upright.
         """
-        if self._stance is None:
+        if 'stance' not in self._feet:
             return origin
-        legs = self.vehicle.touchdown_height
-        lower: F64 = origin + legs - self._stance * np.hypot(up[0], up[2]) - legs * up[1]
-        return lower
+        standing = self.vehicle.touchdown_height
+        return foot_height(origin + standing, np.hypot(up[0], up[2]), up[1], self._feet)
 
     def _mass(self, to_go: TimeToGo) -> F64:
         """Return the estimated mass `(N,)` kg."""

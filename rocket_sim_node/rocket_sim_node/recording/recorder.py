@@ -204,11 +204,13 @@ class Recorder:
         """Log a flight at the end of the recording, if there is room."""
         stage = self._stage
         assert stage is not None
-        settling = None
-        if self._settle is not None and not self._learning:
+        room = self._choice.room(learning=self._learning) - self.steps
+        steps, settling = len(flight), None
+        # Of a flight that is not recorded nobody need know what became of it.
+        if self._settle is not None and not self._learning and steps <= room:
             settling = self._settle(flight, stage)
-        steps = len(flight) + (len(settling.values) if settling is not None else 0)
-        if self.steps + steps > self._choice.room(learning=self._learning):
+            steps += len(settling.values) if settling is not None else 0
+        if steps > room:
             if self._learning not in self._full:
                 self._full.add(self._learning)
                 self._note('WARN', (

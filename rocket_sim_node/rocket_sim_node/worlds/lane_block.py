@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pymunk Space with a block of vehicles side by side, each with ground of its own."""
+"""One pymunk Space with a block of vehicles side by side, above ground that is theirs."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -60,7 +60,10 @@ class Design(Protocol):
         ...
 
     def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
-        """Return new shapes of ground around x = `origin`, on a static body."""
+        """Return new shapes of ground for the lane at x = `origin`, on a static body.
+
+        Where one shape serves all lanes, the first lane, at 0, brings it and the others none.
+        """
         ...
 
 

@@ -19,9 +19,9 @@ class Engines:
     origin; that place is scattered at every step, and with it size and direction.
     """
 
-    def __init__(self, settings: LunarSettings, num_envs: int) -> None:
+    def __init__(self, settings: LunarSettings) -> None:
         """Take the powers."""
-        self._continuous, self._dt = settings.continuous, settings.dt
+        self._continuous = settings.continuous
         self._main_power = settings.main_engine_power / settings.dt
         self._side_power = settings.side_engine_power / settings.dt
         self.max_thrust = self._main_power * vehicle.MAIN_ENGINE_OFFSET

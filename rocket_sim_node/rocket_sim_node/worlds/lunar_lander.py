@@ -56,7 +56,7 @@ class LunarLanderWorld:
                 f'expected at most time_limit, {s.time_limit} s')
         self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
         self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
-        self._engines = Engines(s, num_envs)
+        self._engines = Engines(s)
         self._force = np.zeros((num_envs, 3, 3))
         self._rows = np.arange(num_envs)
         self._all = slice(None)

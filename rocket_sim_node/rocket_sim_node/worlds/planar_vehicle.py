@@ -7,12 +7,14 @@ two feet and corners of the hull: the struts between need no shapes.
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pymunk
 
 from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.lane_block import LANES
 from rocket_sim_node.worlds.lane_block import Parts
 from rocket_sim_node.worlds.vehicle import RocketSettings
@@ -62,6 +64,19 @@ def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, fl
     """Return where the feet are, left and right, relative to the origin, m."""
     height = -settings.touchdown_height
     return (-settings.stance, height), (settings.stance, height)
+
+
+def foot_height(
+    origin: F64 | float, lean: F64, upright: F64, settings: Mapping[str, float],
+) -> F64:
+    """Return how high the lower foot is, m, of vehicles whose origins are so high.
+
+    :param origin: m.
+    :param lean: sine of the tilt, 0 or more, and `upright` its cosine.
+    :param settings: of a world of rockets with feet.
+    """
+    lower: F64 = origin - settings['stance'] * lean - settings['touchdown_height'] * upright
+    return lower
 
 
 def hull_bottom(settings: PlanarSettings) -> float:

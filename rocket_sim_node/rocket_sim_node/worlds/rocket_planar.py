@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node import settings as settings_module
 from rocket_sim_node.worlds import outcome as outcomes
 from rocket_sim_node.worlds import planar_contact
 from rocket_sim_node.worlds import planar_vehicle
@@ -94,8 +95,8 @@ class RocketPlanarWorld(RocketWorld):
                 f'expected at most touchdown_limit, {settings.touchdown_limit} s')
         widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
         lean = np.linspace(0.0, widest, 91)
-        reach = (
-            settings.stance * np.sin(lean) + settings.touchdown_height * np.cos(lean)).max()
+        reach = -planar_vehicle.foot_height(
+            0.0, np.sin(lean), np.cos(lean), settings_module.as_dict(settings)).min()
         if settings.spawn_height <= reach:
             raise ValueError(
                 f"setting 'spawn_height': got {settings.spawn_height}, expected more than "
