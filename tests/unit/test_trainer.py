@@ -100,7 +100,8 @@ def copy_name(tmp_path: Path) -> Path:
 
 def test_files_of_a_run(straight: Path) -> None:
     assert sorted(p.name for p in straight.glob('[!.]*')) == [
-        'checkpoints', 'config.yaml', 'plots', 'policy.safetensors', 'train.jsonl']
+        'checkpoints', 'cloned.safetensors', 'config.yaml', 'plots', 'policy.safetensors',
+        'train.jsonl']
     checkpoints = sorted(p.name for p in (straight / 'checkpoints').iterdir())
     assert len(checkpoints) == 3
     assert checkpoints[0] == 'best.safetensors'
@@ -111,8 +112,11 @@ def test_files_of_a_run(straight: Path) -> None:
     assert config['num_envs'] == ROCKETS
     assert make_config(config['training']) == small()
     env = world()
-    action = PolicyPilot(straight / 'policy.safetensors', env.spec)(env.reset())
-    assert np.isfinite(action).all()
+    observation = env.reset()
+    for name, fact in (('policy', 'mean_return'), ('cloned', 'stage')):
+        pilot = PolicyPilot(straight / f'{name}.safetensors', env.spec)
+        assert np.isfinite(pilot(observation)).all()
+        assert fact in pilot.description['training']
 
 
 def test_equal_seeds_are_equal_whatever_the_world_was_before(

@@ -29,7 +29,10 @@ class RunFolderError(OSError):
 
 
 class RunFolder:
-    """`config.yaml`, `train.jsonl`, `checkpoints/`, `policy.safetensors`, `plots/` of one run."""
+    """`config.yaml`, `train.jsonl`, `checkpoints/`, policies and `plots/` of one run.
+
+    `policy` is the best one; `cloned` is what behavioural cloning made, before fine-tuning.
+    """
 
     def __init__(self, path: Path | str, resume: bool = False) -> None:
         """Make the folder, or take up the one that is there.
@@ -43,6 +46,7 @@ class RunFolder:
         self.checkpoints = self.path / 'checkpoints'
         self.best = self.checkpoints / 'best.safetensors'
         self.policy = self.path / 'policy.safetensors'
+        self.cloned = self.path / 'cloned.safetensors'
         self.plots = self.path / 'plots'
         if not resume and (self.config.exists() or self.log.exists()):
             raise RunFolderError(

@@ -161,6 +161,7 @@ class Trainer:
         clone(self._learner.policy, samples, self._config.clone, self._config.run.seed, report,
               self._poll)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
+        self._save_policy(self._folder.cloned, stage='clone')
 
     def _demonstrate(self) -> Demonstrations:
         config, rockets = self._config.demonstration, self._env.spec.num_envs
@@ -290,12 +291,15 @@ class Trainer:
             **self._learner.tensors(), WORLD: run_state.snapshot_tensor(self._anchor.snapshot)}
 
     def _save(self, tensors: Tensors, best: Score | None = None) -> None:
-        state, spec = self._state, self._env.spec
-        content = run_state.content(state, spec, self._config)
+        state = self._state
+        content = run_state.content(state, self._env.spec, self._config)
         self._folder.save(state.iteration, tensors, content)
         if best:
             self._folder.save_best(tensors, content)
-            save_policy(
-                self._folder.policy, self._learner.policy, spec,
-                self._config.network, self._config.run.seed,
-                {'run': self._folder.name, 'steps': state.steps, **asdict(best)})
+            self._save_policy(self._folder.policy, **asdict(best))
+
+    def _save_policy(self, path: Path, **facts: Any) -> None:
+        save_policy(
+            path, self._learner.policy, self._env.spec, self._config.network,
+            self._config.run.seed,
+            {'run': self._folder.name, 'steps': self._state.steps, **facts})
