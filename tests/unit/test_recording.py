@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from rocket_sim_node import command_line
 from rocket_sim_node import frames
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import effects
@@ -35,6 +36,7 @@ from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.screenshot import Picture
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.worlds import make
@@ -450,7 +452,7 @@ def test_a_wrong_url_is_refused(url: str) -> None:
 ])
 def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint: str) -> None:
     with pytest.raises((ValueError, TypeError), match=complaint):
-        screenshot.parse(arguments)
+        command_line.parse(Picture, arguments)
 
 
 def test_no_recording_is_named(tmp_path: Path) -> None:
@@ -465,7 +467,7 @@ def test_picture(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
     record(path, flown)
     flights = read.trajectories(path)
-    moment = screenshot.moment(screenshot.parse([f'recording:={path}', 'at:=burn']), flights)
+    moment = screenshot.moment(Picture(str(path), at='burn'), flights)
     try:
         picture, = render.render(path, [moment], size=(960, 600))
     except render.RendererMissing as error:

@@ -33,6 +33,7 @@ from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import Layout
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sceneries import SCENERIES
+from rocket_sim_node.recording.screenshot import Picture
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.worlds import lunar_vehicle
@@ -283,7 +284,7 @@ def test_the_picture_of_a_low_flight_is_taken_near_the_ground(tmp_path: Path) ->
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(1))
     flights = read.trajectories(path)
-    when = screenshot.moment(screenshot.parse([f'recording:={path}', 'at:=burn']), flights)
+    when = screenshot.moment(Picture(str(path), at='burn'), flights)
     height = np.interp(when, flights[0].time, flights[0].position[:, 2])
     assert 0.6 < height < 0.6 + 0.3 * 8.4
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rocket_sim_node import settings
+from rocket_sim_node import command_line
 from rocket_sim_node.recording.blueprint import TABS
 from rocket_sim_node.recording.read import Trajectory
 from rocket_sim_node.recording.read import trajectories
@@ -67,42 +67,16 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
     return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
 
 
-def parse(arguments: list[str]) -> Picture:
-    """Return what `NAME:=VALUE …` asks for.
-
-    :raises ValueError: for an unknown name or a value out of range.
-    :raises TypeError: for a value of another kind.
-    """
-    values: dict[str, object] = {}
-    kinds = {info.name: info.default for info in settings.describe(Picture)}
-    for argument in arguments:
-        name, found, text = argument.partition(':=')
-        if not found:
-            raise ValueError(f'got {argument!r}, expected NAME:=VALUE, e.g. at:=touchdown')
-        whole = isinstance(kinds.get(name), int) and text.lstrip('-').isdigit()
-        values[name] = int(text) if whole else text
-    return settings.build(Picture, values)
-
-
-def usage() -> str:
-    """Return how to call the command."""
-    lines = ['Usage: screenshot recording:=FILE [NAME:=VALUE ...]', '',
-             'Makes a picture of a recording, without a screen.', '', 'Arguments:']
-    lines += [
-        f'  {info.name:<12} {info.description}'
-        + (f' [{info.default}]' if info.default != '' else '')
-        for info in settings.describe(Picture)]
-    return '\n'.join(lines)
-
-
 def main() -> None:
     """Run the command."""
     arguments = sys.argv[1:]
     if not arguments or arguments[0] in ('-h', '--help'):
-        sys.stdout.write(usage() + '\n')
+        sys.stdout.write(command_line.usage(
+            'screenshot', 'recording:=FILE [NAME:=VALUE ...]',
+            'Makes a picture of a recording, without a screen.', Picture))
         return
     try:
-        picture = parse(arguments)
+        picture = command_line.parse(Picture, arguments)
         recording = Path(picture.recording)
         when = moment(picture, trajectories(recording))
         if picture.tab == 'training':

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arguments of commands that are no nodes, written as those of launch files: NAME:=VALUE."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from rocket_sim_node import settings
+
+S = TypeVar('S')
+
+
+def parse(cls: type[S], arguments: Sequence[str]) -> S:
+    """Return settings from `NAME:=VALUE …`, the rest by default.
+
+    :param cls: a settings dataclass; see `rocket_sim_node.settings`.
+    :raises ValueError: for an unknown name, a value out of range or an argument without `:=`.
+    :raises TypeError: for a value of another kind.
+    """
+    kinds = {info.name: info.default for info in settings.describe(cls)}
+    values: dict[str, object] = {}
+    for argument in arguments:
+        name, found, text = argument.partition(':=')
+        if not found:
+            raise ValueError(f'got {argument!r}, expected NAME:=VALUE')
+        values[name] = _value(text, kinds.get(name))
+    return settings.build(cls, values)
+
+
+def _value(text: str, like: object) -> object:
+    """Return a text as a value of the kind of `like`, or as it is when it is none."""
+    if isinstance(like, bool):
+        return {'true': True, 'false': False}.get(text.lower(), text)
+    if isinstance(like, int | float):
+        for kind in (int, float):
+            try:
+                return kind(text)
+            except ValueError:
+                continue
+    return text
+
+
+def usage(name: str, synopsis: str, what: str, cls: type) -> str:
+    """Return how to call a command.
+
+    :param synopsis: its arguments in short.
+    :param what: what it does, a sentence or two.
+    """
+    lines = [f'Usage: {name} {synopsis}', '', what, '', 'Arguments:']
+    lines += [
+        f'  {info.name:<12} {info.description}'
+        + (f' [{info.default}]' if info.default != '' else '')
+        for info in settings.describe(cls)]
+    return '\n'.join(lines) + '\n'
