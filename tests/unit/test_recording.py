@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import shutil
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +29,6 @@ from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.file_sink import partial_path
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
-from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
@@ -395,55 +393,6 @@ def test_wrong_samples_are_named() -> None:
     quantities['position'] = np.zeros(5)
     with pytest.raises(ValueError, match=r'position: 5 values, expected 6 \(2 samples x 3\)'):
         Samples.build(whole, whole, whole, whole, **quantities)
-
-
-def wait(done: Callable[[], bool], seconds: float = 10.0) -> None:
-    end = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def test_a_viewer_that_is_away_holds_up_nobody(tmp_path: Path, flown: Samples) -> None:
-    notes: Notes = []
-    live = LiveSink(
-        f'rerun+http://127.0.0.1:{viewer.free_port()}/proxy', lambda *note: notes.append(note))
-    path = tmp_path / 'run.rrd'
-    recorder = Recorder(Choice(), [live, FileSink(path, lambda *n: None)], lambda *n: None)
-    began = time.monotonic()
-    feed(recorder, flown)
-    recorder.close()
-    assert time.monotonic() - began < 5.0
-    assert live.dropped == recorder.flights
-    assert len(notes) == 1
-    assert 'no viewer at' in notes[0][1]
-    assert len(read.trajectories(path)) == recorder.flights
-
-
-def test_a_viewer_may_go_and_come_back(tmp_path: Path, flown: Samples) -> None:
-    port = viewer.free_port()
-    notes: Notes = []
-    live = LiveSink(
-        f'rerun+http://127.0.0.1:{port}/proxy', lambda *note: notes.append(note), patience=0.5)
-    recorder = Recorder(Choice(), [live], lambda *note: None)
-    for number in (1, 2):
-        server = viewer.Program('--serve-grpc', '--bind', viewer.LOCAL, '--port', str(port))
-        server.wait_for(lambda: viewer.reachable(viewer.LOCAL, port), 'the server', 20.0)
-        feed(recorder, flown, session=2 * number)
-        wait(lambda number=number: sum('streaming' in text for _, text in notes) == number)
-        server.stop()
-        lost = live.dropped
-        feed(recorder, flown, session=2 * number + 1)
-        wait(lambda lost=lost: live.dropped > lost)
-    began = time.monotonic()
-    recorder.close()
-    assert time.monotonic() - began < 2.0
-
-
-@pytest.mark.parametrize('url', ['', '127.0.0.1:9876', 'http://127.0.0.1:9876', 'rerun://x/y'])
-def test_a_wrong_url_is_refused(url: str) -> None:
-    with pytest.raises(ValueError, match='connect: got'):
-        LiveSink(url, lambda *note: None)
 
 
 @pytest.mark.parametrize(('arguments', 'complaint'), [

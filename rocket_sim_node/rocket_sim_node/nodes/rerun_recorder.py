@@ -20,9 +20,9 @@ from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.recorder import Sink
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import CURVES
 from rocket_sim_node.recording.training_log import Training

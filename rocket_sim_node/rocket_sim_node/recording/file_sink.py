@@ -6,7 +6,6 @@ import fcntl
 import itertools
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import rerun as rr
@@ -14,16 +13,15 @@ import rerun as rr
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
 from rocket_sim_node.recording.rewrite import rewrite
+from rocket_sim_node.recording.sink import APPLICATION
+from rocket_sim_node.recording.sink import Look
+from rocket_sim_node.recording.sink import Note
+from rocket_sim_node.recording.sink import Put
 
-APPLICATION = 'hoverslam'
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
 COMPACTED = 32 * 2**20
 """bytes of a file that is worth compacting at its end; a larger one would take seconds"""
-
-Put = Callable[[rr.RecordingStream], None]
-Note = Callable[[str, str], None]
-"""Takes a level ('INFO', 'WARN', 'ERROR') and a text."""
 
 
 def partial_path(path: Path) -> Path:
@@ -60,6 +58,8 @@ class FileSink:
     published. An existing file is never overwritten.
     """
 
+    live = False
+
     def __init__(self, path: Path, note: Note) -> None:
         """Open the partial file.
 
@@ -80,7 +80,7 @@ class FileSink:
         if os.fstat(self._lock).st_size:
             self._repair()
         self._empty = True
-        self._world = ''
+        self._look = Look()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
         self._stream.set_log_time_enabled(False)
         self._stream.save(self._partial, default_blueprint=blueprint())
@@ -115,12 +115,19 @@ class FileSink:
                 28, f'only {free / 2**20:.0f} MiB of disk left, {RESERVE / 2**20:.0f} MiB needed',
                 str(self._path.parent))
 
-    def begin(self, head: Put, world: str) -> None:
-        """Write what stands at the head of a recording, and how its world is shown."""
-        if self._stream is not None and world != self._world:
-            self._world = world
-            self._stream.send_blueprint(blueprint(world=world))
+    def begin(self, head: Put, look: Look) -> None:
+        """Write what stands at the head of a recording, and how it is laid out."""
+        if self._stream is not None and look != self._look:
+            self._look = look
+            self._stream.send_blueprint(blueprint(training=look.training, world=look.world))
         self.write(head)
+
+    def flight(self, put: Put) -> None:
+        """Write a flight that has ended."""
+        self.write(put)
+
+    def under_way(self, put: Put, until: int) -> None:
+        """Do nothing: a flight is written as a whole."""
 
     def write(self, put: Put) -> None:
         """Write now; when the disk is nearly full, close the file instead."""

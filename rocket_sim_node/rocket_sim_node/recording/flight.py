@@ -116,7 +116,11 @@ class Settling:
 
 
 class FlightBuffer:
-    """Collects the samples of one rocket in memory set aside beforehand."""
+    """Collects the samples of one rocket in memory set aside beforehand.
+
+    `episode` and `first_step`, in the simulator, are those of the flight; -1 and 0 when there is
+    none.
+    """
 
     def __init__(self, capacity: int = 1600) -> None:
         """Set memory aside; it doubles when a flight is longer."""
@@ -127,9 +131,9 @@ class FlightBuffer:
     def clear(self) -> None:
         """Forget what was collected."""
         self._count = 0
-        self._first_step = 0
+        self.first_step = 0
+        self.episode = -1
         self._last_step = -1
-        self._episode = -1
 
     def __len__(self) -> int:
         """Return the number of samples collected."""
@@ -145,7 +149,7 @@ class FlightBuffer:
         gapless = samples.step[-1] - samples.step[0] == len(samples.step) - 1
         follows = (
             self._count > 0 and samples.layout == self._layout
-            and samples.episode[0] == self._episode
+            and samples.episode[0] == self.episode
             and samples.step[0] == self._last_step + 1)
         if not gapless or not (begins or follows):
             self.clear()
@@ -155,8 +159,8 @@ class FlightBuffer:
             if samples.layout != self._layout:
                 self._layout = samples.layout
                 self._values = np.empty((len(self._values), self._layout.width))
-            self._first_step = int(samples.step[0])
-            self._episode = int(samples.episode[0])
+            self.first_step = int(samples.step[0])
+            self.episode = int(samples.episode[0])
         end = self._count + len(samples.step)
         while end > len(self._values):
             self._values = np.concatenate((self._values, np.empty_like(self._values)))
@@ -165,10 +169,14 @@ class FlightBuffer:
         self._last_step = int(samples.step[-1])
         return True
 
-    def finish(self, row: int, outcome: str) -> Flight:
-        """Return the flight collected, as a copy, and begin anew."""
-        flight = Flight(
-            row, self._episode, self._first_step, outcome, self._values[:self._count].copy(),
+    def so_far(self, row: int, outcome: str = '') -> Flight:
+        """Return the flight collected, as a copy."""
+        return Flight(
+            row, self.episode, self.first_step, outcome, self._values[:self._count].copy(),
             self._layout)
+
+    def finish(self, row: int, outcome: str) -> Flight:
+        """Return the flight collected, and begin anew."""
+        flight = self.so_far(row, outcome)
         self.clear()
         return flight

@@ -1,21 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a stream to a viewer, which may go away and come back."""
+"""A recording as a stream to a viewer, which may come late, go away and come back."""
 from __future__ import annotations
 
 import queue
 import threading
 import time
+from collections import deque
+from dataclasses import dataclass
+from typing import cast
 from urllib.parse import urlsplit
 
 import rerun as rr
 
+from rocket_sim_node.recording import unsent
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
-from rocket_sim_node.recording.file_sink import APPLICATION
-from rocket_sim_node.recording.file_sink import Note
-from rocket_sim_node.recording.file_sink import Put
+from rocket_sim_node.recording.sink import APPLICATION
+from rocket_sim_node.recording.sink import Look
+from rocket_sim_node.recording.sink import Note
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.unsent import Unsent
 
 DEFAULT_PORT = 9876
+KEPT_FLIGHTS = 64
+KEPT_REPORTS = 2000
+"""flights, and other entries, that a viewer gets which comes late"""
+_LOOK_OUT = 1.0
+"""s between two looks for a viewer while nothing is to be sent"""
 
 
 def parse(url: str) -> tuple[str, int]:
@@ -31,18 +42,31 @@ def parse(url: str) -> tuple[str, int]:
     return parts.hostname, parts.port or DEFAULT_PORT
 
 
+@dataclass(frozen=True)
+class _Item:
+    """Something to be sent: an entry of the recording, a flight, or part of one."""
+
+    put: Put
+    flight: bool = False
+    until: int = unsent.FOR_EVER
+    kept: bool = True
+    """for viewers that come later"""
+
+
 class LiveSink:
     """Sends a recording to a viewer, from a thread of its own.
 
-    What the viewer cannot take is dropped, flight by flight, and counted: neither the file beside
-    it nor anybody else waits. Whenever the viewer is there again it gets the head of the
-    recording anew and all that comes from then on.
+    Neither the file beside it nor anybody else waits for the viewer. Whenever one is there, be it
+    late or again, it gets the head of the recording, the flights that ended lately, and all that
+    comes from then on. What a slow viewer cannot take is dropped, flight by flight, and counted.
     """
+
+    live = True
 
     def __init__(self, url: str, note: Note, *, room: int = 64, patience: float = 2.0) -> None:
         """Start the thread; the viewer need not be there yet.
 
-        :param room: flights that may wait.
+        :param room: entries that may wait.
         :param patience: s within which the viewer must have taken one.
         :raises ValueError: when the URL is none.
         """
@@ -50,37 +74,49 @@ class LiveSink:
         self._url = url
         self._note = note
         self._patience = patience
-        self._queue: queue.Queue[Put | None] = queue.Queue(room)
+        self._queue: queue.Queue[_Item | None] = queue.Queue(room)
         self._head: Put | None = None
-        self._world = ''
+        self._look = Look()
+        self._flights: deque[_Item] = deque(maxlen=KEPT_FLIGHTS)
+        self._reports: deque[_Item] = deque(maxlen=KEPT_REPORTS)
         self._stream: rr.RecordingStream | None = None
+        self._unsent: Unsent | None = None
         self._recording = f'{APPLICATION}-{time.time_ns():x}'
-        self._connected = False
+        self._told_missing = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name='live sink', daemon=True)
         self._thread.start()
 
-    def begin(self, head: Put, world: str) -> None:
-        """Set what a viewer gets first, whenever it comes, and how it shows the world.
+    def begin(self, head: Put, look: Look) -> None:
+        """Set what a viewer gets first, whenever it comes, and how it is laid out.
 
-        One that is there already, which reports of training can bring about, gets it now.
+        One that is there already gets it now.
         """
-        another, self._head, self._world = world != self._world, head, world
+        another, self._head, self._look = look != self._look, head, look
 
         def again(stream: rr.RecordingStream) -> None:
             if another:
-                stream.send_blueprint(blueprint(live=True, world=world))
+                stream.send_blueprint(_layout(look))
             head(stream)
 
         if self._stream is not None:
-            self.write(again)
+            self._put(_Item(again, kept=False))
 
     def write(self, put: Put) -> None:
         """Send soon, or drop when too much waits already."""
-        try:
-            self._queue.put_nowait(put)
-        except queue.Full:
-            self.dropped += 1
+        self._put(_Item(put))
+
+    def flight(self, put: Put) -> None:
+        """Send what the viewer has not seen of a flight that has ended."""
+        self._put(_Item(put, flight=True))
+
+    def under_way(self, put: Put, until: int) -> None:
+        """Send what the viewer has not seen of a flight that goes on, if nothing else waits.
+
+        What is left out comes with the next part, or with the whole flight.
+        """
+        if self._queue.empty():
+            self._put(_Item(put, flight=True, until=until, kept=False))
 
     def close(self) -> None:
         """Send what waits, for a second at most."""
@@ -90,46 +126,69 @@ class LiveSink:
             return
         self._thread.join(1.0)
 
+    def _put(self, item: _Item) -> None:
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.dropped += 1
+
     def _run(self) -> None:
-        while (put := self._queue.get()) is not None:
-            if not self._connect():
-                self.dropped += 1
+        while True:
+            try:
+                item = self._queue.get(timeout=_LOOK_OUT)
+            except queue.Empty:
+                self._connect()
                 continue
-            assert self._stream is not None
-            put(self._stream)
-            self._flush()
+            if item is None:
+                break
+            if item.kept:
+                (self._flights if item.flight else self._reports).append(item)
+            if self._stream is not None:
+                self._send(item)
+            else:
+                self._connect()  # which sends it with the rest
         if self._stream is not None:
             self._stream.disconnect()
 
-    def _connect(self) -> bool:
-        """Return whether there is a viewer, after going to meet it."""
-        if self._stream is not None:
-            return True
+    def _connect(self) -> None:
+        """Go to meet a viewer, and tell it what it has missed."""
+        if self._stream is not None or self._head is None:
+            return
         if not viewer.reachable(*self._address):
-            if self._connected or not self.dropped:
-                self._note('WARN', f'no viewer at {self._url}: what it misses is dropped')
-            self._connected = False
-            return False
+            if not self._told_missing:
+                self._told_missing = True
+                self._note('WARN', f'no viewer at {self._url}: one that comes later gets the '
+                                   f'last {KEPT_FLIGHTS} flights')
+            return
         stream = rr.RecordingStream(APPLICATION, recording_id=self._recording)
         stream.set_log_time_enabled(False)
-        stream.connect_grpc(self._url, default_blueprint=blueprint(
-            live=True, world=self._world))
-        if self._head is not None:
-            self._head(stream)
+        stream.connect_grpc(self._url, default_blueprint=_layout(self._look))
         self._stream = stream
-        self._connected = True
+        self._unsent = Unsent(stream)
+        self._told_missing = False
         self._note('INFO', f'streaming to {self._url}')
-        return True
+        self._head(stream)
+        for item in (*self._reports, *self._flights):
+            self._send(item)
 
-    def _flush(self) -> None:
-        """Wait until the viewer has it; when it does not take it, let go of the viewer."""
-        assert self._stream is not None
+    def _send(self, item: _Item) -> None:
+        """Send and wait until the viewer has it; when it does not take it, let go of it."""
+        if self._stream is None or self._unsent is None:
+            return
+        if item.flight:
+            self._unsent.until = item.until
+            item.put(cast('rr.RecordingStream', self._unsent))
+        else:
+            item.put(self._stream)
         try:
             self._stream.flush(timeout_sec=self._patience)
         except RuntimeError as error:
             self._note('WARN', f'the viewer at {self._url} is gone: {error}')
             stream, self._stream = self._stream, None
-            self._connected = False
             self.dropped += 1
             # It goes on trying for some seconds; nobody needs to wait for that.
             threading.Thread(target=stream.disconnect, daemon=True).start()
+
+
+def _layout(look: Look) -> rr.blueprint.Blueprint:
+    return blueprint(live=True, training=look.training, world=look.world)

@@ -13,6 +13,8 @@ from rocket_sim_node.recording import palette
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.palette import Colour
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.worlds.lunar_vehicle import SIDE_ENGINE_AWAY
+from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
 
 F64 = NDArray[np.float64]
 STANDARD_GRAVITY = 9.81
@@ -53,7 +55,8 @@ def _engine(flight: Flight, stage: Stage) -> tuple[F64, ...]:
 
 def _side_engines(flight: Flight, stage: Stage) -> tuple[F64, ...]:
     """Return main and side engines, %: those have no throttle of their own, only a force."""
-    most = max(float(np.abs(flight.lateral_thrust).max()), 1e-9)
+    power = stage.settings.get('side_engine_power', LunarSettings.side_engine_power)
+    most = max(power / stage.dt * SIDE_ENGINE_AWAY, 1e-9)
     return 100.0 * flight.throttle, 100.0 * flight.lateral_thrust / most
 
 

@@ -5,31 +5,30 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from collections.abc import Sequence
-from typing import Protocol
 from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
 
 from rocket_sim_node.recording import training_log
-from rocket_sim_node.recording.blueprint import blueprint
 from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import Note
-from rocket_sim_node.recording.file_sink import Put
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
 from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.flight_log import log_flight
+from rocket_sim_node.recording.follower import Follower
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sceneries import scenery
+from rocket_sim_node.recording.sink import Look
+from rocket_sim_node.recording.sink import Note
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
-
-TRAINING_PERIOD = 10.0
-"""s of wall clock for which iterations are gathered before they are logged"""
+from rocket_sim_node.recording.training_recorder import TrainingRecorder
 
 EARLY = 200
 """messages kept that come before the description of their world"""
@@ -38,27 +37,13 @@ Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
 """Says what becomes of a rocket after a flight, or None where nothing does."""
 
 
-class Sink(Protocol):
-    """Where a recording goes."""
-
-    def begin(self, head: Put, world: str) -> None:
-        """Log what stands at the head of a recording of a world."""
-        ...
-
-    def write(self, put: Put) -> None:
-        """Log something."""
-        ...
-
-    def close(self) -> None:
-        """Finish."""
-        ...
-
-
 class Recorder:
     """Puts the flights of some rockets one after another on a timeline, with the training beside.
 
     Flights that overlapped in the simulation are shown in the order in which they ended, with a
-    short pause after each; so `sim_time` is the time of the recording.
+    short pause after each; so `sim_time` is the time of the recording. Where a live viewer is
+    among the sinks, one flight at a time is shown while it goes on, and those that end meanwhile
+    come after it.
     """
 
     def __init__(
@@ -79,12 +64,12 @@ class Recorder:
         self._stage: Stage | None = None
         self._session = 0
         self._early: list[tuple[int, Samples]] = []
-        self._training: Training | None = None
-        self._iterations = training_log.IterationCounter()
-        self._pending: list[tuple[Place, Training]] = []
-        self._pending_since = 0.0
+        self._training: TrainingRecorder | None = None
         self._next_step = 0
         self._full: set[bool] = set()
+        self._live = any(sink.live for sink in sinks)
+        self._follower = Follower(self._buffers, clock)
+        self._held: list[Flight] = []
         self.steps = 0
         self.flights = 0
 
@@ -92,17 +77,11 @@ class Recorder:
 
     def world(self, stage: Stage) -> None:
         """Take note of a world; what came before it was kept for it."""
-        known, self._stage = self._stage, stage
-        if stage == known:
+        if stage == self._stage:
             return
-
-        def head(stream: rr.RecordingStream) -> None:
-            scenery(stage.world).static(stream, stage)
-            if self._training is not None:
-                _show_training(stream, stage)
-
-        for sink in self._sinks:
-            sink.begin(head, stage.world)
+        self._let_go()
+        self._stage = stage
+        self._begin(stage)
         early, self._early = self._early, []
         for session, samples in early:
             self.states(session, samples)
@@ -124,45 +103,35 @@ class Recorder:
             index = np.flatnonzero(samples.row == row)
             if index.size:
                 self._add(row, buffer, samples.take(index))
+        if self._live:
+            self._show_under_way()
 
     def training(self, training: Training) -> None:
         """Take an agent's report."""
-        first = self._training is None
-        new_stage = first or training.stage != self._training.stage  # type: ignore[union-attr]
-        self._training = training
-        place = Place(self._next_step, self._iterations.add(training))
-        if not self._pending:
-            self._pending_since = self._clock()
-        if training.learning:
-            self._pending.append((place, training))
-        dt = self._dt
-        stage = self._stage
-        if first and stage is not None:  # otherwise the head does it, when the world is known
-            self._put(lambda stream: _show_training(stream, stage))
-        if new_stage:
-            self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
-        text = training.message or (f'stage {training.stage}' if new_stage else '')
-        if text:
-            self._put(lambda stream: training_log.log_text(
-                stream, [(place, f'{training.stage}: {text}', 'INFO')], dt))
-        self.tick()
+        if self._training is None:
+            self._training = TrainingRecorder(self._put, self._clock)
+            if self._stage is not None:  # otherwise it is done when the world is known
+                self._begin(self._stage)
+        self._training.add(training, self._next_step, self._dt)
 
     def tick(self) -> None:
         """Log what has waited long enough; call it once a second or so."""
-        if self._pending and self._clock() - self._pending_since >= TRAINING_PERIOD:
-            self._flush_training()
+        if self._training is not None:
+            self._training.tick(self._dt)
 
     def close(self) -> None:
         """Log what is left and finish all recordings.
 
         A flight that was under way is kept only when no other was recorded.
         """
+        self._let_go()
         if not self.flights:
             for row, buffer in self._buffers.items():
                 if len(buffer) > 1:
                     self._record(buffer.finish(row, ''))
                     break
-        self._flush_training()
+        if self._training is not None:
+            self._training.flush(self._dt)
         for sink in self._sinks:
             sink.close()
 
@@ -176,6 +145,19 @@ class Recorder:
     def _learning(self) -> bool:
         return self._training is not None and self._training.learning
 
+    def _begin(self, stage: Stage) -> None:
+        """Log what stands at the head of the recording of a world."""
+        training = self._training is not None
+
+        def head(stream: rr.RecordingStream) -> None:
+            scenery(stage.world).static(stream, stage)
+            if training:
+                training_log.log_styles(stream)
+                training_log.log_backdrop(stream, stage)
+
+        for sink in self._sinks:
+            sink.begin(head, Look(stage.world, training))
+
     def _put(self, put: Put) -> None:
         for sink in self._sinks:
             sink.write(put)
@@ -186,11 +168,7 @@ class Recorder:
         start = 0
         for end in (np.flatnonzero(samples.outcome != FLYING) + 1).tolist():
             if buffer.extend(samples.take(slice(start, end))):
-                flight = buffer.finish(row, self._name(int(samples.outcome[end - 1])))
-                landed = flight.outcome == self._stage.outcomes[0]
-                if self._choice.wanted(
-                        flight.episode, landed=landed, learning=self._learning):
-                    self._record(flight)
+                self._finish(buffer.finish(row, self._name(int(samples.outcome[end - 1]))))
             start = end
         if start < len(samples.step):
             buffer.extend(samples.take(slice(start, None)))
@@ -200,8 +178,30 @@ class Recorder:
         names = self._stage.outcomes
         return names[outcome] if outcome < len(names) else f'outcome {outcome}'
 
-    def _record(self, flight: Flight) -> None:
-        """Log a flight at the end of the recording, if there is room."""
+    def _finish(self, flight: Flight) -> None:
+        """Record a flight that has ended, if it is wanted; now, or after the one followed."""
+        assert self._stage is not None
+        followed = self._follower.follows(flight.row, flight.episode)
+        landed = flight.outcome == self._stage.outcomes[0]
+        if not followed and not self._choice.wanted(
+                flight.episode, landed=landed, learning=self._learning):
+            return
+        if self._follower.flight is not None and not followed:
+            self._held.append(flight)
+            return
+        if not self._record(flight) and followed:
+            self._let_go()
+        elif followed:
+            self._follower.end()
+        self._record_held()
+
+    def _record_held(self) -> None:
+        held, self._held = self._held, []
+        for flight in held:
+            self._record(flight)
+
+    def _record(self, flight: Flight) -> bool:
+        """Log a flight at the end of the recording; return whether there was room."""
         stage = self._stage
         assert stage is not None
         room = self._choice.room(learning=self._learning) - self.steps
@@ -216,22 +216,52 @@ class Recorder:
                 self._note('WARN', (
                     f'max_steps: {self.steps} steps are recorded, no more flights'
                     + (' until the agent has learnt' if self._learning else '')))
-            return
-        place = Place(self._next_step, self._iterations.count)
-        self._put(lambda stream: log_flight(stream, flight, stage, place, settling))
+            return False
+        put = self._put_of(flight, settling)
+        for sink in self._sinks:
+            sink.flight(put)
         self.steps += steps
         self.flights += 1
         self._next_step += steps + pause_steps(stage)
+        return True
 
-    def _flush_training(self) -> None:
-        if self._pending:
-            rows, self._pending = self._pending, []
-            dt = self._dt
-            self._put(lambda stream: training_log.log_training(stream, rows, dt))
+    def _put_of(self, flight: Flight, settling: Settling | None = None) -> Put:
+        """Return what logs a flight at the end of the recording."""
+        stage = self._stage
+        assert stage is not None
+        iteration = self._training.iteration if self._training is not None else 0
+        place = Place(self._next_step, iteration)
+        return lambda stream: log_flight(stream, flight, stage, place, settling)
 
+    # What is seen while it happens
 
-def _show_training(stream: rr.RecordingStream, stage: Stage) -> None:
-    """Add the tab of an agent that trains."""
-    training_log.log_styles(stream)
-    training_log.log_backdrop(stream, stage)
-    stream.send_blueprint(blueprint(training=True, world=stage.world))
+    def _show_under_way(self) -> None:
+        """Show more of the flight that is followed, or begin to follow one."""
+        if self._follower.lost:
+            self._let_go()
+        room = self._choice.room(learning=self._learning) - self.steps
+
+        def wanted(episode: int) -> bool:
+            # Landed or not is not known yet: only what is recorded in either case.
+            return room > 0 and self._choice.wanted(
+                episode, landed=True, learning=self._learning)
+
+        flight = self._follower.look(wanted)
+        if flight is not None:
+            put = self._put_of(flight)
+            # Its last sample may be drawn otherwise when there are more.
+            until = self._next_step + len(flight) - 1
+            for sink in self._sinks:
+                sink.under_way(put, until)
+
+    def _let_go(self) -> None:
+        """Leave a flight unfinished that was followed; what waited for its end is recorded."""
+        flight = self._follower.flight
+        if flight is not None and self._stage is not None:
+            put = self._put_of(flight)
+            end = self._next_step + len(flight) + pause_steps(self._stage)
+            for sink in self._sinks:
+                sink.under_way(put, end)
+            self._next_step = end
+            self._follower.end()
+        self._record_held()

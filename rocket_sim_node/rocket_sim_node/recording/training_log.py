@@ -18,6 +18,7 @@ from rocket_sim_node.recording.camera import log_camera
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.palette import Colour
 from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.place import timelines
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import Layout
 from rocket_sim_node.recording.sceneries import scenery
@@ -154,8 +155,7 @@ def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
     steps = np.array([place.step for place in places])
     return [
         rr.TimeColumn('iteration', sequence=[place.iteration for place in places]),
-        rr.TimeColumn('sim_time', duration=steps * dt),
-        rr.TimeColumn('step', sequence=steps),
+        *timelines(steps, dt),
     ]
 
 

@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Live viewers: flights while they happen, viewers that come late, go away and come back."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from typing import cast
+
+import numpy as np
+import pytest
+import rerun as rr
+from recordings import fly
+from rerun.chunk import RrdReader
+
+from rocket_sim_node.recording import follower
+from rocket_sim_node.recording import read
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.live_sink import LiveSink
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.samples import FLYING
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.sink import Look
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.unsent import FOR_EVER
+from rocket_sim_node.recording.unsent import Unsent
+from rocket_sim_node.worlds.base import Telemetry
+
+Notes = list[tuple[str, str]]
+Rows = dict[str, dict[int, dict[str, Any]]]
+ROCKETS = 2
+
+
+def brake(state: Telemetry, observation: np.ndarray) -> np.ndarray:
+    """Row 0 lands as well as it can, row 1 falls."""
+    height = np.maximum(state.position[:, 1] - 5.2, 0.05)
+    speed = -state.linear_velocity[:, 1]
+    wanted = state.mass * (9.81 + speed ** 2 / (2 * height)) / 470_880
+    on = (speed > np.sqrt(10.0 * height) + 0.5) | (state.throttle > 0)
+    action = np.zeros((ROCKETS, 3), np.float32)
+    action[:, 0] = np.where(on & (np.arange(ROCKETS) == 0), np.clip(2 * wanted - 1, -1, 1), -1)
+    return action
+
+
+def fire(state: Telemetry, observation: np.ndarray) -> np.ndarray:
+    """Use all engines of the lander in turn."""
+    return np.where(np.arange(ROCKETS) == 0, (state.time / state.time.max(initial=0.02) * 3), 1) \
+        .astype(np.int32) % 4
+
+
+PILOTS = {'rocket': brake, 'rocket_planar': brake, 'lunar_lander': fire}
+SETTINGS: dict[str, dict[str, float]] = {
+    'rocket': {'level': 1, 'spawn_angle': 0.3}, 'rocket_planar': {'level': 1}, 'lunar_lander': {}}
+
+
+@pytest.fixture(scope='module', params=list(PILOTS))
+def flown(request: pytest.FixtureRequest) -> tuple[Stage, Samples]:
+    """Return a world and what two vehicles did in it for 700 steps."""
+    world, samples = fly(
+        request.param, ROCKETS, 700, PILOTS[request.param], **SETTINGS[request.param])
+    spec = world.spec
+    return Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings), samples
+
+
+class Tape:
+    """A live sink whose viewer is a file."""
+
+    live = True
+
+    def __init__(self, path: Path) -> None:
+        self.stream = rr.RecordingStream('tape')
+        self.stream.set_log_time_enabled(False)
+        self.stream.save(path)
+        self.unsent = Unsent(self.stream)
+        self.looks: list[Look] = []
+        self.parts = 0
+        self.flights = 0
+
+    def begin(self, head: Put, look: Look) -> None:
+        head(self.stream)
+        self.looks.append(look)
+
+    def write(self, put: Put) -> None:
+        put(self.stream)
+
+    def flight(self, put: Put) -> None:
+        self.under_way(put, FOR_EVER)
+        self.flights += 1
+
+    def under_way(self, put: Put, until: int) -> None:
+        self.unsent.until = until
+        put(cast('rr.RecordingStream', self.unsent))
+        self.parts += 1
+
+    def close(self) -> None:
+        self.stream.flush()
+        self.stream.disconnect()
+
+
+class Clock:
+    """Time that goes on by so many s with each look at it."""
+
+    def __init__(self, pace: float) -> None:
+        self.now, self.pace = 0.0, pace
+
+    def __call__(self) -> float:
+        self.now += self.pace
+        return self.now
+
+
+def feed(
+    recorder: Recorder, flown: tuple[Stage, Samples], session: int = 1, piece: int = 7,
+) -> None:
+    stage, samples = flown
+    recorder.world(stage)
+    for start in range(0, len(samples.step), piece):
+        recorder.states(session, samples.take(slice(start, start + piece)))
+
+
+def rows(path: Path) -> Rows:
+    """Return all that stands on the timeline of steps, by entity, step and component."""
+    table: Rows = {}
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static or 'step' not in chunk.timeline_names:
+            continue
+        batch = chunk.to_record_batch()
+        for row in batch.to_pylist():
+            kept = {
+                name: value for name, value in row.items()
+                if value is not None and name not in ('step', 'rerun.controls.RowId')}
+            table.setdefault(chunk.entity_path, {}).setdefault(row['step'], {}).update(kept)
+    return table
+
+
+def without_end(table: Rows, ends: set[int]) -> Rows:
+    return {
+        entity: {step: row for step, row in by_step.items() if step not in ends}
+        for entity, by_step in table.items()}
+
+
+def test_what_was_seen_live_is_what_was_recorded(
+    tmp_path: Path, flown: tuple[Stage, Samples],
+) -> None:
+    tape = Tape(tmp_path / 'live.rrd')
+    file = FileSink(tmp_path / 'file.rrd', lambda *note: None)
+    # A glance at each message: of two vehicles one is followed, the other waits for its end.
+    recorder = Recorder(Choice(), [tape, file], lambda *note: None, Clock(follower.PERIOD))
+    feed(recorder, flown)
+    recorder.close()
+    assert tape.flights == recorder.flights > 1
+    assert tape.parts > 3 * tape.flights
+    live, whole = rows(tmp_path / 'live.rrd'), rows(tmp_path / 'file.rrd')
+    summaries = [f.summary for f in read.trajectories(tmp_path / 'file.rrd')]
+    assert len({(s['row'], s['episode']) for s in summaries}) == recorder.flights
+    # What is drawn of a flight does not change when more of it is known ...
+    for entity, by_step in whole.items():
+        if entity == scene.CAMERA and flown[0].world != 'lunar_lander':
+            continue  # ... but for the view, which turns to a vehicle that ends lying.
+        assert set(by_step) == set(live[entity]), entity
+        for step, row in by_step.items():
+            for name, value in row.items():
+                np.testing.assert_equal(live[entity][step][name], value, f'{entity} {step}')
+
+
+def test_a_flight_is_seen_while_it_goes_on(tmp_path: Path, flown: tuple[Stage, Samples]) -> None:
+    stage, samples = flown
+    begun = samples.take(samples.step < 50)
+    path = tmp_path / 'live.rrd'
+    tape = Tape(path)
+    recorder = Recorder(Choice(), [tape], lambda *note: None, Clock(follower.PERIOD))
+    feed(recorder, (stage, begun), piece=2)
+    assert recorder.flights == tape.flights == 0
+    tape.close()
+    poses = rows(path)[scene.ROCKET]
+    # The youngest, that is the first of equals; all but its last sample, of which it is not known
+    # whether it is the last.
+    assert sorted(poses) == list(range(49))
+    mine = begun.take(begun.row == 0)
+    for step, pose in poses.items():
+        np.testing.assert_allclose(
+            pose['Transform3D:translation'][0], mine.values[step, 1:4], rtol=1e-6)
+
+
+def test_a_flight_that_breaks_off_leaves_room_for_the_next(
+    tmp_path: Path, flown: tuple[Stage, Samples],
+) -> None:
+    path = tmp_path / 'live.rrd'
+    tape = Tape(path)
+    recorder = Recorder(
+        Choice(rows=(0,)), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
+        lambda *note: None, Clock(2 * follower.DWELL))
+    stage, samples = flown
+    feed(recorder, (stage, samples.take(samples.step < 40)))
+    feed(recorder, flown, session=2)
+    recorder.close()
+    first = read.trajectories(tmp_path / 'file.rrd')[0].summary
+    assert first['first_step'] >= 39
+    assert first['episode'] == 0
+    seen = rows(path)[scene.ROCKET]
+    assert set(range(39)) < set(seen)
+    # The lines of the plots end between the two.
+    gap = [step for step in seen if 39 <= step < first['first_step']]
+    assert any(np.isnan(seen[step]['Flight:motion'][0]) for step in gap)
+
+
+def test_nothing_is_followed_that_is_not_recorded(
+    tmp_path: Path, flown: tuple[Stage, Samples],
+) -> None:
+    tape = Tape(tmp_path / 'live.rrd')
+    recorder = Recorder(
+        Choice(every_nth_episode=1000), [tape], lambda *note: None, Clock(follower.PERIOD))
+    recorder.training(Training('finetune', 1, {}))
+    stage, samples = flown
+    later = samples.take(samples.episode > 0)
+    feed(recorder, (stage, later))
+    assert np.any(later.outcome != FLYING)
+    assert tape.parts == tape.flights == 0
+    assert tape.looks == [Look(stage.world, training=True)]
+
+
+def test_without_a_viewer_nothing_waits(tmp_path: Path, flown: tuple[Stage, Samples]) -> None:
+    order = []
+    for live in (False, True):
+        path = tmp_path / f'{live}.rrd'
+        tape = Tape(tmp_path / f'{live}_live.rrd')
+        tape.live = live
+        recorder = Recorder(
+            Choice(), [tape, FileSink(path, lambda *note: None)], lambda *note: None,
+            Clock(follower.PERIOD))
+        feed(recorder, flown, piece=1)
+        recorder.close()
+        order.append([(f.row, f.episode) for f in read.trajectories(path)])
+    samples = flown[1]
+    ended = np.flatnonzero(samples.outcome != FLYING)
+    assert order[0] == [(samples.row[k], samples.episode[k]) for k in ended]
+    assert sorted(order[0]) == sorted(order[1])
+
+
+# Real viewers
+
+def wait(done: Callable[[], bool], seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def port() -> int:
+    """Return a free one."""
+    return viewer.free_port()
+
+
+@pytest.fixture
+def start(port: int) -> Iterator[Callable[..., viewer.Program]]:
+    """Return what starts a Rerun program that listens at the port."""
+    programs = []
+
+    def program(*arguments: str) -> viewer.Program:
+        server = viewer.Program(*arguments, '--bind', viewer.LOCAL, '--port', str(port))
+        programs.append(server)
+        server.wait_for(lambda: viewer.reachable(viewer.LOCAL, port), 'the server', 20.0)
+        return server
+
+    yield program
+    for server in programs:
+        server.stop()
+
+
+def url(port: int) -> str:
+    return f'rerun+http://127.0.0.1:{port}/proxy'
+
+
+def test_a_viewer_that_is_away_holds_up_nobody(
+    tmp_path: Path, port: int, flown: tuple[Stage, Samples],
+) -> None:
+    notes: Notes = []
+    live = LiveSink(url(port), lambda *note: notes.append(note))
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(Choice(), [live, FileSink(path, lambda *n: None)], lambda *n: None)
+    began = time.monotonic()
+    feed(recorder, flown, piece=100)
+    recorder.close()
+    assert time.monotonic() - began < 5.0
+    assert len(notes) == 1
+    assert 'no viewer at' in notes[0][1]
+    assert len(read.trajectories(path)) == recorder.flights
+
+
+def test_a_viewer_that_comes_late_gets_what_was_before(
+    tmp_path: Path, port: int, flown: tuple[Stage, Samples],
+    start: Callable[..., viewer.Program],
+) -> None:
+    live = LiveSink(url(port), lambda *note: None)
+    whole = tmp_path / 'whole.rrd'
+    recorder = Recorder(Choice(), [live, FileSink(whole, lambda *n: None)], lambda *n: None)
+    recorder.training(Training('finetune', 1, {'mean_return': 1.0}, 'checkpoint saved'))
+    feed(recorder, flown, piece=100)
+    # Nothing happens any more; the viewer comes.
+    path = tmp_path / 'seen.rrd'
+    server = start('--save', str(path))
+    wait(lambda: path.exists() and path.stat().st_size > 50_000)
+    recorder.close()
+    server.stop()
+    viewer.repair(path, tmp_path / 'mended.rrd')
+    seen, recorded = read.trajectories(tmp_path / 'mended.rrd'), read.trajectories(whole)
+    assert len(seen) == len(recorded) > 0
+    for one, other in zip(seen, recorded, strict=True):
+        assert (one.row, one.episode, one.start) == (other.row, other.episode, other.start)
+        np.testing.assert_array_equal(one.position, other.position)
+    assert any('checkpoint saved' in str(row) for row in rows(tmp_path / 'mended.rrd')[
+        scene.LOG].values())
+
+
+def test_a_viewer_may_go_and_come_back(
+    port: int, flown: tuple[Stage, Samples], start: Callable[..., viewer.Program],
+) -> None:
+    notes: Notes = []
+    live = LiveSink(url(port), lambda *note: notes.append(note), patience=0.5)
+    recorder = Recorder(Choice(), [live], lambda *note: None)
+    for number in (1, 2):
+        server = start('--serve-grpc')
+        feed(recorder, flown, session=2 * number, piece=100)
+        wait(lambda number=number: sum('streaming' in text for _, text in notes) == number)
+        server.stop()
+        lost = live.dropped
+        feed(recorder, flown, session=2 * number + 1, piece=100)
+        wait(lambda lost=lost: live.dropped > lost)
+    began = time.monotonic()
+    recorder.close()
+    assert time.monotonic() - began < 2.0
+
+
+@pytest.mark.parametrize('wrong', ['', '127.0.0.1:9876', 'http://127.0.0.1:9876', 'rerun://x/y'])
+def test_a_wrong_url_is_refused(wrong: str) -> None:
+    with pytest.raises(ValueError, match='connect: got'):
+        LiveSink(wrong, lambda *note: None)
+
+
+def test_an_entity_without_steps_is_refused() -> None:
+    stream = Unsent(cast('rr.RecordingStream', None))
+    with pytest.raises(ValueError, match=r'/x: timelines sim_time, expected step'):
+        stream.send_columns('/x', [rr.TimeColumn('sim_time', duration=[0.0])], [])
