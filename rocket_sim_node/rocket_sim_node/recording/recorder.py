@@ -11,6 +11,9 @@ import numpy as np
 import rerun as rr
 
 from rocket_sim_node.recording import training_log
+from rocket_sim_node.recording.backdrop import BEFORE_FLIGHT
+from rocket_sim_node.recording.backdrop import BEFORE_TRAINING
+from rocket_sim_node.recording.backdrop import log_backdrop
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
@@ -153,10 +156,14 @@ class Recorder:
             scenery(stage.world).static(stream, stage)
             if training:
                 training_log.log_styles(stream)
-                training_log.log_backdrop(stream, stage)
+                log_backdrop(stream, stage, BEFORE_TRAINING)
+
+        def live_head(stream: rr.RecordingStream) -> None:
+            head(stream)
+            log_backdrop(stream, stage, BEFORE_FLIGHT)
 
         for sink in self._sinks:
-            sink.begin(head, Look(stage.world, training))
+            sink.begin(live_head if sink.live else head, Look(stage.world, training))
 
     def _put(self, put: Put) -> None:
         for sink in self._sinks:

@@ -6,28 +6,18 @@ import math
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import scene
-from rocket_sim_node.recording.camera import log_camera
-from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.palette import Colour
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import timelines
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import Layout
-from rocket_sim_node.recording.sceneries import scenery
-from rocket_sim_node.recording.stage import Stage
 
 LEARNING = ('demonstrate', 'clone', 'finetune')
 """Stages in which an agent learns; in the others it shows what it can."""
-STANDING = Layout(legs=2)
-"""What there is to know of a vehicle that stands where nothing flies, on flat ground."""
 
 
 @dataclass(frozen=True)
@@ -106,29 +96,6 @@ def log_styles(stream: rr.RecordingStream) -> None:
             names=[curve.name for curve in curves], colors=[curve.colour for curve in curves],
             widths=[1.0 if curve.colour == palette.GREY else 2.0 for curve in curves],
         ), static=True)
-
-
-@dataclass(frozen=True)
-class _Backdrop(Place):
-    """Where nothing flies: at the head of the timeline of iterations."""
-
-    def times(self, offsets: NDArray[Any], dt: float) -> list[rr.TimeColumn]:
-        """Return the time columns of rows that stand there."""
-        return [rr.TimeColumn('iteration', sequence=[0] * len(offsets))]
-
-
-def log_backdrop(stream: rr.RecordingStream, stage: Stage) -> None:
-    """Let the vehicle stand on its pad on the timeline of iterations, where nothing flies."""
-    values = np.zeros((1, STANDING.width))
-    values[0, FIELDS['position'].stop - 1] = stage.touchdown_height
-    values[0, FIELDS['orientation'].stop - 1] = 1.0
-    standing = Flight(0, 0, 0, '', values, STANDING)
-    look, place = scenery(stage.world), _Backdrop(0)
-    stream.send_columns(scene.ROCKET, place.times(values, stage.dt), rr.Transform3D.columns(
-        translation=standing.position, quaternion=standing.orientation))
-    log_camera(stream, standing, stage, place, look.camera)
-    for effect in look.effects:
-        effect(stream, standing, stage, place)
 
 
 def log_training(
