@@ -49,6 +49,10 @@ class Simulator:
         self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
         self._session = 0
 
+    def end(self) -> None:
+        """Leave the graph."""
+        rclpy.try_shutdown(context=self.context)
+
     def take(self, world: str) -> None:
         """Go on with another world."""
         self._world = make(world, ROCKETS)
@@ -98,7 +102,7 @@ def simulator(
     """Return a simulator in this process."""
     simulator = Simulator(processes, monkeypatch)
     yield simulator
-    rclpy.shutdown(context=simulator.context)
+    simulator.end()
 
 
 def start(processes: Processes, path: Path, **parameters: object) -> Process:
@@ -193,6 +197,7 @@ def test_killed_and_started_again(
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()
+    simulator.end()  # who starts again would hear which world it has
 
     again = start(processes, path)
     assert 'its recording is repaired' in again.output()
@@ -222,6 +227,7 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
 @pytest.mark.parametrize(('parameters', 'complaint'), [
     ({'output': '/proc/run.rrd'}, '/proc/run'),
     ({'connect': 'localhost'}, "connect: got 'localhost'"),
+    ({'serve_web': True, 'web_host': 'mars'}, "web_host: got 'mars'"),
 ])
 def test_wrong_parameters_are_named(
     processes: Processes, parameters: dict[str, object], complaint: str,

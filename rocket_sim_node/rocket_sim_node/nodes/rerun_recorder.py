@@ -53,9 +53,11 @@ class Destinations:
         'never overwritten but the new one numbered (-2, -3, ...); empty: none')
     connect: str = setting(
         '', '', 'URL of a running viewer, e.g. rerun+http://127.0.0.1:9876/proxy; empty: none')
-    serve_web: bool = setting(
-        False, '', 'serve a live web page, to this machine only')
+    serve_web: bool = setting(False, '', 'serve a live web page')
     web_port: int = setting(9090, '', 'port of the web page', 1, 65535)
+    web_host: str = setting(
+        '127.0.0.1', '', 'address at which the web page is served: this machine only; 0.0.0.0 '
+        'lets everybody who reaches this machine see it')
 
 
 class RecorderNode:
@@ -143,7 +145,7 @@ def record(node: Node, executor: Executor) -> None:
         if destinations.connect:
             sinks.append(LiveSink(destinations.connect, note))
         if destinations.serve_web:
-            page = WebPage(destinations.web_port)
+            page = WebPage(destinations.web_port, destinations.web_host)
             stack.callback(page.close)
             sinks.append(LiveSink(page.url, note))
             note('INFO', f'watch it in a browser: {page.page}')

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a web page, for browsers on this machine."""
+"""A recording as a web page, for browsers on this machine unless told otherwise."""
 from __future__ import annotations
 
+import ipaddress
+import socket
 from urllib.parse import quote
 
 from rocket_sim_node.recording import viewer
@@ -9,29 +11,39 @@ from rocket_sim_node.recording.viewer import LOCAL
 
 
 class WebPage:
-    """The Rerun program as a server, bound to this machine, for any number of browsers.
+    """The Rerun program as a server for any number of browsers.
 
     It keeps what it got, so that a browser that comes late sees all of it.
     """
 
-    def __init__(self, port: int, memory: str = '512MiB') -> None:
+    def __init__(self, port: int, host: str = LOCAL, memory: str = '512MiB') -> None:
         """Start it and wait until it listens.
 
         :param port: of the page; the data flows through another one.
+        :param host: address of this machine that it listens at; 0.0.0.0: at all of them.
         :param memory: kept for browsers that come late; older data makes room.
+        :raises ValueError: when `host` is no address.
         :raises ViewerError: when it cannot be started, for example because the port is taken.
         """
-        if viewer.reachable(LOCAL, port):
+        try:
+            address = ipaddress.ip_address(host)
+        except ValueError:
+            raise ValueError(
+                f'web_host: got {host!r}, expected an address such as {LOCAL}') from None
+        near = LOCAL if address.is_unspecified else host
+        far = socket.gethostname() if address.is_unspecified else host
+        if viewer.reachable(near, port):
             raise viewer.ViewerError(f'web_port: {port} is taken by another program')
         data = viewer.free_port()
-        self.url = f'rerun+http://{LOCAL}:{data}/proxy'
-        self.page = f'http://{LOCAL}:{port}/?url={quote(self.url, safe="")}'
+        self.url = f'rerun+http://{near}:{data}/proxy'
+        seen = quote(f'rerun+http://{far}:{data}/proxy', safe='')
+        self.page = f'http://{far}:{port}/?url={seen}'
         self._program = viewer.Program(
-            '--serve-web', '--bind', LOCAL, '--port', str(data), '--web-viewer-port', str(port),
+            '--serve-web', '--bind', host, '--port', str(data), '--web-viewer-port', str(port),
             '--server-memory-limit', memory)
         try:
             self._program.wait_for(
-                lambda: viewer.reachable(LOCAL, port) and viewer.reachable(LOCAL, data),
+                lambda: viewer.reachable(near, port) and viewer.reachable(near, data),
                 'the web viewer', 20.0)
         except viewer.ViewerError:
             self._program.stop()
