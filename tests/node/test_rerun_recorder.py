@@ -193,7 +193,7 @@ def test_killed_and_started_again(
     empty = partial_path(path).stat().st_size
     simulator.begin()
     simulator.fall(2 * FALL)
-    wait_for_bytes(partial_path(path), empty + 150_000)
+    wait_for_bytes(partial_path(path), empty + 250_000)
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()
