@@ -25,8 +25,10 @@ setup(
         'console_scripts': [
             'ppo_agent = ppo_agent_node.nodes.ppo_agent:main',
             'expert_pilot = ppo_agent_node.nodes.expert_pilot:main',
+            'keyboard_pilot = ppo_agent_node.nodes.keyboard_pilot:main',
             'random_pilot = ppo_agent_node.nodes.random_pilot:main',
             'evaluate = ppo_agent_node.nodes.evaluate:main',
+            'watch = ppo_agent_node.nodes.watch:main',
         ],
     },
 )

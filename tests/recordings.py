@@ -3,41 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rerun.chunk import RrdReader
 
-from rocket_sim_node import frames
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.recorder import Settle
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import OWN_FIELDS
+from rocket_sim_node.recording.reel import Settle
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.telemetry import joined
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import Telemetry
 
-VECTORS = ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force')
 Pilot = Callable[[Telemetry, np.ndarray], np.ndarray]
-
-
-def joined(parts: list[tuple[int, Telemetry]]) -> Samples:
-    """Return telemetry of several steps as samples, z up."""
-    def join(name: str) -> np.ndarray:
-        values = np.concatenate([getattr(part, name) for _, part in parts])
-        if name == 'orientation':
-            return frames.quaternion_to_ros(values)
-        return frames.vector_to_ros(values) if name in VECTORS else values
-
-    return Samples.build(
-        np.concatenate([np.full(len(part.row), step) for step, part in parts]),
-        join('row'), join('episode'), join('outcome'),
-        **{name: join(name) for name in (*FIELDS, *OWN_FIELDS)})
 
 
 def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: float) -> tuple[
@@ -60,13 +44,15 @@ def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: float) -
 
 def record(
     path: Path, stage: Stage, samples: Samples, settle: Settle | None = None,
+    kind: type[Recorder] = Recorder, more: Sequence[tuple[Stage, Samples]] = (),
 ) -> Recorder:
-    """Record samples to a file."""
-    recorder = Recorder(
+    """Record samples to a file, and then `more` of other worlds, each a session of its own."""
+    recorder = kind(
         Choice(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=settle)
-    recorder.world(stage)
-    for start in range(0, len(samples.step), 100):
-        recorder.states(1, samples.take(slice(start, start + 100)))
+    for session, (world, flown) in enumerate(((stage, samples), *more), 1):
+        recorder.world(world)
+        for start in range(0, len(flown.step), 100):
+            recorder.states(session, flown.take(slice(start, start + 100)))
     recorder.close()
     return recorder
 

@@ -106,7 +106,7 @@ def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
     listed = processes.start('ros2', 'pkg', 'executables', 'ppo_agent_node')
     assert listed.wait(30.0) == 0
     assert listed.output().split()[1::2] == [
-        'evaluate', 'expert_pilot', 'ppo_agent', 'random_pilot']
+        'evaluate', 'expert_pilot', 'keyboard_pilot', 'ppo_agent', 'random_pilot', 'watch']
     for world in ('rocket', 'lunar_lander'):
         simulator = processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=8)
         pilot = processes.run_node('ppo_agent_node', 'random_pilot', episodes=16, seed=3)

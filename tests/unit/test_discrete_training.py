@@ -17,7 +17,6 @@ from matplotlib.image import imread
 
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning import curves
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import load_preset
@@ -33,6 +32,8 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.reporting.pictures import draw
+from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import worlds
 
 SMALL: dict[str, Any] = {
@@ -128,9 +129,9 @@ def test_each_episode_has_its_line_and_its_score(
     for line in lines[1:]:
         assert np.mean(line['scores']) == pytest.approx(line['mean_return'])
     assert straight[1] == ScoreLines(0).add(scores)
-    pictures = {path.name: path for path in curves.draw(straight[0] / 'train.jsonl', tmp_path)}
-    assert set(pictures) == {'training.png', 'diagnostics.png', 'score.png'}
-    for path in pictures.values():
+    drawn = {picture.path.name: picture.path for picture in draw(load(straight[0]), tmp_path)}
+    assert set(drawn) == {'training.png', 'diagnostics.png', 'score.png'}
+    for path in drawn.values():
         ink = (imread(path)[..., :3] < 0.9).any(axis=-1).mean()
         assert 0.01 < ink < 0.6, path
 
@@ -159,7 +160,7 @@ def test_nobody_says_a_word_unless_asked(tmp_path: Path) -> None:
     train(tmp_path / 'run', said=said, iterations=2, episode_lines=False)
     assert said == []
     assert not any('scores' in line for line in RunFolder(tmp_path / 'run', resume=True).lines())
-    curves.draw(tmp_path / 'run' / 'train.jsonl', tmp_path)
+    draw(load(tmp_path / 'run'), tmp_path)
     assert not (tmp_path / 'score.png').exists()
 
 

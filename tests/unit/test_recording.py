@@ -19,8 +19,6 @@ from rocket_sim_node.recording import flight_log
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import place
 from rocket_sim_node.recording import read
-from rocket_sim_node.recording import render
-from rocket_sim_node.recording import screenshot
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording import viewer
@@ -410,19 +408,3 @@ def test_no_recording_is_named(tmp_path: Path) -> None:
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
     with pytest.raises(OSError, match='not a readable recording'):
         read.trajectories(tmp_path / 'junk.rrd')
-
-
-def test_picture(tmp_path: Path, flown: Samples) -> None:
-    path = tmp_path / 'run.rrd'
-    record(path, flown)
-    flights = read.trajectories(path)
-    moment = screenshot.moment(Picture(str(path), at='burn'), flights)
-    try:
-        picture, = render.render(path, [moment], size=(960, 600))
-    except render.RendererMissing as error:
-        pytest.skip(str(error))
-    pixels = np.asarray(picture, np.int64)
-    landing = pixels[:, :pixels.shape[1] // 2]
-    assert len(np.unique(landing.reshape(-1, 3), axis=0)) > 500
-    orange = (landing[..., 0] > 200) & (landing[..., 2] < 130) & (landing[..., 1] > 60)
-    assert orange.sum() > 50, 'no flame and no ring in the picture'

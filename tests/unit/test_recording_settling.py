@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rendering
 from recordings import record
 from recordings import rows_of
 
@@ -13,7 +14,6 @@ from rocket_sim_node import worlds
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import planar
 from rocket_sim_node.recording import read
-from rocket_sim_node.recording import render
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording import vehicle
@@ -152,15 +152,9 @@ def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
 def test_picture(settled: Path) -> None:
     """The band of the body is high in the picture at touchdown, and low when it has toppled."""
     times = [0.02 * (FLIGHT + 1), 0.02 * (FLIGHT + AFTER) + 1.0]
-    try:
-        pictures = render.render(settled, times, size=(960, 600))
-    except render.RendererMissing as error:
-        pytest.skip(str(error))
     rows = []
-    for picture in pictures:
-        pixels = np.asarray(picture, np.int64)[60:, :picture.width // 2]
-        red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
-        band = (blue - red > 60) & (blue - green > 25) & (blue > 80) & (red < 30)
+    for pixels in rendering.pictures(settled, times):
+        band = rendering.of_vehicle(pixels[60:, :pixels.shape[1] // 2], 'rocket')
         assert band.sum() > 30
         rows.append(float(np.mean(np.nonzero(band)[0])))
     assert rows[1] > rows[0] + 50

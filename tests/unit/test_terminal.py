@@ -3,29 +3,198 @@
 from __future__ import annotations
 
 import io
+import math
+from dataclasses import replace
 
+import pytest
+from rich.console import Console
+from rich.text import Text
+
+from ppo_agent_node.learning.ending import Ending
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.terminal import Terminal
-from ppo_agent_node.terminal import describe
+from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal.block import Block
+from ppo_agent_node.terminal.picture import NARROW
+from ppo_agent_node.terminal.picture import Picture
+from ppo_agent_node.terminal.sparkline import sparkline
 
+STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate')
 STATUS = Status(
-    stage='finetune', iteration=3, iterations=50, level=4, landing_rate=0.9876, mean_return=281.26,
-    steps_per_second=123456.7, elapsed=61.0, remaining=125.0, message='level 4 -> 5')
+    run='first', folder='/home/somebody/runs/first', stages=STAGES, stage='finetune',
+    iteration=3, iterations=50, progress=3, goal=50, unit='iterations', steps=1_234_567, level=4,
+    landing_rate=0.9876, landing_rate_low=0.95, landing_rate_high=0.999, mean_return=281.26,
+    steps_per_second=123456.7, elapsed=61.0, remaining=125.0, selection_iteration=2,
+    selection_landing_rate=1.0, selection_landing_rate_low=0.97,
+    selection_landing_rate_high=1.0, selection_return=290.0, best_iteration=2,
+    best_landing_rate=1.0, best_return=290.0, saved='checkpoints/iteration_000002.safetensors')
+
+
+def picture(clock: list[float], *told: Status) -> Picture:
+    shown = Picture(clock=lambda: clock[0])
+    for status in told:
+        shown.take(status)
+    return shown
+
+
+def text(shown: Picture, width: int) -> str:
+    return '\n'.join(line.plain for line in shown.lines(width))
 
 
 def test_what_is_not_known_is_left_out() -> None:
-    assert describe(Status(stage='finetune')) == ''
-    assert describe(STATUS) == (
-        'level 4, landed 98.8%, return 281.3, 123,457 steps/s, 2:05 left')
+    assert wording.figures(Status(stage='finetune')) == []
+    assert wording.without_noise(Status()) == wording.best(Status()) == ''
+    assert wording.figures(STATUS) == [
+        'level 4', 'landed 98.8% [95.0, 99.9]', 'return 281.3', '123,457 steps/s']
+
+
+@pytest.mark.parametrize(('seconds', 'expected'), [
+    (0.9, '0:00'), (61.0, '1:01'), (3599.9, '59:59'), (3661.0, '1:01:01'), (-5.0, '0:00')])
+def test_durations(seconds: float, expected: str) -> None:
+    assert wording.duration(seconds) == expected
 
 
 def test_a_log_gets_one_plain_line_a_report() -> None:
     file = io.StringIO()
     with Terminal(file) as terminal:
-        terminal.show(STATUS)
+        terminal.wait_for('a simulator', Status())
+        terminal.show(replace(STATUS, message='level 4 -> 5'))
+        terminal.show(replace(STATUS, remaining=math.nan, message='saved policy.safetensors'))
+        terminal.show(replace(STATUS, remaining=math.nan))
         terminal.say('[not] markup')
     assert file.getvalue().splitlines() == [
-        '[1:01] PPO 3/50: level 4, landed 98.8%, return 281.3, 123,457 steps/s, 2:05 left; '
-        'level 4 -> 5',
+        '[1:01] PPO 3/50: level 4, landed 98.8% [95.0, 99.9], return 281.3, 123,457 steps/s, '
+        '2:05 left; level 4 -> 5',
+        '[1:01] PPO 3/50: saved policy.safetensors',
         '[not] markup',
     ]
+
+
+def test_a_long_stage_does_not_flood_a_log_but_tells_what_happens_and_both_ends() -> None:
+    file = io.StringIO()
+    with Terminal(file) as terminal:
+        for k in range(1, 1001):
+            terminal.show(replace(
+                STATUS, iteration=k, iterations=1000, progress=k, goal=1000,
+                message='level 1 -> 2' if k == 500 else ''))
+    told = [line.split(':')[1].split()[-1] for line in file.getvalue().splitlines()]
+    assert told[0] == '1/1000'
+    assert told[-1] == '1000/1000'
+    assert '500/1000' in told
+    assert len(told) < 20
+
+
+@pytest.mark.parametrize('width', [200, 120, 100, 80, 60, 59, 50, 30, 10, 1])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    told = [replace(STATUS, iteration=k, mean_return=float(k)) for k in range(99)]
+    shown = picture([0.0], *told)
+    lines = shown.lines(width)
+    assert all(line.cell_len <= width for line in lines)
+    assert len(lines) <= (2 if width < NARROW else 9)
+
+
+def test_at_80_columns_all_is_there() -> None:
+    shown = text(picture([0.0], replace(STATUS, mean_return=100.0), STATUS), 80)
+    for part in (
+        '✓ expert flies   ✓ cloning   ▶ PPO   · evaluating', '3/50 iterations', '6%', '1:01 gone',
+        '2:05 left', 'level 4', 'landed 98.8% [95.0, 99.9]', 'return 281.3', '123,457 steps/s',
+        '1.23 M steps', 'without noise, at iteration 2: landed 100.0% [97.0, 100.0]',
+        'return 290.0', 'best 290.0 at iteration 2', '100.0 → 281.3', '99% → 99%',
+        'checkpoints/iteration_000002.safetensors',
+    ):
+        assert part in shown, part
+    assert '/home/somebody/runs/first' in text(picture([0.0], STATUS), 120)
+
+
+def test_narrow_it_is_two_lines() -> None:
+    assert text(picture([0.0], STATUS), 50).splitlines() == [
+        'PPO 3/50 2:05 left', 'level 4 landed 99% return 281 best 290']
+    assert text(picture([0.0], STATUS), 20).splitlines() == [
+        'PPO 3/50 2:05 left', 'level 4 landed 99%']
+
+
+def test_clocks_go_on_between_reports_and_news_leaves_the_figures() -> None:
+    clock = [100.0]
+    shown = picture(clock, STATUS)
+    clock[0] += 5.0
+    shown.take(Status(
+        stages=STAGES, stage='finetune', iteration=3, iterations=50, progress=3, goal=50,
+        unit='iterations', elapsed=66.0, saved='policy.safetensors', message='saved'))
+    clock[0] += 10.0
+    seen = text(shown, 100)
+    for part in ('1:16 gone', '1:50 left', 'return 281.3', 'saved   policy.safetensors'):
+        assert part in seen, seen
+
+
+def test_fine_tuning_counts_what_ends_it() -> None:
+    ending = Ending(iterations=10_000, episodes=1000)
+    assert ending.progress(0, 0) == (0, 1000, 'episodes')
+    assert ending.progress(50, 400) == (400, 1000, 'episodes')
+    assert ending.left(50, 400) == 75.0
+    assert ending.progress(9000, 400) == (9000, 10_000, 'iterations')
+    assert ending.reached(50, 1000)
+    assert not ending.reached(9999, 999)
+    assert Ending(70, 0).progress(7, 400) == (7, 70, 'iterations')
+    status = replace(STATUS, progress=400, goal=1000, unit='episodes')
+    assert wording.line(status).startswith('[1:01] PPO 400/1000 episodes: ')
+
+
+def test_sparklines() -> None:
+    assert sparkline([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], 8) == '▁▂▃▄▅▆▇█'
+    assert sparkline([0.0, 0.0, 7.0, 7.0], 2) == '▁█'
+    assert sparkline([0.5, math.nan, 0.5], 9, 0.0, 1.0) == '▅▅'
+    assert sparkline([], 9) == ''
+    assert sparkline([0.0, 7.0], 9, blocks=False).isascii()
+
+
+class Screen:
+    """What a terminal shows after the few control codes that the display uses."""
+
+    def __init__(self, written: str) -> None:
+        self.rows, row, k = [''], 0, 0
+        while k < len(written):
+            if written.startswith('\x1b[', k):
+                end = next(j for j in range(k + 2, len(written)) if written[j].isalpha())
+                number, code = written[k + 2:end], written[end]
+                if code == 'A':
+                    row -= int(number)
+                elif code == 'J':
+                    self.rows = [*self.rows[:row], self.rows[row][:self.column]]
+                elif code == 'K':
+                    self.rows[row] = self.rows[row][:self.column]
+                elif code == 'H':
+                    row = self.column = 0
+                k = end
+            elif written[k] == '\r':
+                self.column = 0
+            elif written[k] == '\n':
+                row, self.column = row + 1, 0
+                if row == len(self.rows):
+                    self.rows.append('')
+            else:
+                line = self.rows[row]
+                self.rows[row] = line[:self.column] + written[k] + line[self.column + 1:]
+                self.column += 1
+            k += 1
+
+    column = 0
+
+
+def test_the_display_stays_in_place_below_the_lines_that_stay(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    file, size = io.StringIO(), [80, 24]
+    console = Console(file=file, force_terminal=True, width=80, height=24, color_system=None)
+    monkeypatch.setattr(Block, '_size', lambda self: (size[0], size[1]))
+    shown = picture([0.0], STATUS)
+    block = Block(console)
+    for k in range(3):
+        block.draw(shown.lines(block.width), Text(f'event {k}', no_wrap=True))
+        block.draw(shown.lines(block.width))
+    events = ['event 0', 'event 1', 'event 2']
+    assert Screen(file.getvalue()).rows == [*events, *text(shown, 77).splitlines()]
+    # A new size begins with a clear screen, whatever the terminal made of the old lines.
+    size[:] = 50, 10
+    block.draw(shown.lines(block.width))
+    assert Screen(file.getvalue()).rows == [*events, *text(shown, 47).splitlines()]
+    block.draw([])
+    assert Screen(file.getvalue()).rows == [*events, '']

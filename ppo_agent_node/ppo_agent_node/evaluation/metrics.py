@@ -15,21 +15,11 @@ from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.evaluation.intervals import bootstrap_mean
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
-from ppo_agent_node.evaluation.standing import after_touchdown
-
-IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
-"""Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
-their speed, tilt and distance say nothing of a landing."""
 
 UNITS = {
     'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',
     'fuel_bound_kg': 'kg', 'mean_length': 'steps', 'rest_distance': 'm',
 }
-
-
-def touchdowns(result: EvaluationResult) -> NDArray[np.bool_]:
-    """Return `(K,)` which episodes ended on the ground."""
-    return ~result.named(*IN_FLIGHT)
 
 
 def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
@@ -46,14 +36,15 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
       touchdown, by the contact model that takes over from world `rocket`; in `rocket_planar` who
       landed stands; null elsewhere. `settling`, touchdowns by what happened then, and
       `rest_distance` (m) of those that stand: world `rocket` only;
-    - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`.
+    - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`;
+    - `world_settings`, those of the world as they were flown.
 
     :param extra: facts to be kept with them, such as the hash of the policy.
     :raises ValueError: for an extra that would overwrite a figure.
     """
     episodes, landed = result.episodes, result.landed
     count, successes = len(episodes), int(landed.sum())
-    ground = touchdowns(result)
+    ground = result.ground
     names = result.spec.outcomes
     level = result.settings.get('level')
     summary: dict[str, Any] = {
@@ -80,26 +71,23 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
         'outcomes': {
             name: int((episodes.outcome == code).sum()) for code, name in enumerate(names)},
         'units': UNITS,
+        'world_settings': result.settings,
     }
-    summary |= _standing(result, ground)
+    summary |= _standing(result)
     clash = sorted(set(extra) & set(summary))
     if clash:
         raise ValueError(f'{", ".join(clash)}: reserved for the figures')
     return {**summary, **extra}
 
 
-def _standing(result: EvaluationResult, ground: NDArray[np.bool_]) -> dict[str, Any]:
+def _standing(result: EvaluationResult) -> dict[str, Any]:
     """Return the figures of what happens after touchdown."""
-    if not result.is_rocket:
+    standing, settled = result.standing, result.settled
+    if standing is None:
         return {'standing_rate': None, 'standing_rate_interval': None}
-    if result.spec.name == 'rocket_planar':
-        standing, more = result.landed, {}
-    else:
-        settled = after_touchdown(
-            result.final_observation, result.episodes.fuel_used, ground, result.settings)
-        standing = settled.standing
-        more = {'settling': settled.verdicts, 'rest_distance': _spread(settled.rest_distance)}
     count = int(standing.sum())
+    more = {} if settled is None else {
+        'settling': settled.verdicts, 'rest_distance': _spread(settled.rest_distance)}
     return {
         'standing_rate': count / len(standing),
         'standing_rate_interval': list(wilson(count, len(standing))), **more}

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.evaluation.bounds import StraightDropBound
+from ppo_agent_node.evaluation.standing import Standing
+from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
+
+IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
+"""Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
+their speed, tilt and distance say nothing of a landing."""
 
 _VELOCITY_Y = 4
 _PAD_X, _PAD_Z = 12, 14
@@ -35,7 +43,9 @@ class EvaluationResult:
     fuel_bound: F64
     """`(K,)` kg, least fuel of a straight drop from there; NaN likewise"""
     end_position: F64
-    """`(K, 2)` m, x and z from the pad's centre at the end; NaN likewise"""
+    """`(K, 2)` m, x and z from the pad's centre at the end; NaN in worlds not known here"""
+    first_observation: NDArray[np.float32]
+    """`(K, D)` the first of each episode"""
     final_observation: NDArray[np.float32]
     """`(K, D)` the last of each episode"""
 
@@ -53,6 +63,26 @@ class EvaluationResult:
     def landed(self) -> NDArray[np.bool_]:
         """`(K,)` which episodes landed."""
         return self.named('landed')
+
+    @property
+    def ground(self) -> NDArray[np.bool_]:
+        """`(K,)` which episodes ended on the ground."""
+        return ~self.named(*IN_FLIGHT)
+
+    @cached_property
+    def settled(self) -> Standing | None:
+        """What became of touchdowns in world `rocket`; None in worlds that go on until rest."""
+        if self.spec.name != 'rocket':
+            return None
+        return after_touchdown(
+            self.final_observation, self.episodes.fuel_used, self.ground, self.settings)
+
+    @property
+    def standing(self) -> NDArray[np.bool_] | None:
+        """`(K,)` which rockets stand in the end; None where rest is what landed means."""
+        if not self.is_rocket:
+            return None
+        return self.landed if self.settled is None else self.settled.standing
 
     def named(self, *names: str) -> NDArray[np.bool_]:
         """Return `(K,)` which episodes had one of these outcomes; unknown names match none."""
@@ -130,7 +160,10 @@ def evaluate(
             spec.settings, reset_settings.get('spawn_height')).fuel(velocity)
         position = (-last[:, [_PAD_X, _PAD_Z]].astype(np.float64)
                     * spec.settings['position_scale'])
+    elif spec.name == 'lunar_lander':
+        position[:, 0] = last[:, 0].astype(np.float64) * lunar_vehicle.HALF_WIDTH
+        position[:, 1] = 0.0
     return EvaluationResult(
         spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
         episodes=flown.take(order), steps=steps, first_velocity_y=velocity, fuel_bound=bound,
-        end_position=position, final_observation=last)
+        end_position=position, first_observation=first, final_observation=last)

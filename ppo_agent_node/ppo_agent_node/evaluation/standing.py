@@ -23,6 +23,8 @@ class Standing:
     """touchdowns by what happened then"""
     rest_distance: F64
     """`(J,)` m from the pad's centre, of those that stand"""
+    verdict: tuple[str, ...]
+    """K names: what happened after the touchdown, '' where there was none"""
 
 
 def after_touchdown(
@@ -48,10 +50,12 @@ def after_touchdown(
     stands = settled.standing & (speed < settings['landed_speed'])
     standing[ground] = stands
     rest = settled.position[stands]
+    names = np.full(len(observation), '', dtype=object)
+    names[ground] = settled.names()
     return Standing(
         standing,
         {name: int((settled.verdict == code).sum()) for code, name in enumerate(VERDICTS)},
-        np.hypot(rest[:, 0], rest[:, 2]))
+        np.hypot(rest[:, 0], rest[:, 2]), tuple(names.tolist()))
 
 
 def _swing(up: F64) -> F64:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
+from typing import NamedTuple
 
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
@@ -13,6 +14,14 @@ from ppo_agent_node.learning.status import Status
 TIMES = ('seconds', 'steps_per_second')
 """Entries of a line that depend on the machine; all others follow from the seed."""
 _STATUS_FIELDS = frozenset(field.name for field in fields(Status))
+
+
+class Progress(NamedTuple):
+    """How much is done of what ends a stage."""
+
+    progress: int
+    goal: int
+    unit: str
 
 
 class Journal:
@@ -23,7 +32,9 @@ class Journal:
         self._folder, self._report = folder, report
         self._began = self._stage_began = self._last = time.monotonic()
         self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
-        self._status = Status(run=folder.name)
+        self._iteration, self._unit = 0, ''
+        self._progress = Progress(0, 0, '')
+        self._kept: dict[str, Any] = {'run': folder.name, 'folder': str(folder.path)}
         self.lines = 0
 
     def take_up(self, lines: int, steps: int) -> None:
@@ -34,19 +45,34 @@ class Journal:
         self._folder.cut_log(lines)
         self.lines, self._steps = lines, steps
 
-    def begin(self, stage: str, iterations: int, done: int = 0) -> None:
-        """Begin a stage of so many iterations, some of them done earlier."""
-        self._stage, self._iterations, self._first = stage, iterations, done
+    def keep(self, **facts: Any) -> None:
+        """Take note of what all reports from now on say, by fields of Status."""
+        self._kept.update(facts)
+
+    def begin(
+        self, stage: str, iterations: int, done: int = 0, progress: Progress | None = None,
+        unit: str = 'iterations',
+    ) -> None:
+        """Begin a stage of so many iterations, some of them done earlier.
+
+        :param progress: where others than the iterations end it.
+        :param unit: what its iterations are called.
+        """
+        self._stage, self._iterations, self._first, self._unit = stage, iterations, done, unit
+        self._iteration = done
+        self._progress = progress or Progress(done, iterations, unit)
+        self._tell('')
         self._stage_began = self._last = time.monotonic()
 
     def entry(
         self, iteration: int, steps: int, message: str = '', left: float | None = None,
-        **numbers: Any,
+        progress: Progress | None = None, **numbers: Any,
     ) -> None:
         """Write down an iteration of the stage.
 
         :param steps: rocket steps taken by the run so far.
         :param left: iterations to come, where others than those planned are expected.
+        :param progress: where others than the iterations end the stage.
         :param numbers: fields of Status, and others that only the log gets.
         :raises OSError: when the log cannot be written.
         """
@@ -62,17 +88,21 @@ class Journal:
         self.lines += 1
         done = max(1, iteration - self._first)
         left = self._iterations - iteration if left is None else left
-        self._status = Status(
-            run=self._folder.name, stage=self._stage, iteration=iteration,
-            iterations=self._iterations, steps=steps, elapsed=now - self._began,
-            remaining=(now - self._stage_began) / done * max(0, left),
-            steps_per_second=rate, message=message,
-            **{name: value for name, value in numbers.items() if name in _STATUS_FIELDS})
-        self._report(self._status)
+        self._iteration = iteration
+        self._progress = progress or Progress(iteration, self._iterations, self._unit)
+        if 'level' in numbers:
+            self.keep(level=numbers['level'])
+        told = {name: value for name, value in numbers.items() if name in _STATUS_FIELDS}
+        self._tell(
+            message, remaining=(now - self._stage_began) / done * max(0, left),
+            steps_per_second=rate, **told)
 
     def message(self, text: str) -> None:
         """Tell what happened between two entries; it is not written down."""
-        self._report(Status(
-            run=self._folder.name, stage=self._stage, iterations=self._iterations,
-            iteration=self._status.iteration if self._status.stage == self._stage else 0,
-            steps=self._steps, elapsed=time.monotonic() - self._began, message=text))
+        self._tell(text)
+
+    def _tell(self, message: str, **numbers: Any) -> None:
+        self._report(Status(**{
+            **self._kept, **self._progress._asdict(), 'stage': self._stage,
+            'iteration': self._iteration, 'iterations': self._iterations, 'steps': self._steps,
+            'elapsed': time.monotonic() - self._began, 'message': message, **numbers}))

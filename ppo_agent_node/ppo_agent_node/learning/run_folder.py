@@ -18,6 +18,7 @@ from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.sealed_file import Tensors
+from ppo_agent_node.learning.train_log import read_log
 
 CHECKPOINT = 'checkpoint'
 _NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
@@ -72,6 +73,14 @@ class RunFolder:
             except OSError as error:
                 raise RunFolderError(f'{self.path}: another process trains here') from error
             yield
+
+    def mark_unfinished(self) -> None:
+        """Leave a mark, for who started this process, that there is something to resume."""
+        (self.path / '.unfinished').touch()
+
+    def mark_finished(self) -> None:
+        """Take the mark away."""
+        (self.path / '.unfinished').unlink(missing_ok=True)
 
     @property
     def name(self) -> str:
@@ -171,20 +180,3 @@ class RunFolder:
         """Return the checkpoints of iterations, newest first."""
         found = [p for p in self.checkpoints.iterdir() if _NAME.fullmatch(p.name)]
         return sorted(found, key=lambda p: int(p.stem.removeprefix('iteration_')), reverse=True)
-
-
-def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a `train.jsonl`, without a last one that was cut short.
-
-    :raises ValueError: naming file and line, when another is damaged.
-    """
-    text = path.read_text('utf-8') if path.exists() else ''
-    lines = []
-    for number, line in enumerate(text.splitlines(keepends=True), 1):
-        if not line.endswith('\n'):
-            break
-        try:
-            lines.append(json.loads(line))
-        except ValueError as error:
-            raise ValueError(f'{path}: line {number} is damaged: {error}') from error
-    return lines

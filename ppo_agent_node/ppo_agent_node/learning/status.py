@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a training run says about itself, one report an iteration of a stage."""
+"""What a training run says about itself: a report for each iteration and for what happens."""
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate', 'done')
@@ -13,9 +14,14 @@ class Status:
     """The fields of `rocket_msgs/msg/TrainingStatus`, where they are described; NaN: not known."""
 
     run: str = ''
+    folder: str = ''
+    stages: tuple[str, ...] = ()
     stage: str = ''
     iteration: int = 0
     iterations: int = 0
+    progress: int = 0
+    goal: int = 0
+    unit: str = ''
     steps: int = 0
     elapsed: float = 0.0
     remaining: float = NAN
@@ -37,4 +43,18 @@ class Status:
     log_std: float = NAN
     clone_loss: float = NAN
     clone_validation_loss: float = NAN
+    selection_iteration: int = 0
+    selection_landing_rate: float = NAN
+    selection_landing_rate_low: float = NAN
+    selection_landing_rate_high: float = NAN
+    selection_return: float = NAN
+    best_iteration: int = 0
+    best_landing_rate: float = NAN
+    best_return: float = NAN
+    saved: str = ''
     message: str = ''
+
+    @property
+    def is_iteration(self) -> bool:
+        """Whether it tells of an iteration, not only of what happened in between."""
+        return math.isfinite(self.remaining)

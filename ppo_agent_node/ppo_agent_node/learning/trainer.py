@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
@@ -29,9 +30,11 @@ from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import scripted_teacher
+from ppo_agent_node.learning.ending import Ending
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.journal import Journal
+from ppo_agent_node.learning.journal import Progress
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
@@ -92,11 +95,13 @@ class Trainer:
         torch.set_num_threads(config.run.threads)
         self._env, self._config, self._folder = env, config, folder
         self._expert, self._stop_requested, self._say = expert, stop_requested, say
-        self._planned = config.run.training_episodes
-        self._score_lines = scores.ScoreLines(self._planned)
+        self._ending = Ending(config.ppo.iterations, config.run.training_episodes)
+        self._score_lines = scores.ScoreLines(config.run.training_episodes)
         self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(env.spec, config)
         self._journal = Journal(folder, report)
+        imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
+        self._journal.keep(stages=(*imitation, 'finetune'))
         self._anchor = Anchor(env, self._journal.message)
         self._state = RunState(Curriculum.begin(config.curriculum))
         self._rollout = Rollout(
@@ -145,6 +150,8 @@ class Trainer:
             self._anchor.moor(snapshot.numpy().tobytes())
         except ValueError as error:
             raise ValueError(f'{path}: {error}') from error
+        self._keep_best()
+        self._journal.keep(saved=f'{path.parent.name}/{path.name}')
         self._journal.message(f'resumed from {path.name}')
 
     def _imitate(self) -> None:
@@ -152,7 +159,7 @@ class Trainer:
         if not self._config.demonstration.demonstration_episodes:
             return
         samples = self._demonstrate()
-        self._journal.begin('clone', self._config.clone.clone_epochs)
+        self._journal.begin('clone', self._config.clone.clone_epochs, unit='epochs')
 
         def report(epoch: CloneEpoch) -> None:
             numbers = asdict(epoch)
@@ -162,13 +169,14 @@ class Trainer:
               self._poll)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
+        self._tell_saved(self._folder.cloned)
 
     def _demonstrate(self) -> Demonstrations:
         config, rockets = self._config.demonstration, self._env.spec.num_envs
         waves = -(-config.demonstration_episodes // rockets)
         expert = self._expert
         assert expert is not None
-        self._journal.begin('demonstrate', waves)
+        self._journal.begin('demonstrate', waves, unit='waves')
         parts = []
         for wave in range(waves):
             samples, episodes = self._anchor.excursion(functools.partial(
@@ -184,14 +192,15 @@ class Trainer:
 
     def _begin_finetuning(self) -> None:
         """Score the clone, put the world at the first level and save: iteration 0."""
-        self._journal.begin('finetune', self._config.ppo.iterations)
+        self._journal.begin('finetune', self._config.ppo.iterations, progress=self._progress())
         self._reset_world()
         best, numbers = self._select()
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 
     def _finetune(self) -> None:
         state = self._state
-        self._journal.begin('finetune', self._config.ppo.iterations, state.iteration)
+        self._journal.begin(
+            'finetune', self._config.ppo.iterations, state.iteration, self._progress())
         while not self._done():
             state, tensors = self._state, self._tensors()
             try:
@@ -202,17 +211,10 @@ class Trainer:
                 raise
 
     def _done(self) -> bool:
-        """Tell whether fine-tuning has had its iterations, or its episodes."""
-        return self._state.iteration >= self._config.ppo.iterations or (
-            0 < self._planned <= self._state.episodes)
+        return self._ending.reached(self._state.iteration, self._state.episodes)
 
-    def _left(self) -> float:
-        """Return how many iterations are to come, if episodes go on to end as often as so far."""
-        left, planned = self._config.ppo.iterations - self._state.iteration, self._planned
-        if not planned or not self._state.episodes:
-            return left
-        each = self._state.iteration / self._state.episodes
-        return min(left, max(0, planned - self._state.episodes) * each)
+    def _progress(self) -> Progress:
+        return self._ending.progress(self._state.iteration, self._state.episodes)
 
     def _iterate(self) -> None:
         """Fly a roll-out, learn from it, and see what follows."""
@@ -272,16 +274,31 @@ class Trainer:
         better = best is None or score.mean_return > best.mean_return
         self._state = replace(
             self._state, steps=self._state.steps + steps, best=score if better else best)
+        low, high = wilson(score.landed, score.episodes)
+        self._journal.keep(
+            selection_iteration=score.iteration, selection_landing_rate_low=low,
+            selection_landing_rate_high=high, selection_return=score.mean_return,
+            selection_landing_rate=score.landing_rate)
+        self._keep_best()
         return score if better else None, {
             'selection_return': score.mean_return, 'selection_landing_rate': score.landing_rate}
+
+    def _keep_best(self) -> None:
+        if best := self._state.best:
+            self._journal.keep(
+                best_iteration=best.iteration, best_landing_rate=best.landing_rate,
+                best_return=best.mean_return)
 
     def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:
         """Write the log's line, and the files that are due."""
         state, config = self._state, self._config
         due = best or self._done() or state.iteration % config.run.checkpoint_interval == 0
         if best:
-            message = f'{message}, best policy so far'.removeprefix(', ')
-        self._journal.entry(state.iteration, state.steps, message, self._left(), **numbers)
+            message = f'{message}, best policy so far: return {best.mean_return:.1f}'
+            message = message.removeprefix(', ')
+        self._journal.entry(
+            state.iteration, state.steps, message,
+            self._ending.left(state.iteration, state.episodes), self._progress(), **numbers)
         self._state = replace(state, lines=self._journal.lines)
         if due:
             self._save(self._tensors(), best)
@@ -293,10 +310,17 @@ class Trainer:
     def _save(self, tensors: Tensors, best: Score | None = None) -> None:
         state = self._state
         content = run_state.content(state, self._env.spec, self._config)
-        self._folder.save(state.iteration, tensors, content)
+        written = [self._folder.save(state.iteration, tensors, content)]
         if best:
             self._folder.save_best(tensors, content)
             self._save_policy(self._folder.policy, **asdict(best))
+            written.insert(0, self._folder.policy)
+        self._tell_saved(*written)
+
+    def _tell_saved(self, *paths: Path) -> None:
+        names = ' and '.join(str(path.relative_to(self._folder.path)) for path in paths)
+        self._journal.keep(saved=names)
+        self._journal.message(f'saved {names}')
 
     def _save_policy(self, path: Path, **facts: Any) -> None:
         save_policy(

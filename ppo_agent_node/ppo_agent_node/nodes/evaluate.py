@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from ppo_agent_node.pilots.search import find_policy
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.worlds import WorldSpec
 
@@ -75,7 +75,7 @@ def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run('evaluate', evaluation, EXPECTED_ERRORS))
+    leave(run('evaluate', evaluation, EXPECTED_ERRORS))
 
 
 if __name__ == '__main__':

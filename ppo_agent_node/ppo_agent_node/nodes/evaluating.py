@@ -7,12 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.evaluation import plots
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.reporting.report import write_report
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import VectorEnv
 
@@ -29,7 +31,8 @@ def fly_and_write(
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
 
     :param level: curriculum level, 0: the simulator's own.
-    :param folder: where `evaluation.json` and `plots/` go; None: nowhere.
+    :param folder: where `evaluation.json`, `episodes.csv`, `plots/` and `report.html` go, the
+        last two with what else the folder holds of a run; None: nowhere.
     :param extra: facts to be kept with the figures.
     """
     start = time.monotonic()
@@ -54,8 +57,13 @@ def fly_and_write(
                 raise
             told = 0
             report(Status(run=run, stage='evaluate', level=flown_level, message=f'{error}: anew'))
-    summary = metrics.summarise(result, **extra)
-    if folder is not None:
-        metrics.write_json(folder / 'evaluation.json', summary)
-        plots.evaluation_plots(result, folder / 'plots')
+    report(Status(
+        run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
+        message='flown; working out figures and plots'))
+    with stopping.abandoning():
+        summary = metrics.summarise(result, **extra)
+        if folder is not None:
+            metrics.write_json(folder / 'evaluation.json', summary)
+            episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
+            write_report(folder)
     return summary

@@ -2,7 +2,6 @@
 """Node `ppo_agent`: trains a policy in a simulator, or flies a trained one."""
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 from rclpy.executors import Executor
@@ -13,6 +12,7 @@ from ppo_agent_node.nodes.inference import infer
 from ppo_agent_node.nodes.training import train
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 
 _MODES = {'train': train, 'infer': infer}
@@ -33,7 +33,7 @@ def agent(node: Node, executor: Executor) -> int:
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run('ppo_agent', agent, EXPECTED_ERRORS))
+    leave(run('ppo_agent', agent, EXPECTED_ERRORS))
 
 
 if __name__ == '__main__':

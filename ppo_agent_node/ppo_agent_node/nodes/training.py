@@ -2,19 +2,15 @@
 """A training run as a node: settings from parameters, reports to the terminal and `training`."""
 from __future__ import annotations
 
-import time
-from dataclasses import asdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.learning import config as learning_config
-from ppo_agent_node.learning import curves
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
@@ -24,11 +20,11 @@ from ppo_agent_node.nodes.connection import agent_of_run
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
+from ppo_agent_node.nodes.telling import Teller
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.client import SimulatorBusy
@@ -56,41 +52,39 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     folder = RunFolder(_run_path(options), options.resume)
     saved = _saved_settings(folder) if options.resume else {}
     _check_given(node, parameters)
-    publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
     with (
         folder.locked(), Terminal() as terminal,
         make_client(node, executor, connection, agent_of_run(folder.path)) as client,
     ):
-        def report(status: Status) -> None:
-            terminal.show(status)
-            publisher.publish(TrainingStatus(**asdict(status)))
-
         def stop_requested() -> bool:
             client.keep()
+            terminal.tick()
             return stopping.requested()
 
-        terminal.say(f'run {folder.path}')
+        folder.mark_unfinished()
+        teller = Teller(node, terminal, folder)
         try:
             config = _config(parameters, options.preset, client.connect().name, saved)
             require_lockstep(client)
             result = Trainer(
-                client, config, folder, report, stop_requested=stop_requested,
+                client, config, folder, teller.report, stop_requested=stop_requested,
                 say=terminal.say).run()
             if result.finished:
-                _evaluate(client, config, folder, report, terminal)
+                try:
+                    _evaluate(client, config, folder, teller, terminal)
+                except EnvironmentClosed:
+                    teller.report_evaluation(Status(
+                        stage='evaluate', message='stopped; a resumed run evaluates anew'))
+                    raise
+                folder.mark_finished()
                 return 0
         except EnvironmentClosed:
             pass
         except (WireTimeout, SimulatorBusy):
-            terminal.say(_advice(folder))
+            teller.advise()
             raise
-        terminal.say(_advice(folder))
+        teller.advise()
     return 0
-
-
-def _advice(folder: RunFolder) -> str:
-    """Return how to resume."""
-    return f'stopped; go on with: ./launch_scripts/train run_dir:={folder.path} resume:=true'
 
 
 def _run_path(options: TrainingParameters) -> Path:
@@ -143,18 +137,17 @@ def _config(
 
 
 def _evaluate(
-    client: Client, config: Config, folder: RunFolder, report: Any, terminal: Terminal,
+    client: Client, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
-    start = time.monotonic()
     summary = fly_and_write(
         client, PolicyPilot(folder.policy, client.spec), config.run.evaluation_episodes,
-        config.run.evaluation_seed, level, folder.path, report, folder.name,
+        config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
         training_seed=config.run.seed)
-    curves.draw(folder.log, folder.plots)
     terminal.say(metrics.table(summary))
-    report(Status(
-        run=folder.name, stage='done', elapsed=time.monotonic() - start, level=level,
-        landing_rate=summary['landing_rate'],
-        mean_return=summary['mean_return'], message=f'everything is in {folder.path}'))
+    low, high = summary['landing_rate_interval']
+    teller.report_evaluation(Status(
+        stage='done', level=level, landing_rate=summary['landing_rate'], landing_rate_low=low,
+        landing_rate_high=high, mean_return=summary['mean_return'], saved='evaluation.json',
+        message=f'everything is in {folder.path}'))

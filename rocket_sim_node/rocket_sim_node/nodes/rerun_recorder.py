@@ -27,6 +27,7 @@ from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import CURVES
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.recording.viewer import ViewerError
+from rocket_sim_node.recording.web_page import INVITATION
 from rocket_sim_node.recording.web_page import WebPage
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import messages
@@ -148,7 +149,7 @@ def record(node: Node, executor: Executor) -> None:
             page = WebPage(destinations.web_port, destinations.web_host)
             stack.callback(page.close)
             sinks.append(LiveSink(page.url, note))
-            note('INFO', f'watch it in a browser: {page.page}')
+            note('INFO', f'{INVITATION}{page.page}')
         if destinations.output:
             sinks.append(FileSink(Path(destinations.output).absolute(), note))
             note('INFO', f'recording to {destinations.output}')

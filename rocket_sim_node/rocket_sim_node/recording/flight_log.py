@@ -49,17 +49,18 @@ def describe(flight: Flight, stage: Stage) -> str:
 
 def log_flight(
     stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
-    settling: Settling | None = None,
+    settling: Settling | None = None, look: Scenery | None = None,
 ) -> None:
     """Log a finished flight at its place, and what became of the rocket after its touchdown.
 
+    :param look: what is logged and plotted, where that is not the scenery of the stage's world.
     :raises ValueError: when the settling's samples are not as wide as the flight's.
     """
     if settling is not None and settling.values.shape[1:] != flight.values.shape[1:]:
         raise ValueError(
             f'settling: samples are {settling.values.shape[1:]} wide, expected '
             f'{flight.values.shape[1:]}')
-    look = scenery(stage.world)
+    look = look or scenery(stage.world)
     whole = flight.followed_by(settling)
     _rocket(stream, whole, stage, place, look)
     log_camera(stream, whole, stage, place, look.camera)

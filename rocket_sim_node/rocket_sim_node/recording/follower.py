@@ -38,6 +38,11 @@ class Follower:
         return flight is not None and (flight.row, flight.episode) == (row, episode)
 
     @property
+    def busy(self) -> bool:
+        """Whether a flight is followed, or the end of one is still to be seen."""
+        return self.flight is not None or self._clock() < self._due
+
+    @property
     def lost(self) -> bool:
         """Whether the flight broke off: no end of it will be heard of."""
         flight = self.flight

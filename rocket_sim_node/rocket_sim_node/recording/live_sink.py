@@ -81,7 +81,7 @@ class LiveSink:
         self._reports: deque[_Item] = deque(maxlen=KEPT_REPORTS)
         self._stream: rr.RecordingStream | None = None
         self._unsent: Unsent | None = None
-        self._recording = f'{APPLICATION}-{time.time_ns():x}'
+        self._next_try = 0.0
         self._told_missing = False
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name='live sink', daemon=True)
@@ -99,8 +99,8 @@ class LiveSink:
                 stream.send_blueprint(_layout(look))
             head(stream)
 
-        if self._stream is not None:
-            self._put(_Item(again, kept=False))
+        self._next_try = 0.0
+        self._put(_Item(again, kept=False))
 
     def write(self, put: Put) -> None:
         """Send soon, or drop when too much waits already."""
@@ -121,7 +121,7 @@ class LiveSink:
     def close(self) -> None:
         """Send what waits, for a second at most."""
         try:
-            self._queue.put_nowait(None)
+            self._queue.put(None, timeout=1.0)
         except queue.Full:
             return
         self._thread.join(1.0)
@@ -143,24 +143,31 @@ class LiveSink:
                 break
             if item.kept:
                 (self._flights if item.flight else self._reports).append(item)
-            if self._stream is not None:
-                self._send(item)
-            else:
-                self._connect()  # which sends it with the rest
+            try:
+                if self._stream is not None:
+                    self._send(item)
+                else:
+                    self._connect()  # which sends it with the rest
+            except Exception as error:  # noqa: BLE001 - whatever it is, the thread has to go on
+                self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
         if self._stream is not None:
             self._stream.disconnect()
 
     def _connect(self) -> None:
         """Go to meet a viewer, and tell it what it has missed."""
-        if self._stream is not None or self._head is None:
+        now = time.monotonic()
+        if self._stream is not None or self._head is None or now < self._next_try:
             return
+        self._next_try = now + _LOOK_OUT
         if not viewer.reachable(*self._address):
             if not self._told_missing:
                 self._told_missing = True
                 self._note('WARN', f'no viewer at {self._url}: one that comes later gets the '
                                    f'last {KEPT_FLIGHTS} flights')
             return
-        stream = rr.RecordingStream(APPLICATION, recording_id=self._recording)
+        # Another recording for each connection: one that was only slow has some of it already.
+        stream = rr.RecordingStream(
+            APPLICATION, recording_id=f'{APPLICATION}-{time.time_ns():x}')
         stream.set_log_time_enabled(False)
         stream.connect_grpc(self._url, default_blueprint=_layout(self._look))
         self._stream = stream

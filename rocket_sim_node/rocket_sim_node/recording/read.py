@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 from rocket_sim_node.recording import scene
 
 F32 = NDArray[np.float32]
+EMPTY: F32 = np.zeros((0, 0), np.float32)
 ARROW = 0.9
 """m of velocity arrow per m/s in recordings that do not say it"""
 
@@ -24,8 +25,9 @@ class Trajectory:
 
     `time` `(n,)` s since it began, `start` s on the recording's `sim_time`; `position` and
     `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world; `tilt` deg, `throttle`
-    0 to 1, `fuel` kg and `reward` of the step that led there (0 for the first) `(n,)`. `summary`
-    holds row, episode, return and what else is known of the end.
+    0 to 1, `fuel` kg (of no meaning where none is burnt) and `reward` of the step that led there
+    (0 for the first, NaN where it was not kept) `(n,)`. `summary` holds row, episode, return and
+    what else is known of the end. `pilot` is the key of who flew, where several are compared.
     """
 
     row: int
@@ -41,67 +43,91 @@ class Trajectory:
     fuel: F32
     reward: F32
     summary: dict[str, Any]
+    pilot: str = ''
 
 
 def trajectories(path: Path | str) -> list[Trajectory]:
-    """Return the flights of a recording in their order.
+    """Return the flights of a recording in their order, also when they are of several worlds.
 
     :raises OSError: when there is no such file, or it is none of ours.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(2, 'no such recording', str(path))
-    tables: dict[str, list[Any]] = {scene.ROCKET: [], scene.LANDINGS: []}
+    rockets: dict[str, list[pa.RecordBatch]] = {}
+    landings: dict[str, list[pa.RecordBatch]] = {}
     try:
         for chunk in RrdReader(path).stream():
-            if chunk.entity_path in tables and 'step' in chunk.timeline_names:
-                tables[chunk.entity_path].append(chunk.to_record_batch())
+            for entity, tables in ((scene.ROCKET, rockets), (scene.LANDINGS, landings)):
+                # In a comparison the scene is there once for each pilot, below the pilot's key.
+                if chunk.entity_path.endswith(entity) and 'step' in chunk.timeline_names:
+                    pilot = chunk.entity_path.removesuffix(entity).strip('/')
+                    tables.setdefault(pilot, []).append(chunk.to_record_batch())
     except (RuntimeError, ValueError) as error:
         raise OSError(22, f'not a readable recording: {error}', str(path)) from error
-    if not tables[scene.ROCKET]:
-        return []
-    step = np.concatenate([_column(batch, 'step') for batch in tables[scene.ROCKET]])
+    flights = [
+        flight for pilot in rockets
+        for flight in _flights(pilot, rockets[pilot], landings.get(pilot, []))]
+    return sorted(flights, key=lambda flight: (flight.summary['first_step'], flight.pilot))
+
+
+def _flights(
+    pilot: str, rockets: list[pa.RecordBatch], landings: list[pa.RecordBatch],
+) -> list[Trajectory]:
+    """Return what one pilot flew."""
+    step = np.concatenate([_column(batch, 'step') for batch in rockets])
     order = np.argsort(step, kind='stable')
     step = step[order]
-
-    def values(name: str) -> F32:
-        parts = [_numbers(batch, name) for batch in tables[scene.ROCKET]]
-        return np.concatenate(parts)[order]
-
+    names = {name for batch in rockets for name in batch.schema.names if ':' in name}
     columns = {
-        'position': values('Transform3D:translation'),
-        'orientation': values('Transform3D:quaternion'),
-        'arrows': values('Arrows3D:vectors'), 'tilt': values('Flight:tilt'),
-        'engine': values('Flight:engine'), 'reward': values('Flight:reward'),
-    }
-    summaries = [
-        (record, seconds)
-        for batch in tables[scene.LANDINGS]
-        for record, seconds in zip(
-            (items[0] for items in batch.column('Episode:summary').to_pylist()),
-            _column(batch, 'sim_time') / 1e9, strict=True)]
-    summaries.sort(key=lambda item: int(item[0]['first_step']))
+        name: pa.concat_arrays([_cells(batch, name, rockets) for batch in rockets]).take(
+            pa.array(order))
+        for name in names}
     flights = []
-    for record, end in summaries:
-        first = int(np.searchsorted(step, record['first_step']))
-        part = {
-            name: column[first:first + record['samples']] for name, column in columns.items()}
-        flights.append(_trajectory(record, float(end), part))
+    for batch in landings:
+        records = (items[0] for items in batch.column('Episode:summary').to_pylist())
+        for record, end in zip(records, _column(batch, 'sim_time') / 1e9, strict=True):
+            first, count = int(np.searchsorted(step, record['first_step'])), record['samples']
+            # Taken apart flight by flight: in another world a row may have more numbers.
+            flights.append(_trajectory(record, float(end), pilot, {
+                name: _numbers(column.slice(first, count), count)
+                for name, column in columns.items()}))
     return flights
 
 
-def _trajectory(record: dict[str, Any], end: float, part: dict[str, F32]) -> Trajectory:
+def _cells(batch: pa.RecordBatch, name: str, batches: list[pa.RecordBatch]) -> pa.Array:
+    """Return a component, a list in each row; empty ones where a batch does not have it."""
+    if name in batch.schema.names:
+        return batch.column(name)
+    kind = next(b.schema.field(name).type for b in batches if name in b.schema.names)
+    return pa.nulls(batch.num_rows, kind)
+
+
+def _trajectory(
+    record: dict[str, Any], end: float, pilot: str, part: dict[str, F32],
+) -> Trajectory:
     count = record['samples']
     seconds = np.arange(count) * record['dt']
+    orientation = part['Transform3D:quaternion']
+    tank = np.float32(record['tank'])
+    fuel, reward = np.zeros(count, np.float32), np.full(count, np.nan, np.float32)
+    if part.get('Flight:engine', EMPTY).size:
+        throttle, fuel = part['Flight:engine'].T
+        fuel = fuel * (tank / np.float32(100))
+        reward = part['Flight:reward'][:, 1]
+    else:  # a comparison's, one line to a plot
+        throttle = part['Flight:throttle'][:, 0]
+        if part.get('Flight:fuel_used', EMPTY).size:
+            fuel = tank - part['Flight:fuel_used'][:, 0]
+        if part.get('Flight:return', EMPTY).size:
+            reward = np.diff(part['Flight:return'][:, 0], prepend=np.float32(0))
     return Trajectory(
         row=record['row'], episode=record['episode'], outcome=record['outcome'],
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
-        position=part['position'], orientation=part['orientation'],
-        velocity=_to_world(part['orientation'], part['arrows'][:, :3]) / np.float32(
+        position=part['Transform3D:translation'], orientation=orientation,
+        velocity=_to_world(orientation, part['Arrows3D:vectors'][:, :3]) / np.float32(
             record.get('arrow', ARROW)),
-        tilt=part['tilt'][:, 0], throttle=part['engine'][:, 0] / np.float32(100),
-        # Where no fuel is burnt the second line is another.
-        fuel=part['engine'][:, 1] * np.float32(record['tank'] / 100.0),
-        reward=part['reward'][:, 1], summary=record)
+        tilt=part['Flight:tilt'][:, 0], throttle=throttle / np.float32(100), fuel=fuel,
+        reward=reward, summary=record, pilot=pilot)
 
 
 def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
@@ -109,12 +135,13 @@ def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
     return np.asarray(batch.column(name).cast('int64').to_numpy(zero_copy_only=False))
 
 
-def _numbers(batch: pa.RecordBatch, name: str) -> F32:
-    """Return a component with k numbers in every row, `(rows, k)`."""
-    array = batch.column(name)
+def _numbers(array: pa.Array, rows: int) -> F32:
+    """Return a component with k numbers in every row, `(rows, k)`; k is 0 where there is none."""
     while hasattr(array, 'flatten') and array.type.num_fields:
         array = array.flatten()
-    return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(batch.num_rows, -1)
+    if pa.types.is_null(array.type) or not len(array):
+        return np.zeros((rows, 0), np.float32)
+    return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(rows, -1)
 
 
 def _to_world(quaternion: F32, vector: F32) -> F32:

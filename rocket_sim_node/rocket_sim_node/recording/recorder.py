@@ -5,26 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-import rerun as rr
 
-from rocket_sim_node.recording import training_log
-from rocket_sim_node.recording.backdrop import BEFORE_FLIGHT
-from rocket_sim_node.recording.backdrop import BEFORE_TRAINING
-from rocket_sim_node.recording.backdrop import log_backdrop
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
-from rocket_sim_node.recording.flight import Settling
-from rocket_sim_node.recording.flight_log import log_flight
 from rocket_sim_node.recording.follower import Follower
-from rocket_sim_node.recording.place import Place
-from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.head import head
+from rocket_sim_node.recording.reel import Reel
+from rocket_sim_node.recording.reel import Settle
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Note
 from rocket_sim_node.recording.sink import Put
@@ -35,9 +27,8 @@ from rocket_sim_node.recording.training_recorder import TrainingRecorder
 
 EARLY = 200
 """messages kept that come before the description of their world"""
-
-Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
-"""Says what becomes of a rocket after a flight, or None where nothing does."""
+MOST_HELD = 16
+"""flights that wait until the end of another one has been seen"""
 
 
 class Recorder:
@@ -60,21 +51,26 @@ class Recorder:
         """
         self._choice = choice
         self._sinks = sinks
-        self._note = note
         self._clock = clock
-        self._settle = settle
         self._buffers = {row: FlightBuffer() for row in choice.rows}
         self._stage: Stage | None = None
         self._session = 0
         self._early: list[tuple[int, Samples]] = []
         self._training: TrainingRecorder | None = None
-        self._next_step = 0
-        self._full: set[bool] = set()
+        self._reel = Reel(choice, sinks, note, settle)
         self._live = any(sink.live for sink in sinks)
         self._follower = Follower(self._buffers, clock)
         self._held: list[Flight] = []
-        self.steps = 0
-        self.flights = 0
+
+    @property
+    def steps(self) -> int:
+        """Steps recorded."""
+        return self._reel.steps
+
+    @property
+    def flights(self) -> int:
+        """Flights recorded."""
+        return self._reel.flights
 
     # What comes in
 
@@ -99,6 +95,7 @@ class Recorder:
             self._early = [*self._early[-EARLY:], (session, samples)]
             return
         if session != self._session:
+            self._let_go()
             self._session = session
             for buffer in self._buffers.values():
                 buffer.clear()
@@ -115,55 +112,46 @@ class Recorder:
             self._training = TrainingRecorder(self._put, self._clock)
             if self._stage is not None:  # otherwise it is done when the world is known
                 self._begin(self._stage)
-        self._training.add(training, self._next_step, self._dt)
+        self._training.add(training, self._reel.end, self._dt)
+        self._reel.learning = training.learning
+        self._reel.iteration = self._training.iteration
 
     def tick(self) -> None:
         """Log what has waited long enough; call it once a second or so."""
         if self._training is not None:
             self._training.tick(self._dt)
+        self._record_held()
 
     def close(self) -> None:
         """Log what is left and finish all recordings.
 
         A flight that was under way is kept only when no other was recorded.
         """
+        followed = self._follower.flight
+        if self._stage is not None and not self.flights and not self._held:
+            rows = [row for row, buffer in self._buffers.items() if len(buffer) > 1]
+            if rows:
+                row = followed.row if followed is not None and followed.row in rows else rows[0]
+                self._reel.record(self._buffers[row].finish(row, ''), self._stage)
+                self._follower.end()
         self._let_go()
-        if not self.flights:
-            for row, buffer in self._buffers.items():
-                if len(buffer) > 1:
-                    self._record(buffer.finish(row, ''))
-                    break
+        self._record_held(now=True)
         if self._training is not None:
             self._training.flush(self._dt)
         for sink in self._sinks:
             sink.close()
 
-    # What goes out
+    # What becomes of it
 
     @property
     def _dt(self) -> float:
         return self._stage.dt if self._stage is not None else 0.02
 
-    @property
-    def _learning(self) -> bool:
-        return self._training is not None and self._training.learning
-
     def _begin(self, stage: Stage) -> None:
         """Log what stands at the head of the recording of a world."""
         training = self._training is not None
-
-        def head(stream: rr.RecordingStream) -> None:
-            scenery(stage.world).static(stream, stage)
-            if training:
-                training_log.log_styles(stream)
-                log_backdrop(stream, stage, BEFORE_TRAINING)
-
-        def live_head(stream: rr.RecordingStream) -> None:
-            head(stream)
-            log_backdrop(stream, stage, BEFORE_FLIGHT)
-
         for sink in self._sinks:
-            sink.begin(live_head if sink.live else head, Look(stage.world, training))
+            sink.begin(head(stage, training, sink.live), Look(stage.world, training))
 
     def _put(self, put: Put) -> None:
         for sink in self._sinks:
@@ -171,7 +159,6 @@ class Recorder:
 
     def _add(self, row: int, buffer: FlightBuffer, samples: Samples) -> None:
         """Take samples of one rocket: the rest of a flight, whole flights, the start of one."""
-        assert self._stage is not None
         start = 0
         for end in (np.flatnonzero(samples.outcome != FLYING) + 1).tolist():
             if buffer.extend(samples.take(slice(start, end))):
@@ -191,84 +178,49 @@ class Recorder:
         followed = self._follower.follows(flight.row, flight.episode)
         landed = flight.outcome == self._stage.outcomes[0]
         if not followed and not self._choice.wanted(
-                flight.episode, landed=landed, learning=self._learning):
+                flight.episode, landed=landed, learning=self._reel.learning):
             return
-        if self._follower.flight is not None and not followed:
+        if not followed and self._live and self._follower.busy:
             self._held.append(flight)
             return
-        if not self._record(flight) and followed:
-            self._let_go()
-        elif followed:
+        taken = self._reel.record(flight, self._stage)
+        if followed and taken:
             self._follower.end()
-        self._record_held()
+        elif followed:
+            self._let_go()
 
-    def _record_held(self) -> None:
-        held, self._held = self._held, []
-        for flight in held:
-            self._record(flight)
+    def _record_held(self, now: bool = False) -> None:
+        """Record flights that waited, when there is nothing more to be seen of the one followed.
 
-    def _record(self, flight: Flight) -> bool:
-        """Log a flight at the end of the recording; return whether there was room."""
-        stage = self._stage
-        assert stage is not None
-        room = self._choice.room(learning=self._learning) - self.steps
-        steps, settling = len(flight), None
-        # Of a flight that is not recorded nobody need know what became of it.
-        if self._settle is not None and not self._learning and steps <= room:
-            settling = self._settle(flight, stage)
-            steps += len(settling.values) if settling is not None else 0
-        if steps > room:
-            if self._learning not in self._full:
-                self._full.add(self._learning)
-                self._note('WARN', (
-                    f'max_steps: {self.steps} steps are recorded, no more flights'
-                    + (' until the agent has learnt' if self._learning else '')))
-            return False
-        put = self._put_of(flight, settling)
-        for sink in self._sinks:
-            sink.flight(put)
-        self.steps += steps
-        self.flights += 1
-        self._next_step += steps + pause_steps(stage)
-        return True
-
-    def _put_of(self, flight: Flight, settling: Settling | None = None) -> Put:
-        """Return what logs a flight at the end of the recording."""
-        stage = self._stage
-        assert stage is not None
-        iteration = self._training.iteration if self._training is not None else 0
-        place = Place(self._next_step, iteration)
-        return lambda stream: log_flight(stream, flight, stage, place, settling)
+        :param now: be that as it may; not while one is followed.
+        """
+        if self._held and self._follower.flight is None and (now or not self._follower.busy):
+            assert self._stage is not None
+            held, self._held = self._held, []
+            for flight in held:
+                self._reel.record(flight, self._stage)
 
     # What is seen while it happens
 
     def _show_under_way(self) -> None:
         """Show more of the flight that is followed, or begin to follow one."""
+        assert self._stage is not None
         if self._follower.lost:
             self._let_go()
-        room = self._choice.room(learning=self._learning) - self.steps
-
-        def wanted(episode: int) -> bool:
-            # Landed or not is not known yet: only what is recorded in either case.
-            return room > 0 and self._choice.wanted(
-                episode, landed=True, learning=self._learning)
-
-        flight = self._follower.look(wanted)
+        self._record_held(now=len(self._held) > MOST_HELD)
+        flight = self._follower.look(self._sure)
         if flight is not None:
-            put = self._put_of(flight)
-            # Its last sample may be drawn otherwise when there are more.
-            until = self._next_step + len(flight) - 1
-            for sink in self._sinks:
-                sink.under_way(put, until)
+            self._reel.show(flight, self._stage)
+
+    def _sure(self, episode: int) -> bool:
+        """Tell whether a flight will be shown in the end, however it ends."""
+        return self._reel.open and self._choice.wanted(
+            episode, landed=True, learning=self._reel.learning)
 
     def _let_go(self) -> None:
         """Leave a flight unfinished that was followed; what waited for its end is recorded."""
         flight = self._follower.flight
         if flight is not None and self._stage is not None:
-            put = self._put_of(flight)
-            end = self._next_step + len(flight) + pause_steps(self._stage)
-            for sink in self._sinks:
-                sink.under_way(put, end)
-            self._next_step = end
+            self._reel.leave(flight, self._stage)
             self._follower.end()
-        self._record_held()
+            self._record_held(now=True)

@@ -78,7 +78,10 @@ def main() -> None:
     try:
         picture = command_line.parse(Picture, arguments)
         recording = Path(picture.recording)
-        when = moment(picture, trajectories(recording))
+        flights = trajectories(recording)
+        if picture.tab != 'flight' and any(flight.pilot for flight in flights):
+            raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
+        when = moment(picture, flights)
         if picture.tab == 'training':
             when = 2**31  # its timeline counts iterations: the last one
         image, = render(

@@ -9,6 +9,9 @@ from urllib.parse import quote
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.viewer import LOCAL
 
+INVITATION = 'watch it in a browser: '
+"""How the line begins that tells people of the page."""
+
 
 class WebPage:
     """The Rerun program as a server for any number of browsers.
@@ -26,10 +29,10 @@ class WebPage:
         :raises ViewerError: when it cannot be started, for example because the port is taken.
         """
         try:
-            address = ipaddress.ip_address(host)
+            address = ipaddress.IPv4Address(host)
         except ValueError:
             raise ValueError(
-                f'web_host: got {host!r}, expected an address such as {LOCAL}') from None
+                f'web_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
         near = LOCAL if address.is_unspecified else host
         far = socket.gethostname() if address.is_unspecified else host
         if viewer.reachable(near, port):

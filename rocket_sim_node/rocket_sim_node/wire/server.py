@@ -141,7 +141,12 @@ class Server:
         return self._lease.now()
 
     def _on_tick(self) -> None:
-        """Advance by dt with the last action, or with the engine off when that is too old."""
+        """Advance by dt with the last action, or with the engine off when that is too old.
+
+        While nobody has control nothing moves: there is no flight then.
+        """
+        if self._lease.owner == NOBODY:
+            return
         if self._action is not None and (
                 self._now() - self._action_time > self._options.action_timeout):
             self._action = None

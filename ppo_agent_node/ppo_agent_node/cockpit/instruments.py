@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a pilot's instruments show: where and how fast, and what it would take to stop.
+
+Heights are above touchdown (m), speeds in m/s, angles in degrees; x is to the right, z nearer.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rocket_sim_node.worlds import lunar_vehicle
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.planar_vehicle import foot_height
+
+_FRAMES = 50
+"""1/s; the lander's observations of speed are scaled by it"""
+_NEWTON_STEPS = 6
+_BISECTIONS = 30
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Of one vehicle."""
+
+    height: float
+    """m"""
+    climb: float
+    """m/s, upwards"""
+    drift: tuple[float, float]
+    """m/s along x and z"""
+    offset: tuple[float, float]
+    """m along x and z, from the pad's centre"""
+    lean: tuple[float, float]
+    """deg, towards x and towards z"""
+    tilt: float
+    """deg"""
+
+
+def read(spec: WorldSpec, observation: F32) -> Readings:
+    """Return the readings of one vehicle.
+
+    :param observation: `(D,)`, of a world of rockets or of the lander.
+    """
+    o = observation.astype(np.float64).tolist()
+    if spec.name == 'lunar_lander':
+        wide, high = lunar_vehicle.HALF_WIDTH, lunar_vehicle.HALF_HEIGHT
+        lean = -math.degrees(math.remainder(o[4], math.tau))
+        return Readings(
+            o[1] * high, o[3] * _FRAMES / high, (o[2] * _FRAMES / wide, 0.0), (o[0] * wide, 0.0),
+            (lean, 0.0), abs(lean))
+    s = spec.settings
+    height = -o[13] * s['position_scale']
+    sideways = math.hypot(o[6], o[8])
+    if 'stance' in s:
+        height = float(foot_height(
+            height + s['touchdown_height'], np.array(sideways), np.array(o[7]), s))
+    speed, place = s['velocity_scale'], s['position_scale']
+    return Readings(
+        height, o[4] * speed, (o[3] * speed, o[5] * speed), (o[0] * place, o[2] * place),
+        (math.degrees(math.atan2(o[6], o[7])), math.degrees(math.atan2(o[8], o[7]))),
+        math.degrees(math.atan2(sideways, o[7])))
+
+
+@dataclass(frozen=True)
+class Brake:
+    """Full throttle, straight up, until the fall is stopped; the air's drag is left out.
+
+    With the flow q and the exhaust speed c a burn of t takes c ln(m / (m - q t)) - g t of the
+    speed, over v t + g t^2 / 2 - c (t - (m - q t) / q ln(m / (m - q t))) of height.
+    """
+
+    thrust: float
+    """N"""
+    flow: float
+    """kg/s"""
+    dry_mass: float
+    """kg"""
+    gravity: float
+    """m/s^2"""
+
+    @classmethod
+    def of(cls, spec: WorldSpec) -> Brake:
+        """Return the brake of a world's vehicle."""
+        s = spec.settings
+        if spec.name == 'lunar_lander':
+            return cls(s['max_thrust'], 0.0, lunar_vehicle.TOTAL_MASS, s['gravity'])
+        exhaust = s['specific_impulse'] * s['gravity']
+        return cls(s['max_thrust'], s['max_thrust'] / exhaust if exhaust else 0.0, s['dry_mass'],
+                   s['gravity'])
+
+    def time(self, speed: float, mass: float) -> float:
+        """Return how long it takes to stop, s; infinite when thrust or fuel do not suffice.
+
+        :param speed: m/s, downwards.
+        :param mass: kg, at ignition.
+        """
+        if speed <= 0:
+            return 0.0
+        net = self.thrust / mass - self.gravity
+        if net <= 0:
+            return math.inf
+        time = speed / net
+        # The deceleration grows, hence Newton's steps come down to the root from above.
+        for _ in range(_NEWTON_STEPS if self.flow else 0):
+            time = min(time, 0.999 * mass / self.flow)
+            excess = self._taken(time, mass) - speed
+            time -= excess / (self.thrust / (mass - self.flow * time) - self.gravity)
+        enough = self.flow * time <= mass - self.dry_mass + 1e-9
+        return time if enough else math.inf
+
+    def height(self, speed: float, mass: float) -> float:
+        """Return the height that stopping takes, m; infinite when it cannot be done."""
+        time = self.time(speed, mass)
+        return self._fallen(speed, time, mass) if math.isfinite(time) else math.inf
+
+    def touchdown_speed(self, height: float, speed: float, mass: float) -> float:
+        """Return how fast it is still when height is used up, burning from now on, m/s."""
+        time = self.time(speed, mass)
+        if not math.isfinite(time):
+            return math.sqrt(max(speed, 0.0)**2 + 2 * self.gravity * max(height, 0.0))
+        if self._fallen(speed, time, mass) <= height:
+            return 0.0
+        low, high = 0.0, time
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if self._fallen(speed, middle, mass) < height:
+                low = middle
+            else:
+                high = middle
+        return max(speed - self._taken(high, mass), 0.0)
+
+    def wait(self, height: float, speed: float, mass: float) -> float:
+        """Return how long free fall may last before full throttle just stops it, s; or 0."""
+        g = self.gravity
+
+        def margin(time: float) -> float:
+            later = speed + g * time
+            return height - speed * time - g * time**2 / 2 - self.height(later, mass)
+
+        if margin(0.0) <= 0 or not g:
+            return 0.0
+        low, high = 0.0, (speed + math.sqrt(speed**2 + 2 * g * height)) / g
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            if margin(middle) > 0:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    def _taken(self, time: float, mass: float) -> float:
+        """Return by how much a burn slows the fall, m/s."""
+        if not self.flow:
+            return (self.thrust / mass - self.gravity) * time
+        gained = self.thrust / self.flow * math.log(mass / (mass - self.flow * time))
+        return gained - self.gravity * time
+
+    def _fallen(self, speed: float, time: float, mass: float) -> float:
+        """Return how far it falls during a burn, m."""
+        fall = speed * time + self.gravity * time**2 / 2
+        if not self.flow:
+            return fall - self.thrust / mass * time**2 / 2
+        left = mass - self.flow * time
+        return fall - self.thrust / self.flow * (
+            time - left / self.flow * math.log(mass / left))

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The episodes of an evaluation as a table on disk, `episodes.csv`: one line an episode.
+
+Units stand in the names of the columns. A cell is empty where there is no value: fuel in a world
+that burns none, what happened after a touchdown where there was none. Numbers have ten digits.
+"""
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.starts import initial_conditions
+from rocket_sim_node.worlds.base import F64
+
+START = 'start_'
+"""Names of columns with initial conditions begin like this; which there are, the world says."""
+_DIGITS = '.10g'
+
+
+class _Column(NamedTuple):
+    name: str
+    words: bool
+    """whether it holds words, not numbers"""
+
+
+COLUMNS = tuple(_Column(name, name in ('outcome', 'after_touchdown')) for name in (
+    'row', 'episode', 'outcome', 'return', 'length_steps', 'touchdown_speed_m_s', 'tilt_deg',
+    'distance_m', 'fuel_used_kg', 'fuel_bound_kg', 'end_x_m', 'end_z_m', 'standing',
+    'after_touchdown'))
+"""`standing` is 1 for those that stand in the end, 0 for others, empty where rest is what landed
+means; `after_touchdown` is the verdict of the contact model that takes over from `rocket`."""
+
+
+@dataclass(frozen=True)
+class EpisodeTable:
+    """K episodes in order of row, then of flight."""
+
+    numbers: dict[str, F64]
+    """`(K,)` by name of column, NaN where a cell is empty"""
+    words: dict[str, tuple[str, ...]]
+    """K by name of column, '' where a cell is empty"""
+
+    def __len__(self) -> int:
+        """Return K."""
+        return len(self.words['outcome'])
+
+    def named(self, *outcomes: str) -> NDArray[np.bool_]:
+        """Return `(K,)` which episodes had one of these outcomes."""
+        return np.array([outcome in outcomes for outcome in self.words['outcome']], np.bool_)
+
+    @property
+    def starts(self) -> dict[str, F64]:
+        """Initial conditions, `(K,)` by name of column."""
+        return {name: values for name, values in self.numbers.items() if name.startswith(START)}
+
+
+def from_result(result: EvaluationResult) -> EpisodeTable:
+    """Return the episodes of an evaluation as a table."""
+    flown, count = result.episodes, len(result.episodes)
+    unknown = np.full(count, np.nan)
+    standing = unknown if result.standing is None else result.standing.astype(np.float64)
+    return EpisodeTable(
+        numbers={
+            'row': flown.row.astype(np.float64), 'episode': flown.episode.astype(np.float64),
+            'return': flown.episode_return, 'length_steps': flown.length.astype(np.float64),
+            'touchdown_speed_m_s': flown.touchdown_speed, 'tilt_deg': flown.tilt,
+            'distance_m': flown.distance,
+            'fuel_used_kg': flown.fuel_used if result.is_rocket else unknown,
+            'fuel_bound_kg': result.fuel_bound, 'end_x_m': result.end_position[:, 0],
+            'end_z_m': result.end_position[:, 1], 'standing': standing,
+            **initial_conditions(result.spec, result.first_observation)},
+        words={
+            'outcome': tuple(result.spec.outcomes[code] for code in flown.outcome.tolist()),
+            'after_touchdown': (
+                ('',) * count if result.settled is None else result.settled.verdict)})
+
+
+def write(path: Path, table: EpisodeTable) -> None:
+    """Write a table; a reader finds the old file or the whole new one.
+
+    :raises OSError: naming the path; nothing changes.
+    """
+    cells: dict[str, Sequence[str]] = {
+        name: [format(value, _DIGITS) if value == value else '' for value in values.tolist()]
+        for name, values in table.numbers.items()}
+    cells |= table.words
+    names = [*(column.name for column in COLUMNS), *table.starts]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(names)
+    writer.writerows(zip(*(cells[name] for name in names), strict=True))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, text.getvalue().encode())
+
+
+def read(path: Path) -> EpisodeTable:
+    """Return a table that `write` wrote.
+
+    :raises ValueError: naming file, line and column of what is damaged.
+    :raises OSError: when there is no such file.
+    """
+    try:
+        lines = list(csv.reader(io.StringIO(path.read_bytes().decode()), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f'{path}: damaged: {error}') from error
+    names = lines[0] if lines else []
+    missing = [column.name for column in COLUMNS if column.name not in names]
+    if missing:
+        raise ValueError(f'{path}: line 1: no column {missing[0]!r}, expected a table of episodes')
+    if len(lines) < 2:
+        raise ValueError(f'{path}: no episodes, expected one a line from line 2 on')
+    for number, line in enumerate(lines[1:], 2):
+        if len(line) != len(names):
+            raise ValueError(
+                f'{path}: line {number}: got {len(line)} columns, expected {len(names)}')
+    columns = dict(zip(names, zip(*lines[1:], strict=True), strict=True))
+    wordy = {column.name for column in COLUMNS if column.words}
+    return EpisodeTable(
+        numbers={name: _numbers(path, name, cells)
+                 for name, cells in columns.items() if name not in wordy},
+        words={name: columns[name] for name in wordy})
+
+
+def _numbers(path: Path, name: str, cells: Sequence[str]) -> F64:
+    """Return the numbers of a column, `(K,)`."""
+    values = np.empty(len(cells))
+    for place, cell in enumerate(cells):
+        try:
+            values[place] = float(cell) if cell else np.nan
+        except ValueError:
+            raise ValueError(
+                f'{path}: line {place + 2}: column {name!r}: got {cell!r}, expected a number'
+            ) from None
+    return values

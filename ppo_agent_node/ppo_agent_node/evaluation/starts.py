@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where episodes began, in physical units, read from their first observations."""
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.worlds import lunar_vehicle
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import WorldSpec
+
+Columns = dict[str, F64]
+
+_FRAMES = 50
+"""1/s; by which `lunar_lander` scales velocities, as Gymnasium does"""
+
+
+def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Columns:
+    """Return the initial conditions of K episodes, `(K,)` each; units stand in the names.
+
+    Rockets: height of the vehicle's origin, speed downwards, horizontal offset from the pad,
+    horizontal drift, tilt from vertical, spin. `lunar_lander`: the velocity of the push. Worlds
+    that are not known here: their observations, by name.
+
+    :param observation: `(K, D)` the first of each episode.
+    """
+    seen = dict(zip(spec.observation_names, observation.astype(np.float64).T, strict=True))
+    if spec.name.startswith('rocket'):
+        return _rocket(seen, spec.settings)
+    if spec.name == 'lunar_lander':
+        x = seen['velocity_x'] * _FRAMES / lunar_vehicle.HALF_WIDTH
+        y = seen['velocity_y'] * _FRAMES / lunar_vehicle.HALF_HEIGHT
+        return {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
+                'start_speed_m_s': np.hypot(x, y)}
+    return {f'start_{name}': values for name, values in seen.items()}
+
+
+def _rocket(seen: Columns, settings: dict[str, float]) -> Columns:
+    """Return the initial conditions of rockets; their observations are scaled and clipped."""
+    metres, speed = settings['position_scale'], settings['velocity_scale']
+    return {
+        'start_height_m': metres * seen['position_y'],
+        'start_descent_m_s': -speed * seen['velocity_y'],
+        'start_offset_m': metres * np.hypot(seen['position_x'], seen['position_z']),
+        'start_drift_m_s': speed * np.hypot(seen['velocity_x'], seen['velocity_z']),
+        'start_tilt_deg': np.rad2deg(
+            np.arctan2(np.hypot(seen['up_x'], seen['up_z']), seen['up_y'])),
+        'start_spin_rad_s': settings['spin_scale'] * np.sqrt(
+            seen['spin_x']**2 + seen['spin_y']**2 + seen['spin_z']**2),
+    }

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When fine-tuning ends: after its iterations, or its episodes, whichever come first."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ppo_agent_node.learning.journal import Progress
+
+
+@dataclass(frozen=True)
+class Ending:
+    """What ends a run's fine-tuning."""
+
+    iterations: int
+    episodes: int
+    """0: as many as there are"""
+
+    def reached(self, iteration: int, episodes: int) -> bool:
+        """Tell whether a run that did so many iterations and saw so many episodes is done."""
+        return iteration >= self.iterations or 0 < self.episodes <= episodes
+
+    def progress(self, iteration: int, episodes: int) -> Progress:
+        """Return how far it is, counted in what will end it if it goes on as so far."""
+        if not self.episodes or iteration * self.episodes > episodes * self.iterations:
+            return Progress(iteration, self.iterations, 'iterations')
+        return Progress(min(episodes, self.episodes), self.episodes, 'episodes')
+
+    def left(self, iteration: int, episodes: int) -> float:
+        """Return how many iterations are to come, if episodes end as often as so far."""
+        left = self.iterations - iteration
+        if not self.episodes or not episodes:
+            return left
+        return min(left, max(0, self.episodes - episodes) * iteration / episodes)

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flights by hand: keys to actions, step by step, and instruments back to the terminal."""
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+from dataclasses import replace
+from typing import Any
+
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from ppo_agent_node.cockpit.commands import HELP
+from ppo_agent_node.cockpit.commands import NEXT
+from ppo_agent_node.cockpit.commands import QUIT
+from ppo_agent_node.cockpit.commands import KeyboardCommands
+from ppo_agent_node.cockpit.debrief import ExpertFlight
+from ppo_agent_node.cockpit.debrief import Flight
+from ppo_agent_node.cockpit.debrief import Watch
+from ppo_agent_node.cockpit.debrief import debrief
+from ppo_agent_node.cockpit.display import Cockpit
+from ppo_agent_node.cockpit.display import Tank
+from ppo_agent_node.cockpit.display import View
+from ppo_agent_node.cockpit.instruments import Brake
+from ppo_agent_node.cockpit.instruments import read
+from ppo_agent_node.cockpit.raw_terminal import RawTerminal
+from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds.base import F32
+
+_FRAME = 1 / 15
+"""s between two pictures in flight"""
+_IDLE = 0.05
+"""s between two looks at the keys on the ground"""
+_LOST = (SimulatorBusy, WireTimeout, EnvironmentRestarted)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where flights begin."""
+
+    seed: int
+    level: int
+    """0: there are none, or as the simulator has it"""
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Settings for the reset."""
+        return {'level': self.level} if self.level else {}
+
+
+class HandFlying:
+    """The flights of one person at one terminal.
+
+    Each begins with a reset, when the person says so. Between flights nobody has control of the
+    simulator, and nothing falls.
+    """
+
+    def __init__(
+        self, node: Node, client: Client, terminal: RawTerminal, cockpit: Cockpit,
+        pilot: KeyboardPilot, start: Start, place: str,
+    ) -> None:
+        """Take all that is needed; `client` is connected.
+
+        :param place: where one can watch, or ''.
+        """
+        self._node, self._client, self._terminal = node, client, terminal
+        self._cockpit, self._pilot, self._start = cockpit, pilot, start
+        self._spec = spec = client.spec
+        self._brake = Brake.of(spec)
+        self._keys = KeyboardCommands(pilot)
+        self._expert: ExpertFlight | None = None
+        self._flights = Counter[str]()
+        self._best = float('-inf')
+        s = spec.settings
+        fuel = 0.0 if spec.name == 'lunar_lander' else s['fuel']
+        self._full = Tank(self._brake.dry_mass + fuel, fuel, fuel, 0.0, 0.0)
+        self._tank = self._full
+        self._session = self._old_session = 0
+        self._drawn = 0.0
+        self._view = View(
+            '', s.get('spawn_height', 14.0) - s.get('touchdown_height', 0.0),
+            tuple(s.get(f'landed_{name}', 0.0)  # type: ignore[arg-type]
+                  for name in ('speed', 'tilt', 'distance')),
+            help=True)
+        self._view.notes = [('bold green', 'press r to fly')]
+        if place:
+            self._view.notes.insert(0, ('', f'watch it: {place}'))
+        self._subscription = node.create_subscription(
+            msg.RocketState, 'state', self._on_state, qos.EVENTS)
+
+    def run(self) -> None:
+        """Fly, flight after flight, until told to stop."""
+        start, flown = self._start, False
+        command = self._rest(start)
+        while command != QUIT:
+            if command == NEXT and flown:
+                start = replace(start, seed=start.seed + 1)
+            flown = True
+            command = self._fly(start) or self._rest(start)
+
+    def tally(self) -> str:
+        """Return how it went so far; empty before the first flight."""
+        total = sum(self._flights.values())
+        if not total:
+            return ''
+        return f'landed {self._flights["landed"]} of {total}, best return {self._best:.1f}'
+
+    # On the ground
+
+    def _rest(self, start: Start) -> str:
+        """Wait for what the person wants next."""
+        view = self._view
+        view.flying = False
+        self._draw(start)
+        while True:
+            for command in self._commands(0.0 if self._expert else _IDLE):
+                if command != HELP:
+                    return command
+                view.help = not view.help
+                self._draw(start)
+            if stopping.requested():
+                raise EnvironmentClosed('asked to stop')
+            self._let_the_expert_fly()
+            if self._take_errors() or time.monotonic() - self._drawn > 1.0:
+                self._draw(start)
+
+    def _commands(self, seconds: float = 0.0) -> list[str]:
+        """Read the keys: those of the controls go to the pilot, commands are returned.
+
+        :raises EnvironmentClosed: when the terminal has gone.
+        """
+        data = self._terminal.read(seconds)
+        if data is None:
+            raise EnvironmentClosed('the terminal is gone')
+        return self._keys.take(data, time.monotonic())
+
+    def _take_errors(self) -> bool:
+        """Show the last line that the log had; return whether there was one."""
+        lines = [line for line in self._terminal.errors() if line.strip()]
+        if lines:
+            self._view.message = lines[-1]
+        return bool(lines)
+
+    # In the air
+
+    def _fly(self, start: Start) -> str | None:
+        """Fly from a start; return the command that broke the flight off, if one did."""
+        view = self._view
+        view.help, view.flying, view.notes, view.message = False, True, [], ''
+        self._expert = None
+        try:
+            self._old_session = self._session
+            self._tank = self._full
+            self._pilot.reset()
+            observation = self._client.reset(start.seed, **start.settings)
+            return self._steer(start, observation)
+        except _LOST as error:
+            view.notes = [('bold red', str(error)), ('', 'r: fly   q: quit')]
+        finally:
+            # Nobody in control: the simulator waits, and others may have it.
+            self._client.close()
+        return None
+
+    def _steer(self, start: Start, observation: F32) -> str | None:
+        watch = Watch(self._brake)
+        due = time.monotonic()
+        steps = 0
+        while True:
+            commands = [c for c in self._commands() if c != HELP]
+            if commands:
+                return commands[0]
+            now = time.monotonic()
+            action = self._pilot.act(observation, now)
+            observation, _, _, _, info = self._client.step(action)
+            steps += 1
+            mine = (info['final_rows'] == 0).nonzero()[0]
+            seen = info['final_observation'][mine[0]] if mine.size else observation[0]
+            self._view.readings = readings = read(self._spec, seen)
+            if mine.size:
+                self._touch_down(start, info, watch)
+                return None
+            watch.see(self._tank.time, readings, self._tank.mass, self._pilot.throttle(now))
+            if now - self._drawn > _FRAME:
+                self._take_errors()
+                self._draw(start)
+            if not self._client.realtime:
+                due = max(due + self._spec.dt, time.monotonic() - self._spec.dt)
+                time.sleep(max(due - time.monotonic(), 0.0))
+
+    def _touch_down(self, start: Start, info: dict[str, Any], watch: Watch) -> None:
+        """Tell how a flight ended."""
+        row = int((info['episodes'].row == 0).nonzero()[0][0])
+        flight = Flight.of(info['episodes'], row, self._spec)
+        self._flights[flight.outcome] += 1
+        self._best = max(self._best, flight.episode_return)
+        self._flown = flight, watch
+        self._expert = ExpertFlight(self._spec, start.seed, **start.settings)
+        self._report()
+
+    def _report(self, expert: Flight | None = None) -> None:
+        """Put what there is to say after a flight below the instruments."""
+        self._view.notes = [
+            *debrief(self._flown[0], expert, self._flown[1]), ('', ''),
+            ('', 'r: next start   t: this start again   h: help   q: quit')]
+
+    def _let_the_expert_fly(self) -> None:
+        """Go on with the flight to compare with, a few steps, so that keys need not wait."""
+        if self._expert is not None and self._expert.go_on():
+            self._report(self._expert.flight)
+            self._expert = None
+            self._drawn = 0.0
+
+    def _draw(self, start: Start) -> None:
+        self._drawn = time.monotonic()
+        level = f' · level {start.level}' if start.level else ''
+        self._view.title = f'hoverslam · {self._spec.name}{level} · start {start.seed}'
+        self._view.tally = self.tally()
+        self._view.tank = self._tank
+        self._terminal.draw(self._cockpit.lines(self._view))
+
+    def _on_state(self, message: msg.RocketState) -> None:
+        """Take what is not observed: of the first vehicle, in the flight under way."""
+        self._session = message.session
+        if message.session == self._old_session:
+            return
+        for k in reversed(range(len(message.row))):
+            if message.row[k] == 0 and message.episode[k] == 0:
+                self._tank = Tank(
+                    message.mass[k], message.fuel[k], self._full.full, message.throttle[k],
+                    message.time[k])
+                return

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `keyboard_pilot`: a person flies, from the terminal that the node was started in."""
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import socket
+import sys
+import time
+from dataclasses import dataclass
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.cockpit.display import Cockpit
+from ppo_agent_node.cockpit.instruments import Brake
+from ppo_agent_node.cockpit.keys import EXACT_OFF
+from ppo_agent_node.cockpit.keys import EXACT_ON
+from ppo_agent_node.cockpit.raw_terminal import RawTerminal
+from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.hand_flying import HandFlying
+from ppo_agent_node.nodes.hand_flying import Start
+from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from ppo_agent_node.pilots.keyboard import KeyboardSettings
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client import ClientOptions
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds import WorldSpec
+
+_PATIENCE = 3.0
+"""s without an answer after which the keys are looked at again"""
+_NOTICE = 3.0
+"""s without a simulator until that is told"""
+
+
+@dataclass(frozen=True)
+class KeyboardParameters:
+    """Parameters of the node, beside those of the keys and the connection."""
+
+    seed: int = setting(0, '', 'the first start; each next flight has the next one', 0, 2**62)
+    level: int = setting(
+        1, '', "curriculum level of the starts, rockets only; 0: the simulator's own", 0, 8)
+    watch: str = setting('', '', 'where the flights can be watched, to be told on the screen')
+
+
+def _agent(node: Node) -> int:
+    """Return who flies from this terminal: who comes back to it may go on at once."""
+    name = f'{socket.gethostname()}:{os.ttyname(sys.stdin.fileno())}:{node.get_namespace()}'
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
+
+
+def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
+    """Wait for a simulator.
+
+    :raises WireTimeout: when there is none for so many s.
+    """
+    begin = time.monotonic()
+    told = False
+    while True:
+        try:
+            return client.connect()
+        except WireTimeout:
+            waited = time.monotonic() - begin
+            topic = node.resolve_topic_name('world')
+            if waited >= patience:
+                raise WireTimeout(
+                    f'waited {waited:.0f} s for the simulator of {topic}; is it running, with the '
+                    'same ROS_DOMAIN_ID and namespace?') from None
+            if waited > _NOTICE and not told:
+                told = True
+                node.get_logger().warning(
+                    f'no simulator of {topic} yet; start one: ros2 run rocket_sim_node simulator '
+                    '--ros-args -p num_envs:=1 -p mode:=realtime')
+
+
+def pilot(node: Node, executor: Executor) -> None:
+    """Fly until the person or the system says to stop."""
+    parameters = Parameters(node)
+    options = parameters.declare(KeyboardParameters)
+    keys = parameters.declare(KeyboardSettings)
+    connection = parameters.declare(ConnectionParameters)
+    parameters.finish()
+    terminal = RawTerminal(EXACT_ON, EXACT_OFF)
+    # A terminal that is closed says so by a signal of its own.
+    signal.signal(signal.SIGHUP, lambda number, frame: signal.raise_signal(signal.SIGTERM))
+    client = Client(
+        node, executor, ClientOptions(connection.resend_after, _PATIENCE), _agent(node))
+    with client:
+        spec = _connect(node, client, connection.patience)
+        start = Start(options.seed, options.level if 'level' in spec.settings else 0)
+        hands, cockpit = KeyboardPilot(spec, keys), Cockpit(Brake.of(spec))
+        with terminal:
+            flying = HandFlying(node, client, terminal, cockpit, hands, start, options.watch)
+            flying.run()
+    node.get_logger().info(flying.tally() or 'no flights')
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run('keyboard_pilot', pilot, EXPECTED_ERRORS))
+
+
+if __name__ == '__main__':
+    main()

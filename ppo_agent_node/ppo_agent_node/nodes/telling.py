@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a training says: on the terminal and, the same, on `training`; and what others warn of."""
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from dataclasses import replace
+from functools import partial
+
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rocket_msgs.msg import TrainingStatus
+
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.recording.web_page import INVITATION
+from rocket_sim_node.wire import qos
+
+STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
+"""set where launch_scripts/train says at the very end how to resume"""
+_ROSOUT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Teller:
+    """Tells of a run."""
+
+    def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
+        """Begin with where it is."""
+        self._terminal, self._folder = terminal, folder
+        self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
+        self._began = time.monotonic()
+        self._last = Status(run=folder.name, folder=str(folder.path))
+        terminal.say(f'run {folder.path}')
+        terminal.wait_for('the simulator', self._last)
+        show_warnings(node, terminal)
+
+    def report(self, status: Status) -> None:
+        """Tell of an iteration of learning, or of what happened in between."""
+        status = replace(status, stages=(*status.stages, 'evaluate'))
+        self._last = status
+        self._tell(status)
+
+    def report_evaluation(self, status: Status) -> None:
+        """Tell of the flights that follow; what is known of the run stays known."""
+        last = self._last
+        self._tell(replace(
+            status, run=last.run, folder=last.folder, stages=last.stages, steps=last.steps,
+            elapsed=time.monotonic() - self._began, progress=status.iteration,
+            goal=status.iterations, unit='episodes', saved=status.saved or last.saved,
+            selection_iteration=last.selection_iteration,
+            selection_landing_rate=last.selection_landing_rate,
+            selection_landing_rate_low=last.selection_landing_rate_low,
+            selection_landing_rate_high=last.selection_landing_rate_high,
+            selection_return=last.selection_return, best_iteration=last.best_iteration,
+            best_landing_rate=last.best_landing_rate, best_return=last.best_return))
+
+    def advise(self) -> None:
+        """Say how to resume, if nobody else will."""
+        if STARTED_BY_TRAIN not in os.environ:
+            self._terminal.say('stopped; go on with: ./launch_scripts/train '
+                               f'run_dir:={self._folder.path} resume:=true')
+
+    def _tell(self, status: Status) -> None:
+        self._terminal.show(status)
+        self._publisher.publish(TrainingStatus(**asdict(status)))
+
+
+def show_warnings(node: Node, terminal: Terminal) -> None:
+    """Show what other nodes of this namespace warn of, where a display keeps them off the screen.
+
+    The address of a live view is shown as well: people wait for it.
+
+    So does what this node warns of itself, where its own log goes to a file.
+    """
+    if not terminal.live:
+        return
+    own = sys.stderr.isatty()
+    # A logger is called as its node, with points for slashes.
+    here = node.get_namespace().strip('/').replace('/', '.')
+    prefix = f'{here}.' if here else ''
+    skipped = prefix + node.get_name() if own else ''
+    node.create_subscription(
+        Log, '/rosout', partial(_on_log, terminal.say, prefix, skipped), _ROSOUT)
+
+
+def _on_log(say: Callable[[str, str], None], prefix: str, skipped: str, message: Log) -> None:
+    name = message.name
+    inner = name.removeprefix(prefix)
+    if not name.startswith(prefix) or name == skipped or '.' in inner:
+        return
+    if message.msg.startswith(INVITATION):
+        say(message.msg, '')
+    if message.level < Log.WARN:
+        return
+    grave = message.level >= Log.ERROR
+    say(f'{"error" if grave else "warning"}, {inner}: {message.msg}', 'red' if grave else 'yellow')

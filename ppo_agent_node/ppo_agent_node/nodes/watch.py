@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `watch`: shows how a training in this namespace goes, as the training's own terminal does.
+
+It listens to `training` and changes nothing; it may come late, leave, and come back.
+"""
+from __future__ import annotations
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rocket_msgs.msg import TrainingStatus
+
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.nodes.telling import show_warnings
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.parameters import ParameterError
+from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
+from rocket_sim_node.wire.running import run
+
+_SPIN_PERIOD = 0.2
+"""s"""
+
+
+def status_from_message(message: TrainingStatus) -> Status:
+    """Return the report in a message."""
+    values = {name: getattr(message, name) for name in Status.__dataclass_fields__}
+    return Status(**{**values, 'stages': tuple(message.stages)})
+
+
+def watch(node: Node, executor: Executor) -> None:
+    """Show reports until the run is done or this process is asked to end."""
+    Parameters(node).finish()
+    done = False
+    with Terminal() as terminal:
+        def on_status(message: TrainingStatus) -> None:
+            nonlocal done
+            status = status_from_message(message)
+            terminal.show(status)
+            done = done or status.stage == 'done'
+
+        node.create_subscription(TrainingStatus, 'training', on_status, qos.EVENTS)
+        topic = node.resolve_topic_name('training')
+        terminal.wait_for(f'a report on {topic}', Status())
+        show_warnings(node, terminal)
+        while not done and not stopping.requested():
+            executor.spin_once(timeout_sec=_SPIN_PERIOD)
+            terminal.tick()
+
+
+def main() -> None:
+    """Run the node."""
+    leave(run('watch', watch, expected=(ParameterError,)))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pilot who is a person: keys, with the times at which they moved, become actions.
+
+The throttle stays where it is put; space is full throttle as long as it is held. Arrow keys lean
+the vehicle: with assist an attitude loop holds the lean asked for, upright when none is; without,
+they fire the attitude control itself. When to burn is left to the person, and that is the task.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.cockpit.keys import HeldKeys
+from ppo_agent_node.cockpit.keys import KeyEvent
+from ppo_agent_node.cockpit.keys import Motion
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import WorldSpec
+
+_ALIASES = {'a': 'left', 'd': 'right'}
+_OPPOSITE = {'left': 'right', 'right': 'left', 'up': 'down', 'down': 'up'}
+_TAP = 0.1
+"""s that an engine fires after a press where nothing holds the attitude"""
+_ATTITUDE_RATE = 6.0
+"""rad/s, natural frequency of the attitude loop, critically damped: brisk, not a machine's"""
+_BRAKE_SHARE = 0.67
+"""of the attitude control, counted on to stop a turn"""
+_LEANS = {False: 8.0, True: 17.0}
+"""deg, of rockets and of the lander"""
+_NOTHING, _LEFT, _MAIN, _RIGHT = range(4)
+_TURN_WANTED, _TURN_NEEDED = 0.05, 0.15
+"""Of the lander's attitude error: worth a side engine; worth pausing the main engine for it"""
+
+
+@dataclass(frozen=True)
+class KeyboardSettings:
+    """How keys are taken."""
+
+    assist: bool = setting(
+        True, '', 'arrow keys ask for a lean, which is held for you; false: they fire the '
+        'attitude control, and nobody stops the turn but you')
+    lean: float = setting(
+        0.0, 'deg', 'lean that an arrow key asks for; 0: what suits the world', 0.0, 40.0)
+    attitude_share: float = setting(
+        0.25, '', 'share of the attitude control that an arrow key fires without assist, '
+        'rockets only', 0.01, 1.0)
+    throttle_step: int = setting(5, '%', 'throttle for each press of w or s', 1, 50)
+    repeat_delay: float = setting(
+        0.6, 's', 'how long a press counts as held where the terminal tells no release: longer '
+        "than the keyboard's delay before it repeats", 0.05, 2.0)
+    repeat_gap: float = setting(
+        0.12, 's', 'how long a repeat counts as held: longer than the time between two', 0.02, 1.0)
+
+
+class KeyboardPilot:
+    """Flies all vehicles of a batch alike, by the keys of one person."""
+
+    name = 'keyboard'
+
+    def __init__(self, spec: WorldSpec, settings: KeyboardSettings | None = None) -> None:
+        """Take the controls of a world, engine off.
+
+        :raises ValueError: for a world whose controls have no keys.
+        """
+        self._spec, self.settings = spec, settings or KeyboardSettings()
+        self._lander = spec.name == 'lunar_lander'
+        if not self._lander and spec.action_names != ('throttle', 'rcs_x', 'rcs_z'):
+            raise ValueError(
+                f'keyboard: world {spec.name!r}, expected one of rocket, rocket_planar, '
+                'lunar_lander')
+        self._lean = np.deg2rad(self.settings.lean or _LEANS[self._lander])
+        self._keys = HeldKeys(self.settings.repeat_delay, self.settings.repeat_gap)
+        self._percent = 0
+        self._owed = 0.0
+        """Of the lander's main engine, which is on or off: what the throttle has added up to"""
+
+    def reset(self) -> None:
+        """Take all keys as up and the engine as off, as a flight begins."""
+        self._percent = 0
+        self._owed = 0.0
+        self._keys.clear()
+
+    def know_releases(self) -> None:
+        """Believe from now on that the terminal tells each release."""
+        self._keys.know_releases()
+
+    def press(self, event: KeyEvent, now: float) -> bool:
+        """Take note of a key; return whether it is one of ours.
+
+        :param now: s, from a clock that never goes back.
+        """
+        key = _ALIASES.get(event.key, event.key)
+        down = event.motion is not Motion.RELEASE
+        throttle = key in ('w', 's', 'x', 'z') or (key.isdecimal() and key.isascii())
+        if not throttle and key not in ('space', *_OPPOSITE):
+            return False
+        if down and key in _OPPOSITE:
+            self._keys.release(_OPPOSITE[key])
+        if down and throttle:
+            self._set_throttle(key)
+            # Whoever sets the throttle has let go of space, or wants to.
+            self._keys.release('space')
+        short = key in _OPPOSITE and not self.settings.assist
+        self._keys.move(KeyEvent(key, event.motion), now, _TAP if short else None)
+        return True
+
+    def _set_throttle(self, key: str) -> None:
+        step = self.settings.throttle_step
+        self._percent = {
+            'w': min(self._percent + step, 100), 's': max(self._percent - step, 0),
+            'x': 0, 'z': 100,
+        }.get(key, self._percent)
+        if key.isdecimal():
+            self._percent = 10 * int(key)
+
+    def throttle(self, now: float) -> float:
+        """Return the throttle, 0 to 1."""
+        return 1.0 if self._keys.held('space', now) else self._percent / 100
+
+    def sideways(self, now: float) -> tuple[int, int]:
+        """Return where to along x and z: -1 (left; away), 0 or 1 (right; nearer)."""
+        x = self._keys.held('right', now) - self._keys.held('left', now)
+        z = self._keys.held('down', now) - self._keys.held('up', now)
+        return x, z
+
+    def act(self, observation: F32, now: float) -> NDArray[Any]:
+        """Return the actions for a batch: `(N, A)` float32, or `(N,)` int64; always finite.
+
+        :param observation: `(N, D)` float32.
+        :param now: s, the clock of `press`.
+        """
+        seen = np.nan_to_num(observation.astype(np.float64))
+        if self._lander:
+            return self._fly_lander(seen, now)
+        throttle = np.full(len(seen), 2 * self.throttle(now) - 1)
+        if self.settings.assist:
+            torque = self._hold_attitude(seen.T, *self.sideways(now))
+        else:
+            # A push towards +x is a turn about -Z, one towards +z about +X.
+            x, z = self.sideways(now)
+            share = self.settings.attitude_share
+            torque = np.tile([[share * z], [-share * x]], len(seen))
+        action = np.nan_to_num(np.stack((throttle, torque[0], torque[1]), axis=1))
+        flown: F32 = np.clip(action, -1.0, 1.0).astype(np.float32)
+        return flown
+
+    def _hold_attitude(self, seen: F64, x: int, z: int) -> F64:
+        """Return the torque `(2, N)` about X and Z, 1 for all there is, not yet clipped.
+
+        Proportional to the error, up x wanted, and the spin; far off, the spin is limited to
+        what a share of the attitude control can stop in the angle left.
+
+        :param seen: `(15, N)`.
+        """
+        wanted = np.array([x * np.tan(self._lean), 1.0, z * np.tan(self._lean)])
+        wanted /= np.sqrt((wanted**2).sum())
+        up, s = seen[6:9], self._spec.settings
+        spin = seen[9:12:2] * s['spin_scale']
+        error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],
+                          up[0] * wanted[1] - up[1] * wanted[0]))
+        full = max(s['rcs_torque'] / s['inertia'], 1e-9)
+        angle = np.maximum(np.hypot(*error), 1e-12)
+        rate = np.minimum(_ATTITUDE_RATE / 2, np.sqrt(2 * _BRAKE_SHARE * full / angle))
+        torque: F64 = (rate * error - spin) * (2 * _ATTITUDE_RATE / full)
+        return torque
+
+    def _fly_lander(self, seen: F64, now: float) -> NDArray[Any]:
+        """Return the lander's actions; its attitude law is that of Gymnasium's heuristic.
+
+        Its engine is on or off where actions are discrete: a part of full throttle is then so
+        many steps on of so many.
+
+        :param seen: `(N, 8)`.
+        """
+        throttle, (x, _) = self.throttle(now), self.sideways(now)
+        if self.settings.assist:
+            standing = seen[:, 6:8].any(axis=1)
+            turn = 0.5 * (-x * self._lean - seen[:, 4]) - seen[:, 5]
+            turn = np.where(standing, 0.0, turn)
+        else:
+            turn = np.full(len(seen), -float(x))
+        flown: NDArray[Any]
+        if self._spec.continuous:
+            main = np.full(len(seen), throttle if throttle > 0 else -1.0)
+            flown = np.stack((main, np.clip(-20 * turn, -1.0, 1.0)), axis=1).astype(np.float32)
+            return flown
+        self._owed = self._owed + throttle if throttle else 0.0
+        fire = self._owed >= 1.0 - 1e-9
+        if fire:
+            self._owed -= 1.0
+        size = np.abs(turn)
+        side = np.where(turn > 0, _LEFT, _RIGHT)
+        needed, otherwise = (_TURN_NEEDED, _MAIN) if fire else (_TURN_WANTED, _NOTHING)
+        flown = np.where(size > needed, side, otherwise).astype(np.int64)
+        return flown

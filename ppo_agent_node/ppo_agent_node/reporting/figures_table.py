@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of an evaluation as a reader wants them: value, certainty, spread."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppo_agent_node.evaluation.episode_table import EpisodeTable
+from ppo_agent_node.evaluation.intervals import bootstrap_mean
+from ppo_agent_node.reporting.style import words
+from ppo_agent_node.reporting.touchdown_pictures import on_ground
+from rocket_sim_node.worlds.base import F64
+
+Row = tuple[str, str, str, str]
+HEAD = ('figure', 'value', '95 % interval', 'spread')
+_SPREADS = (
+    ('touchdown_speed', 'touchdown speed', 'touchdown_speed_m_s', 'm/s'),
+    ('tilt', 'tilt at touchdown', 'tilt_deg', 'deg'),
+    ('distance', "distance from the pad's centre", 'distance_m', 'm'),
+    ('fuel_used_kg', 'fuel used', 'fuel_used_kg', 'kg'),
+)
+_BOOTSTRAPPED = 20_000
+"""episodes up to which an interval is bootstrapped; the mean of more is as good as normal"""
+_Z = 1.959963984540054
+
+
+def mean_interval(values: F64) -> tuple[float, float]:
+    """Return the 95 % interval of a mean of finite values `(K,)`."""
+    if len(values) <= _BOOTSTRAPPED:
+        return bootstrap_mean(values)
+    half = _Z * float(values.std()) / len(values)**0.5
+    return float(values.mean()) - half, float(values.mean()) + half
+
+
+def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
+    """Return the rows of the table; what a world does not have is left out."""
+    found: list[Row] = [(
+        'landed', f'{figures["landed"]} of {figures["episodes"]}, '
+        f'{rate(figures["landing_rate"])}', interval_of_rate(figures, 'landing_rate'), '')]
+    if figures.get('standing_rate') is not None:
+        ends = ', '.join(f'{words(name)} {count}' for name, count in (
+            figures.get('settling') or {}).items() if count)
+        found.append(('standing in the end', rate(figures['standing_rate']),
+                      interval_of_rate(figures, 'standing_rate'),
+                      f'after touchdown: {ends}' if ends else ''))
+    low, high = figures['mean_return_interval']
+    deviation = figures.get('return_std')
+    found.append((
+        'mean return', f'{figures["mean_return"]:.2f}', f'{low:.2f} to {high:.2f}',
+        '' if deviation is None else f'standard deviation {deviation:.4g}'))
+    at_rest = not str(figures['world']).startswith('rocket')
+    for name, what, column, unit in _SPREADS:
+        spread = figures.get(name) or {}
+        if spread.get('mean') is not None:
+            label = what.replace('touchdown speed', 'speed at the end').replace(
+                'at touchdown', 'at the end') if at_rest else what
+            found.append((
+                f'{label}, mean', f'{spread["mean"]:.4g} {unit}',
+                _interval(episodes, name, column, unit),
+                '' if spread.get('p95') is None else f'95 % below {spread["p95"]:.4g} {unit}'))
+    if figures.get('fuel_ratio') is not None:
+        found.append((
+            'fuel used / least possible, mean', f'{figures["fuel_ratio"]:.4f}',
+            _ratio_interval(episodes), f'least {figures["fuel_bound_kg"]:.1f} kg, mean'
+            if figures.get('fuel_bound_kg') is not None else ''))
+    if figures.get('mean_length') is not None:
+        found.append(('length, mean', f'{figures["mean_length"]:.1f} steps', '', ''))
+    return found
+
+
+def rate(value: float) -> str:
+    """Return a rate as text."""
+    return f'{100 * value:.2f} %'
+
+
+def interval_of_rate(figures: Mapping[str, Any], name: str) -> str:
+    """Return the interval of a rate as text, '' where there is none."""
+    low, high = (100 * bound for bound in figures.get(f'{name}_interval') or (np.nan, np.nan))
+    return '' if np.isnan(low) else f'{low:.2f} to {high:.2f} %'
+
+
+def _interval(episodes: EpisodeTable | None, name: str, column: str, unit: str) -> str:
+    """Return the interval of a mean over touchdowns (of fuel: over all), '' without episodes."""
+    if episodes is None:
+        return ''
+    values = episodes.numbers[column]
+    values = values if name == 'fuel_used_kg' else values[on_ground(episodes)]
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return ''
+    low, high = mean_interval(values)
+    return f'{low:.4g} to {high:.4g} {unit}'
+
+
+def _ratio_interval(episodes: EpisodeTable | None) -> str:
+    """Return the interval of the mean ratio over landings, '' without episodes."""
+    if episodes is None:
+        return ''
+    ratio = episodes.numbers['fuel_used_kg'] / episodes.numbers['fuel_bound_kg']
+    ratio = ratio[episodes.named('landed') & np.isfinite(ratio)]
+    if not ratio.size:
+        return ''
+    low, high = mean_interval(ratio)
+    return f'{low:.4f} to {high:.4f}'
+
+
+def duration(seconds: float) -> str:
+    """Return a time as text: the two largest units."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return (f'{hours} h {minutes} min' if hours else
+            f'{minutes} min {rest} s' if minutes else f'{rest} s')

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lies in the folder of a run or of an evaluation, read and checked once."""
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ppo_agent_node.evaluation import episode_table
+from ppo_agent_node.evaluation.episode_table import EpisodeTable
+from ppo_agent_node.learning.train_log import read_log
+from rocket_sim_node.worlds.base import F64
+
+CONFIG, LOG, FIGURES, EPISODES = 'config.yaml', 'train.jsonl', 'evaluation.json', 'episodes.csv'
+Lines = Sequence[Mapping[str, Any]]
+
+_PAIR = 'a pair of numbers'
+_EXPECTED: dict[str, str] = {
+    'world': 'a string', 'episodes': 'a whole number', 'landed': 'a whole number',
+    'landing_rate': 'a number', 'landing_rate_interval': _PAIR, 'mean_return': 'a number',
+    'mean_return_interval': _PAIR, 'outcomes': 'names and whole numbers'}
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run's files; what a folder does not hold is None or empty."""
+
+    path: Path
+    config: dict[str, Any]
+    lines: list[dict[str, Any]]
+    figures: dict[str, Any] | None
+    episodes: EpisodeTable | None
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return self.path.resolve().name
+
+    @property
+    def world(self) -> str:
+        """Name of the world, '' when no file says."""
+        return str(self.config.get('world') or (self.figures or {}).get('world') or '')
+
+    @property
+    def world_settings(self) -> dict[str, Any]:
+        """Settings of the world: as evaluated, else as trained in, else none."""
+        flown = (self.figures or {}).get('world_settings') or self.config.get('world_settings')
+        return dict(flown) if isinstance(flown, dict) else {}
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """Settings of the training by name, `{}` for an evaluation alone."""
+        return dict(self.config.get('training') or {})
+
+    @property
+    def seconds(self) -> float | None:
+        """Wall clock of all that is in the log, s; None for an evaluation alone."""
+        return float(np.nansum(column(self.lines, 'seconds'))) if self.lines else None
+
+    @property
+    def date(self) -> datetime:
+        """When the newest of its files was written."""
+        times = [path.stat().st_mtime for name in (CONFIG, LOG, FIGURES)
+                 if (path := self.path / name).exists()]
+        return datetime.fromtimestamp(max(times)).astimezone()
+
+    def stage(self, name: str) -> Lines:
+        """Return the log's lines of a stage."""
+        return [line for line in self.lines if line['stage'] == name]
+
+
+def load(path: Path) -> Run:
+    """Read a folder.
+
+    :raises ValueError: when it holds no run, or a file is damaged; the message names it.
+    :raises OSError: when a file cannot be read.
+    """
+    if not path.is_dir():
+        raise ValueError(f'{path}: no such folder, expected that of a run or an evaluation')
+    if not any((path / name).is_file() for name in (CONFIG, LOG, FIGURES)):
+        raise ValueError(
+            f'{path}: no run, expected a folder with {CONFIG} and {LOG}, or with {FIGURES}')
+    figures = _figures(path / FIGURES)
+    episodes = path / EPISODES
+    return Run(
+        path, _config(path / CONFIG), _lines(path / LOG), figures,
+        episode_table.read(episodes) if figures and episodes.is_file() else None)
+
+
+def column(lines: Lines, name: str) -> F64:
+    """Return an entry of all lines `(K,)`, NaN where it is missing.
+
+    :raises ValueError: when one is no number.
+    """
+    values = [line.get(name) for line in lines]
+    for value in values:
+        if value is not None and not isinstance(value, int | float):
+            raise ValueError(f'{LOG}: {name}: got {value!r}, expected a number')
+    return np.array([np.nan if value is None else value for value in values], np.float64)
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """Return the log, `[]` where there is none."""
+    try:
+        lines = read_log(path)
+    except UnicodeDecodeError as error:
+        raise ValueError(f'{path}: damaged: {error}') from error
+    for number, line in enumerate(lines, 1):
+        if not isinstance(line, dict) or not isinstance(line.get('stage'), str):
+            raise ValueError(
+                f"{path}: line {number} is damaged: expected an object with a 'stage'")
+    return lines
+
+
+def _config(path: Path) -> dict[str, Any]:
+    """Return the settings, `{}` where there are none."""
+    if not path.is_file():
+        return {}
+    try:
+        values = yaml.safe_load(path.read_text('utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f'{path}: damaged: {" ".join(str(error).split())}') from error
+    if not isinstance(values, dict):
+        raise ValueError(f'{path}: damaged, expected names and values')
+    for name in ('training', 'world_settings'):
+        if not isinstance(values.get(name) or {}, dict):
+            raise ValueError(f'{path}: {name}: got {values[name]!r}, expected names and values')
+    return values
+
+
+def _figures(path: Path) -> dict[str, Any] | None:
+    """Return the figures of the evaluation, None where there is none."""
+    if not path.is_file():
+        return None
+    try:
+        figures = json.loads(path.read_text('utf-8'))
+    except ValueError as error:
+        raise ValueError(f'{path}: damaged: {error}') from error
+    if not isinstance(figures, dict):
+        raise ValueError(f'{path}: damaged, expected an object')
+    for name, expected in _EXPECTED.items():
+        if not _is(figures.get(name), expected):
+            raise ValueError(f'{path}: {name}: got {figures.get(name)!r}, expected {expected}')
+    return figures
+
+
+def _is(value: Any, expected: str) -> bool:
+    """Return whether a value is of the kind that the words say."""
+    if expected == _PAIR:
+        return isinstance(value, list) and len(value) == 2 and all(
+            _is(one, 'a number') for one in value)
+    if expected.startswith('names'):
+        return isinstance(value, dict) and all(
+            _is(one, 'a whole number') for one in value.values())
+    kinds: dict[str, Any] = {
+        'a string': str, 'a whole number': int, 'a number': int | float}
+    return isinstance(value, kinds[expected]) and not isinstance(value, bool)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command `pictures`: makes the pictures of the documents anew, flights and all."""
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import yaml
+from PIL import Image
+
+from ppo_agent_node.evaluation import compare
+from ppo_agent_node.evaluation import side_by_side
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.reporting import pictures as report_pictures
+from ppo_agent_node.reporting.run_files import load
+from rocket_sim_node import command_line
+from rocket_sim_node import worlds
+from rocket_sim_node.recording import touchdown
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.render import render
+from rocket_sim_node.recording.screenshot import Picture
+from rocket_sim_node.recording.screenshot import moment
+from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.viewer import ViewerError
+from rocket_sim_node.settings import setting
+
+SEED = 20_000_000
+"""where the starts of evaluations begin"""
+FLIGHTS = 6
+WINDOW = (1600, 968)
+TALL = (1600, 1068)
+"""pixels of the viewer's window; its bars are cut off"""
+COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
+"""What a run has when it has ended."""
+Maker = Callable[[Path, Path], Image.Image]
+"""Makes a picture of a run's folder, with a folder for what it needs on the way."""
+
+
+def fly_and_record(world: str, path: Path) -> None:
+    """Fly the policy that ships with a world, and record the flights.
+
+    :raises OSError: when the recording cannot be written.
+    """
+    simulated = worlds.make(world, FLIGHTS, SEED)
+    spec = simulated.spec
+    policies = resources.files('ppo_agent_node') / 'policies'
+    pilot = PolicyPilot(Path(str(policies / f'{world}.safetensors')), spec)
+    recorder = Recorder(
+        Choice(rows=tuple(range(FLIGHTS))), [FileSink(path, lambda *note: None)],
+        lambda *note: None, settle=touchdown.follow)
+    recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
+    recorder.states(1, side_by_side.fly(simulated, pilot, SEED))
+    recorder.close()
+
+
+def shot(
+    recording: Path, at: str, flight: int = -1, size: tuple[int, int] = WINDOW,
+) -> Image.Image:
+    """Return a picture of a flight of a recording, at one of the moments of `screenshot`."""
+    when = moment(Picture(str(recording), at=at, flight=flight), trajectories(recording))
+    return render(recording, [when], size=size)[0]
+
+
+def landing(run: Path, scratch: Path) -> Image.Image:
+    """Return a landing in its burn."""
+    path = scratch / 'landing.rrd'
+    fly_and_record('rocket', path)
+    return shot(path, 'burn')
+
+
+def lunar_lander(run: Path, scratch: Path) -> Image.Image:
+    """Return a lander on its pad."""
+    path = scratch / 'lunar_lander.rrd'
+    fly_and_record('lunar_lander', path)
+    return shot(path, 'touchdown')
+
+
+def comparison(run: Path, scratch: Path) -> Image.Image:
+    """Return the pilots of a run side by side, in their burns."""
+    path = scratch / 'comparison.rrd'
+    compare.make(compare.Comparison(run_dir=str(run), output=str(path)))
+    return shot(path, 'burn', flight=0, size=TALL)
+
+
+def training(run: Path, scratch: Path) -> Image.Image:
+    """Return the learning curves of a run."""
+    report_pictures.draw(load(run), scratch)
+    return Image.open(scratch / 'training.png').convert('RGB')
+
+
+MAKERS: Mapping[str, Maker] = {
+    'landing': landing, 'lunar_lander': lunar_lander, 'comparison': comparison,
+    'training': training}
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Arguments of the command."""
+
+    run_dir: str = setting(
+        '', '', "run for training and comparison; empty: the newest complete one of 'rocket'")
+    output: str = setting('docs/images', '', 'folder of the pictures')
+    only: str = setting('', '', 'make this one alone', choices=('', *MAKERS))
+
+
+def newest_run(runs: Path) -> Path:
+    """Return the newest run of world `rocket` that has ended.
+
+    :raises FileNotFoundError: when there is none.
+    """
+    ended = [
+        config.parent for config in runs.glob('*/config.yaml')
+        if all((config.parent / name).is_file() for name in COMPLETE)
+        and yaml.safe_load(config.read_text('utf-8')).get('world') == 'rocket']
+    if not ended:
+        raise FileNotFoundError(
+            2, "run_dir: no run of world 'rocket' has ended, with its clone; train one, or name "
+            'one, below', str(runs.resolve()))
+    return max(ended, key=lambda run: (run / 'evaluation.json').stat().st_mtime)
+
+
+def main() -> None:
+    """Run the command."""
+    arguments = sys.argv[1:]
+    if arguments and arguments[0] in ('-h', '--help'):
+        sys.stdout.write(command_line.usage(
+            'pictures', '[NAME:=VALUE ...]',
+            f'Makes the pictures of the documents anew: {", ".join(MAKERS)}.', Pictures))
+        return
+    try:
+        wanted = command_line.parse(Pictures, arguments)
+        chosen = [wanted.only] if wanted.only else list(MAKERS)
+        run = Path(wanted.run_dir)
+        if not wanted.run_dir and {'training', 'comparison'} & set(chosen):
+            run = newest_run(Path('runs'))
+        output = Path(wanted.output)
+        output.mkdir(parents=True, exist_ok=True)
+        for name in chosen:
+            with tempfile.TemporaryDirectory() as scratch:
+                picture = MAKERS[name](run, Path(scratch))
+            picture.save(output / f'{name}.png', optimize=True)
+            sys.stdout.write(f'{output / name}.png, {picture.width} x {picture.height}\n')
+            sys.stdout.flush()
+    except (ValueError, TypeError, OSError, ViewerError) as error:
+        sys.stderr.write(f'pictures: {error}\n')
+        sys.exit(2)
+
+
+if __name__ == '__main__':
+    main()

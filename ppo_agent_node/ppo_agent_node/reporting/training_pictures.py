@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a training run, drawn from the lines of its `train.jsonl`."""
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from ppo_agent_node.learning.scores import WINDOW
+from ppo_agent_node.learning.scores import moving_average
+from ppo_agent_node.reporting.run_files import Lines
+from ppo_agent_node.reporting.run_files import column
+from ppo_agent_node.reporting.style import BLUE
+from ppo_agent_node.reporting.style import GREEN
+from ppo_agent_node.reporting.style import GREY
+from ppo_agent_node.reporting.style import ORANGE
+from ppo_agent_node.reporting.style import VERMILION
+from ppo_agent_node.reporting.style import whole_ticks
+from rocket_sim_node.worlds.base import F64
+
+SMOOTHING = 0.2
+"""weight of the newest value in a smoothed curve"""
+
+
+def cloning_figure(lines: Lines) -> Figure:
+    """Return training and validation loss over the epochs."""
+    figure = Figure(figsize=(8, 4.2))
+    axes = figure.add_subplot()
+    epoch = column(lines, 'iteration')
+    validation = column(lines, 'clone_validation_loss')
+    axes.plot(epoch, column(lines, 'clone_loss'), color=BLUE, marker='o', ms=4,
+              label='training')
+    axes.plot(epoch, validation, color=VERMILION, marker='s', ms=4,
+              label='validation, other episodes')
+    if np.isfinite(validation).any():
+        best = int(np.nanargmin(validation))
+        axes.plot(epoch[best], validation[best], color=VERMILION, marker='*', ms=15, ls='',
+                  label='kept')
+    _dress(axes, 'epoch', 'loss (no unit)', 'Cloning the expert')
+    axes.set_yscale('log')
+    axes.legend()
+    return figure
+
+
+def training_figure(lines: Lines) -> Figure:
+    """Return mean return, landing rate and, where there are any, level over the iterations."""
+    levels = column(lines, 'level')
+    parts = 3 if (levels > 0).any() else 2
+    figure = Figure(figsize=(9, 8.4))
+    returns, landing, *level = figure.subplots(
+        parts, 1, sharex=True, height_ratios=(3, 2, 1)[:parts])
+    alone = 'final level, without noise' if level else 'without noise'
+    iteration = column(lines, 'iteration')
+    raw = column(lines, 'mean_return')
+    returns.plot(iteration, raw, color=BLUE, alpha=0.4, lw=1, label='roll-out, with noise')
+    returns.plot(iteration, smooth(raw), color=BLUE, lw=1.8, label='the same, smoothed')
+    selection = column(lines, 'selection_return')
+    flown = np.isfinite(selection)
+    returns.plot(iteration[flown], selection[flown], color=VERMILION, marker='o', ms=4,
+                 label=alone)
+    _dress(returns, '', 'mean return (reward points)')
+    _legend_above(returns)
+    landing.fill_between(
+        iteration, 100 * column(lines, 'landing_rate_low'),
+        100 * column(lines, 'landing_rate_high'), color=GREEN, alpha=0.25, lw=0,
+        label='its 95 % interval (Wilson)')
+    landing.plot(iteration, 100 * column(lines, 'landing_rate'), color=GREEN,
+                 label='roll-out, with noise')
+    landing.plot(iteration[flown], 100 * column(lines, 'selection_landing_rate')[flown],
+                 color=VERMILION, marker='o', ms=4, label=alone)
+    _dress(landing, '' if level else 'iteration', 'landed (% of episodes)')
+    _legend_above(landing)
+    for axes in level:
+        axes.step(iteration, levels, where='mid', color=ORANGE, lw=1.8)
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+        _dress(axes, 'iteration', 'level (1 to 8)')
+    figure.align_ylabels()
+    figure.suptitle('Fine-tuning by PPO', x=0.01, ha='left')
+    return figure
+
+
+def score_figure(scores: F64) -> Figure:
+    """Return the return of each episode of fine-tuning, and its moving average.
+
+    :param scores: `(K,)` in the order in which the episodes ended.
+    """
+    figure = Figure(figsize=(9, 4.5))
+    axes = figure.add_subplot()
+    episode = np.arange(1, len(scores) + 1)
+    axes.plot(episode, scores, color=BLUE, alpha=0.4, lw=0.8, label='score of an episode')
+    axes.plot(episode, moving_average(scores), color=VERMILION, lw=1.8,
+              label=f'average of the last {WINDOW}')
+    _dress(axes, 'episode', 'score (reward points)', 'Training, episode by episode')
+    figure.legend(loc='outside lower center', ncols=2)
+    return figure
+
+
+def diagnostics_figure(lines: Lines) -> Figure:
+    """Return the update's diagnostics over the iterations."""
+    panels = [
+        ('policy_loss', 'policy loss'), ('value_loss', 'value loss'),
+        ('explained_variance', 'explained variance'), ('approx_kl', 'approx. KL (nats)'),
+        ('clipfrac', 'clipped (% of samples)'), ('entropy', 'entropy (nats)'),
+        ('learning_rate', 'learning rate'), ('log_std', 'ln of standard dev.'),
+    ]
+    # A categorical policy has no standard deviation; other entries are there but while warming up.
+    panels = [panel for panel in panels
+              if panel[0] != 'log_std' or np.isfinite(column(lines, panel[0])).any()]
+    figure = Figure(figsize=(10, 8.4))
+    grid = figure.subplots(4, 2, sharex=True)
+    iteration = column(lines, 'iteration')
+    for axes, (name, label) in zip(grid.flat, panels, strict=False):
+        values = (100 if name == 'clipfrac' else 1) * column(lines, name)
+        axes.plot(iteration, values, color=BLUE, lw=1.3)
+        if name == 'value_loss' and (values[np.isfinite(values)] > 0).any():
+            axes.set_yscale('log')
+        if name == 'explained_variance':
+            axes.set_ylim(-1.05, 1.05)
+            axes.axhline(0, color=GREY, lw=0.8)
+        _dress(axes, 'iteration' if axes in grid[-1] else '', label)
+    for axes in grid.flat[len(panels):]:
+        axes.remove()
+        grid[-2, 1].set_xlabel('iteration')
+        grid[-2, 1].xaxis.set_tick_params(labelbottom=True)
+    figure.align_ylabels()
+    figure.suptitle('What the updates of policy and critic did', x=0.01, ha='left')
+    return figure
+
+
+def smooth(values: F64) -> F64:
+    """Return the exponential moving average `(K,)`, NaN left out."""
+    out = np.full_like(values, np.nan)
+    mean = np.nan
+    for index, value in enumerate(values):
+        if np.isfinite(value):
+            mean = value if np.isnan(mean) else mean + SMOOTHING * (value - mean)
+        out[index] = mean
+    return out
+
+
+def _legend_above(axes: Axes) -> None:
+    """Put the legend where no curve is: above."""
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
+
+
+def _dress(axes: Axes, x: str, y: str, title: str = '') -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title)
+    whole_ticks(axes)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of a report in words."""
+from __future__ import annotations
+
+import math
+
+from ppo_agent_node.learning.status import Status
+
+STAGES = {
+    'demonstrate': 'expert flies', 'clone': 'cloning', 'finetune': 'PPO', 'evaluate': 'evaluating',
+    'done': 'done',
+}
+_LEVELLED = ('finetune', 'evaluate')
+
+
+def stage_name(stage: str) -> str:
+    """Return what a person calls a stage."""
+    return STAGES.get(stage, stage)
+
+
+def duration(seconds: float) -> str:
+    """Return minutes and seconds, and hours where there are any."""
+    whole = max(0, int(seconds))
+    if whole < 3600:
+        return f'{whole // 60}:{whole % 60:02d}'
+    return f'{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}'
+
+
+def rate(value: float, low: float = math.nan, high: float = math.nan) -> str:
+    """Return a part of 1 in per cent, with its interval where it is known."""
+    text = f'{value:.1%}'
+    return text if not math.isfinite(low) else f'{text} [{100 * low:.1f}, {100 * high:.1f}]'
+
+
+def amount(count: int) -> str:
+    """Return a large number in three figures."""
+    for size, name in ((1e9, ' G'), (1e6, ' M'), (1e3, ' k')):
+        if count >= size:
+            return f'{count / size:.3g}{name}'
+    return str(count)
+
+
+def counted(status: Status) -> tuple[int, int, str]:
+    """Return how much of a stage is done, of how much (0: nobody knows), and in what unit."""
+    if status.goal:
+        return status.progress, status.goal, status.unit
+    return status.iteration, status.iterations, status.unit
+
+
+def count_text(status: Status) -> str:
+    """Return that as text, '' where nothing is counted; iterations need not be named."""
+    done, goal, unit = counted(status)
+    if not goal:
+        return ''
+    return f'{done}/{goal} episodes' if unit == 'episodes' else f'{done}/{goal}'
+
+
+def figures(status: Status) -> list[str]:
+    """Return the figures of an iteration, the most telling first."""
+    parts = []
+    if status.level and status.stage in _LEVELLED:
+        parts.append(f'level {status.level}')
+    if math.isfinite(status.landing_rate):
+        parts.append('landed ' + rate(
+            status.landing_rate, status.landing_rate_low, status.landing_rate_high))
+    if math.isfinite(status.mean_return):
+        parts.append(f'return {status.mean_return:.1f}')
+    if math.isfinite(status.clone_validation_loss):
+        parts.append(f'validation loss {status.clone_validation_loss:.5f}')
+    if math.isfinite(status.steps_per_second):
+        parts.append(f'{status.steps_per_second:,.0f} steps/s')
+    return parts
+
+
+def without_noise(status: Status) -> str:
+    """Return how the policy did when it was last flown without noise, '' when it was not."""
+    if not math.isfinite(status.selection_return):
+        return ''
+    landed = rate(
+        status.selection_landing_rate, status.selection_landing_rate_low,
+        status.selection_landing_rate_high)
+    return (f'without noise, at iteration {status.selection_iteration}: landed {landed}, '
+            f'return {status.selection_return:.1f}')
+
+
+def best(status: Status) -> str:
+    """Return which policy is the best so far, '' when there is none."""
+    if not math.isfinite(status.best_return):
+        return ''
+    return f'best {status.best_return:.1f} at iteration {status.best_iteration}'
+
+
+def line(status: Status) -> str:
+    """Return a report as one line that can be understood by itself."""
+    parts = figures(status) if status.is_iteration or status.stage == 'done' else []
+    if status.is_iteration:
+        if status.stage == 'finetune' and status.selection_iteration == status.iteration:
+            parts += filter(None, [without_noise(status)])
+        parts.append(f'{duration(status.remaining)} left')
+    text = '; '.join(filter(None, (', '.join(parts), status.message)))
+    head = f'{stage_name(status.stage)} {count_text(status)}'.strip()
+    return f'[{duration(status.elapsed)}] {head}: {text}'

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the viewer shows a comparison: a view a pilot in a row, below them plots that overlay."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+from typing import cast
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind
+from rerun.blueprint.encodings import VisualizerComponentMapping
+
+from rocket_sim_node.recording import comparison_plots
+from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.comparison_plots import Named
+from rocket_sim_node.recording.plots import Plot
+from rocket_sim_node.recording.sceneries import scenery
+from rocket_sim_node.recording.stage import Stage
+
+RESULTS = '/results'
+BEHIND = 12.0
+AHEAD = 3.0
+"""s around the cursor that plots show"""
+
+
+class Titled(Named, Protocol):
+    """One of those compared, as far as the layout knows it."""
+
+    @property
+    def title(self) -> str:
+        """What stands above its view."""
+        ...
+
+
+def blueprint(sides: Sequence[Titled], stage: Stage) -> rrb.Blueprint:
+    """Return the layout of a comparison."""
+    phases = rrb.StateTimelineView(
+        name='Phases', origin='/', contents=[f'/{side.key}{scene.PHASE}' for side in sides])
+    phases.properties['TimeAxis'] = _around_cursor()
+    log = rrb.TextLogView(
+        name='Log', origin='/', contents=[f'/{side.key}{scene.LANDINGS}' for side in sides])
+    plots = [
+        _plot(plot, sides, legend=number == 0)
+        for number, plot in enumerate(comparison_plots.plots(stage))]
+    results = rrb.TextDocumentView(name='Results', origin=RESULTS, contents=[RESULTS])
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(*(_view(side, stage) for side in sides)),
+            rrb.Horizontal(
+                rrb.Grid(*plots, phases, grid_columns=3),
+                rrb.Tabs(results, log, active_tab=0), column_shares=[5, 3]),
+            row_shares=[8, 7]),
+        rrb.BlueprintPanel(state='collapsed'),
+        rrb.SelectionPanel(state='collapsed'),
+        rrb.TimePanel(state='collapsed', timeline='sim_time', play_state='playing'))
+
+
+def _around_cursor() -> rrb.TimeAxis:
+    return rrb.TimeAxis(view_range=rr.TimeRange(
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-BEHIND),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=AHEAD)))
+
+
+def _view(side: Titled, stage: Stage) -> rrb.View:
+    """Return the world's own view, moved to where the pilot's copy of the scene is."""
+    view = scenery(stage.world).view()
+    path = f'/{side.key}'
+    view.name = side.title
+    view.origin = f'{path}{view.origin}'
+    rules = cast(Sequence[str], view.contents)
+    view.contents = [rule.replace('/', f'{path}/', 1) for rule in rules]
+    view.visualizer_overrides = {
+        f'{path}{entity}': how for entity, how in view.visualizer_overrides.items()}
+    return view
+
+
+def _plot(plot: Plot, sides: Sequence[Titled], *, legend: bool) -> rrb.TimeSeriesView:
+    """Return the plot of a quantity, one line a pilot, some seconds around the cursor."""
+    shown = rr.SeriesLines().visualizer(mappings=[VisualizerComponentMapping(
+        'Scalars:scalars', ComponentSourceKind.SourceComponent,
+        source_component=plot.component)])
+    entities = [comparison_plots.entity(side) for side in sides]
+    return rrb.TimeSeriesView(
+        name=plot.title, origin='/', contents=entities, axis_x=_around_cursor(),
+        overrides=dict.fromkeys(entities, shown),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend))

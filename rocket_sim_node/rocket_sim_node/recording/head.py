@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What stands at the head of a recording: the scene, and the styles of what will come."""
+from __future__ import annotations
+
+import rerun as rr
+
+from rocket_sim_node.recording import training_log
+from rocket_sim_node.recording.backdrop import BEFORE_FLIGHT
+from rocket_sim_node.recording.backdrop import BEFORE_TRAINING
+from rocket_sim_node.recording.backdrop import log_backdrop
+from rocket_sim_node.recording.sceneries import scenery
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.stage import Stage
+
+
+def head(stage: Stage, training: bool, live: bool) -> Put:
+    """Return what logs the head of a recording of a world.
+
+    :param training: with the curves of an agent that trains.
+    :param live: with something to be seen until the first flight begins.
+    """
+    def put(stream: rr.RecordingStream) -> None:
+        scenery(stage.world).static(stream, stage)
+        if training:
+            training_log.log_styles(stream)
+            log_backdrop(stream, stage, BEFORE_TRAINING)
+        if live:
+            log_backdrop(stream, stage, BEFORE_FLIGHT)
+
+    return put

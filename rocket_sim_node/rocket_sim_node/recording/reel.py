@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The timeline of a recording, on which flights are put one after another."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.flight import Settling
+from rocket_sim_node.recording.flight_log import log_flight
+from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.sink import Note
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.sink import Sink
+from rocket_sim_node.recording.stage import Stage
+
+Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
+"""Says what becomes of a rocket after a flight, or None where nothing does."""
+
+
+class Reel:
+    """Knows where the recording ends, and how much room it has left.
+
+    `learning` says whether an agent learns, `iteration` is that of its run.
+    """
+
+    def __init__(
+        self, choice: Choice, sinks: Sequence[Sink], note: Note, settle: Settle | None,
+    ) -> None:
+        """Begin with nothing on it."""
+        self._choice = choice
+        self._sinks = sinks
+        self._note = note
+        self._settle = settle
+        self._full: set[bool] = set()
+        self.learning = False
+        self.iteration = 0
+        self.end = 0
+        """step at which the next flight begins"""
+        self.steps = 0
+        self.flights = 0
+
+    @property
+    def open(self) -> bool:
+        """Whether viewers go on seeing what flies."""
+        return not (self.learning and True in self._full)
+
+    def record(self, flight: Flight, stage: Stage) -> bool:
+        """Log a flight at the end; return whether anybody takes it.
+
+        When the recording is full, live viewers go on seeing what flies, unless an agent learns.
+        """
+        learning = self.learning
+        room = 0 if learning in self._full else self._choice.room(learning=learning) - self.steps
+        shown = not learning and any(sink.live for sink in self._sinks)
+        steps, settling = len(flight), None
+        # Of a flight that nobody sees nobody need know what became of it.
+        if self._settle is not None and not learning and (shown or steps <= room):
+            settling = self._settle(flight, stage)
+            steps += len(settling.values) if settling is not None else 0
+        fits = steps <= room
+        if not fits and learning not in self._full:
+            self._full.add(learning)
+            self._note('WARN', (
+                f'max_steps: {self.steps} steps are recorded, no more flights'
+                + (' until the agent has learnt' if learning else '')))
+        if not fits and not shown:
+            return False
+        put = self._put_of(flight, stage, settling)
+        for sink in self._sinks:
+            if fits or sink.live:
+                sink.flight(put)
+        if fits:
+            self.steps += steps
+            self.flights += 1
+        self.end += steps + pause_steps(stage)
+        return True
+
+    def show(self, flight: Flight, stage: Stage) -> None:
+        """Show live what there is of a flight that goes on."""
+        # Its last sample may be drawn otherwise when there are more.
+        self._show(flight, stage, self.end + len(flight) - 1)
+
+    def leave(self, flight: Flight, stage: Stage) -> None:
+        """Show live that a flight broke off; the next one begins after it."""
+        end = self.end + len(flight) + pause_steps(stage)
+        self._show(flight, stage, end)
+        self.end = end
+
+    def _show(self, flight: Flight, stage: Stage, until: int) -> None:
+        put = self._put_of(flight, stage)
+        for sink in self._sinks:
+            sink.under_way(put, until)
+
+    def _put_of(self, flight: Flight, stage: Stage, settling: Settling | None = None) -> Put:
+        place = Place(self.end, self.iteration)
+        return lambda stream: log_flight(stream, flight, stage, place, settling)

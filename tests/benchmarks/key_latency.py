@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long it takes from a key press to the first state that shows it.
+
+A simulator by the clock, the keyboard's pilot in a pseudo-terminal, and this process, which
+presses full throttle and engine off in turns and listens to `state`.
+"""
+from __future__ import annotations
+
+import argparse
+import random
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from cabin import Cabin
+from processes import Processes
+from rclpy.context import Context
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.running import make_executor
+
+_PAUSE = 0.1
+"""s, the least between two presses"""
+
+
+def measure(presses: int, processes: Processes, cabin: Cabin) -> list[float]:
+    """Return the latencies, s."""
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime')
+    context = Context()
+    rclpy.init(context=context, domain_id=processes.domain)
+    node = Node('looker', context=context)
+    executor = make_executor(context)
+    executor.add_node(node)
+    seen = {'throttle': -1.0, 'height': 0.0, 'at': 0.0}
+
+    def look(message: Any) -> None:
+        seen.update(throttle=message.throttle[-1], height=message.position[-1],
+                    at=time.perf_counter())
+
+    node.create_subscription(msg.RocketState, 'state', look, qos.EVENTS)
+    cabin.fly(processes.env, repeat_delay=0.05)
+    phase = random.Random(0)
+    latencies: list[float] = []
+    on = False
+    cabin.press(b'r')
+    while len(latencies) < presses:
+        end = time.perf_counter() + _PAUSE + phase.random() * 0.05
+        while time.perf_counter() < end:
+            executor.spin_once(timeout_sec=0.005)
+        if time.perf_counter() - seen['at'] > 0.5 or seen['height'] < 20.0:
+            cabin.press(b'r')
+            on = False
+            time.sleep(0.5)
+            continue
+        on = not on
+        pressed = time.perf_counter()
+        cabin.press(b'z' if on else b'x')
+        while seen['throttle'] != on and time.perf_counter() < pressed + 0.5:
+            executor.spin_once(timeout_sec=0.005)
+        if seen['throttle'] == on:
+            latencies.append(seen['at'] - pressed)
+    cabin.press(b'q')
+    rclpy.shutdown(context=context)
+    return latencies
+
+
+def main() -> None:
+    """Print median, 95th percentile and maximum."""
+    parser = argparse.ArgumentParser(prog='key_latency', description=__doc__.split('\n')[0])
+    parser.add_argument('--presses', type=int, default=200)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        processes, cabin = Processes(Path(folder)), Cabin()
+        try:
+            latencies = measure(options.presses, processes, cabin)
+        finally:
+            cabin.close()
+            processes.end()
+    figures = np.percentile(latencies, (50, 95, 100)) * 1e3
+    print('{} presses: median {:.1f} ms, 95 % within {:.1f} ms, at most {:.1f} ms'.format(
+        len(latencies), *figures))
+
+
+if __name__ == '__main__':
+    main()

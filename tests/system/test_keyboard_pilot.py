@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A person at a terminal: the node as it is used, keys in a pseudo-terminal, a simulator."""
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from cabin import Cabin
+from processes import Process
+from processes import Processes
+from rocket_msgs import msg
+
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.client import Client
+
+SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+
+
+@pytest.fixture
+def cabin() -> Iterator[Cabin]:
+    """A terminal."""
+    terminal = Cabin()
+    yield terminal
+    terminal.close()
+
+
+@pytest.fixture
+def simulator(processes: Processes) -> Process:
+    """One rocket by the clock, in slow motion, so that it is still up when a test looks."""
+    return processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=0.5)
+
+
+class Looker:
+    """Sees what the simulator tells of its first vehicle."""
+
+    def __init__(self, client: Client) -> None:
+        self.states: list[msg.RocketState] = []
+        self.client = client
+        client.connect()
+        client._node.create_subscription(
+            msg.RocketState, 'state', self.states.append, qos.EVENTS)
+
+    def wait(self, done: Callable[[Any], bool], seconds: float = 20.0) -> Any:
+        """Wait for a state, from now on, of which something holds; return it."""
+        self.states.clear()
+        assert self.client._waiter.until(
+            lambda: any(done(state) for state in self.states), seconds), self.states[-1:]
+        return next(state for state in self.states if done(state))
+
+    def idle(self, seconds: float) -> int:
+        """Look on for a while; return how many states there were."""
+        self.states.clear()
+        self.client._waiter.until(lambda: False, seconds)
+        return len(self.states)
+
+
+def test_keys_fly_the_rocket_and_q_puts_the_terminal_back(
+        processes: Processes, simulator: Process, cabin: Cabin,
+        make_client: Callable[..., Client]) -> None:
+    looker = Looker(make_client())
+    child = cabin.fly(processes.env, level=1, seed=3)
+    assert looker.idle(0.3) == 0  # nothing falls before the first flight
+    cabin.press(b'r')
+    state = looker.wait(lambda s: s.time[-1] > 0.1)
+    assert state.throttle[-1] == 0.0
+    cabin.press(b'z')
+    looker.wait(lambda s: s.throttle[-1] == 1.0)
+    cabin.press(b'4')
+    looker.wait(lambda s: s.throttle[-1] == pytest.approx(0.4))
+    cabin.press(b'\x1b[')
+    time.sleep(0.05)
+    cabin.press(b'C')
+    # To the right: the body's axis, z by REP 103, gets a part along x.
+    looker.wait(lambda s: axis_x(s.orientation) > np.sin(np.deg2rad(4.0)))
+    cabin.press(b'x')
+    looker.wait(lambda s: s.throttle[-1] == 0.0)
+    cabin.wait_for('full throttle')
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0
+    assert cabin.restored
+    assert looker.idle(0.3) <= 2  # nobody flies: nothing falls
+    assert simulator.running
+
+
+def axis_x(orientation: Any) -> float:
+    """Return the x part of the body's z axis."""
+    x, y, z, w = np.reshape(orientation, (-1, 4))[-1]
+    return float(2 * (x * z + w * y))
+
+
+def test_flight_ends_with_its_figures_and_the_experts(
+        processes: Processes, cabin: Cabin) -> None:
+    processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=2.0)
+    child = cabin.fly(processes.env)
+    for number in (1, 2):
+        cabin.press(b'r')
+        cabin.wait_for(f'landed 0 of {number}')
+        cabin.wait_for('expert   29')
+    assert 'CRASHED: too fast' in cabin.text
+    assert 'the engine stayed off' in cabin.text
+    assert 'start 1' in cabin.text
+    cabin.press(b'\x1b[113u')  # q, as terminals with the kitty protocol say it
+    assert child.wait(20.0) == 0
+
+
+@pytest.mark.parametrize('end', ['SIGTERM', 'SIGHUP', 'Ctrl-C', 'Ctrl-D'])
+def test_terminal_is_put_back_however_it_ends(
+        processes: Processes, simulator: Process, cabin: Cabin, end: str) -> None:
+    child = cabin.fly(processes.env)
+    assert not cabin.restored
+    cabin.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
+    if end == 'SIGTERM':
+        cabin.press(b'r')
+        cabin.wait_for('throttle')
+    if end == 'Ctrl-C':
+        cabin.press(b'\x03')
+    elif end == 'Ctrl-D':
+        cabin.press(b'\x04')
+    else:
+        child.send_signal(signal.SIGHUP if end == 'SIGHUP' else signal.SIGTERM)
+    assert child.wait(20.0) == 0
+    assert cabin.restored
+
+
+def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin) -> None:
+    child = cabin.start(
+        sys.executable, '-c',
+        'import sys\n'
+        'from ppo_agent_node.cockpit.raw_terminal import RawTerminal\n'
+        'with RawTerminal() as terminal:\n'
+        "    terminal.draw(['picture'])\n"
+        "    sys.stderr.write('kept for later\\n'); sys.stderr.flush()\n"
+        "    assert terminal.errors() == ['kept for later']\n"
+        "    raise RuntimeError('on purpose')\n", env=processes.env)
+    assert child.wait(20.0) == 1
+    cabin.wait_for('on purpose')
+    assert cabin.restored
+    # It came when the first screen was back.
+    assert cabin.output.index('kept for later') > cabin.output.index('\x1b[?1049l')
+
+
+def test_without_a_terminal_it_says_so(processes: Processes) -> None:
+    pilot = processes.run_node('ppo_agent_node', 'keyboard_pilot')
+    assert pilot.wait(20.0) == 2
+    assert 'standard input: got no terminal' in pilot.output()
+    assert 'Traceback' not in pilot.output()
+
+
+def test_without_a_simulator_it_says_so_and_ends(processes: Processes, cabin: Cabin) -> None:
+    child = cabin.start(
+        'ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', '--ros-args', '-p', 'patience:=0.5',
+        env=processes.env)
+    assert child.wait(20.0) == 2
+    cabin.wait_for('is it running')
+    assert 'Traceback' not in cabin.text
+    assert cabin.restored
+
+
+def test_killed_pilot_leaves_the_engine_off_and_comes_back(
+        processes: Processes, simulator: Process, cabin: Cabin,
+        make_client: Callable[..., Client]) -> None:
+    looker = Looker(make_client())
+    child = cabin.fly(processes.env)
+    cabin.press(b'r')
+    looker.wait(lambda s: s.time[-1] > 0.0)
+    cabin.press(b'z')
+    looker.wait(lambda s: s.throttle[-1] == 1.0)
+    os.killpg(child.pid, signal.SIGKILL)
+    child.wait(5.0)
+    looker.wait(lambda s: s.throttle[-1] == 0.0)
+    simulator.wait_for('engine cut', 5.0)
+    again = cabin.fly(processes.env)
+    before = looker.states[-1].session
+    cabin.press(b'r')
+    looker.wait(lambda s: s.session != before and s.time[-1] > 0.0)
+    cabin.press(b'z')
+    looker.wait(lambda s: s.throttle[-1] == 1.0)
+    cabin.press(b'q')
+    assert again.wait(10.0) == 0
+
+
+def test_killed_simulator_is_told_and_a_new_one_flown(
+        processes: Processes, simulator: Process, cabin: Cabin) -> None:
+    child = cabin.fly(processes.env)
+    cabin.press(b'r')
+    cabin.wait_for('throttle')
+    simulator.signal(signal.SIGKILL)
+    cabin.wait_for('is it running')
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime',
+                       realtime_factor=4.0)
+    while 'landed 0 of 1' not in cabin.text:
+        cabin.press(b'r')
+        time.sleep(4.0)
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0
+    assert cabin.restored
+
+
+def test_another_agent_in_control_is_told_in_a_line(
+        processes: Processes, simulator: Process, cabin: Cabin,
+        make_client: Callable[..., Client]) -> None:
+    other = make_client(agent=77)
+    other.reset(1)
+    child = cabin.fly(processes.env)
+    cabin.press(b'r')
+    cabin.wait_for('flies this simulator')
+    other.close()
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0
+    assert 'Traceback' not in cabin.text
+
+
+def test_lockstep_simulator_is_flown_at_the_pace_of_the_clock(
+        processes: Processes, cabin: Cabin, make_client: Callable[..., Client]) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=2, state_batch=1)
+    looker = Looker(make_client())
+    child = cabin.fly(processes.env)
+    cabin.press(b'r')
+    first = looker.wait(lambda s: s.time[-1] > 0.2)
+    begin = time.monotonic()
+    cabin.press(b'z')
+    state = looker.wait(lambda s: s.time[-1] > first.time[-1] + 1.0)
+    # Not faster than the clock, but for how late the first look was.
+    assert time.monotonic() - begin > 0.7
+    assert list(state.throttle) == [1.0, 1.0]
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0
+
+
+def test_lander_is_flown(
+        processes: Processes, cabin: Cabin, make_client: Callable[..., Client]) -> None:
+    processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', world='lunar_lander',
+        realtime_factor=0.5)
+    looker = Looker(make_client())
+    child = cabin.fly(processes.env)
+    cabin.press(b'r')
+    looker.wait(lambda s: s.time[-1] > 0.0)
+    cabin.press(b'z')
+    looker.wait(lambda s: s.throttle[-1] == 1.0)
+    cabin.wait_for('height')
+    assert 'fuel' not in cabin.text
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0
+
+
+def test_fly_does_all_of_it(processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+    recording = tmp_path / 'flight.rrd'
+    child = cabin.start(
+        str(SCRIPTS / 'fly'), 'realtime_factor:=2.0', 'serve_web:=false', 'level:=2', 'seed:=7',
+        f'output:={recording}', env=processes.env)
+    cabin.wait_for('press r to fly', 60.0)
+    cabin.press(b'r')
+    cabin.wait_for('landed 0 of 1')
+    assert 'level 2 · start 7' in cabin.text
+    cabin.press(b'q')
+    assert child.wait(20.0) == 0, cabin.text
+    assert cabin.restored
+    assert f'recording: {recording}' in cabin.text
+    assert recording.is_file()
+
+
+def test_fly_ends_all_with_ctrl_c(processes: Processes, cabin: Cabin) -> None:
+    child = cabin.start(
+        str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
+        env=processes.env)
+    cabin.wait_for('press r to fly', 60.0)
+    cabin.press(b'\x03')
+    assert child.wait(20.0) in (0, 130)
+    assert cabin.restored
+    mine = f'/fly_{os.getpid()}'.encode()
+    assert not [p for p in Path('/proc').glob('[0-9]*/cmdline') if mine in reading(p)]
+
+
+def reading(path: Path) -> bytes:
+    """Return what a file holds, nothing when it has gone."""
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b''
+
+
+@pytest.mark.parametrize(('argument', 'words'), [
+    ('levle:=2', "unknown argument 'levle'"), ('world', 'expected NAME:=VALUE'),
+    ('level:=2', 'standard input: got no terminal'),
+])
+def test_fly_refuses_in_a_line(processes: Processes, argument: str, words: str) -> None:
+    fly = processes.start(str(SCRIPTS / 'fly'), argument)
+    assert fly.wait(30.0) == 2
+    assert words in fly.output()
+    assert len(fly.output().splitlines()) == 1

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The live web page, opened in a real browser: it shows what flies, and later what flew."""
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from browser import Browser
+from browser import BrowserMissing
+from PIL import Image
+from processes import Processes
+
+from rocket_sim_node.recording import palette
+from rocket_sim_node.recording import viewer
+
+PATIENCE = 170.0
+"""s for a picture; two cores draw it in software, beside whatever else they have to do"""
+
+ELSEWHERE = {'fonts.googleapis.com', 'app.rerun.io', 'api.github.com', 'tel.rerun.io'}
+"""Hosts that Rerun's page asks: for a font, for lists of examples and versions, and to count its
+users. It must do without them."""
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    """A browser; where there is none the test is left out, but not where nobody would notice."""
+    try:
+        started = Browser(tmp_path, (900, 600))
+    except BrowserMissing as error:
+        if os.environ.get('CI') == 'true':
+            raise
+        pytest.skip(str(error))
+    yield started
+    started.close()
+
+
+def shows_a_flight(picture: Image.Image) -> bool:
+    """Return whether sky, ground, pad, lander and plots are there, and no view complains."""
+    pixels = np.asarray(picture, np.int64)[80:-40]
+    half = int(0.6 * picture.width)
+    scene, plots = pixels[:, :half], pixels[:, half:]
+
+    def like(part: np.ndarray, colour: tuple[int, int, int]) -> int:
+        return int((np.abs(part - colour).sum(axis=2) < 40).sum())
+
+    red, green, blue = np.moveaxis(np.asarray(picture, np.int64), 2, 0)
+    return (
+        like(scene, (16, 20, 30)) > 3000 and like(scene, (112, 116, 126)) > 3000
+        and like(scene, palette.TARGET) > 30 and like(scene, (142, 120, 226)) > 30
+        and like(plots, palette.SKY) > 60 and like(plots, palette.ORANGE) > 60
+        # The badge with which the viewer marks a view that has an error.
+        and not ((red > 220) & (green < 30) & (blue > 60) & (blue < 120)).any())
+
+
+@pytest.mark.timeout(420)
+def test_the_page_shows_what_flew_and_what_flies(
+    processes: Processes, browser: Browser, tmp_path: Path,
+) -> None:
+    port = viewer.free_port()
+    recorder = processes.run_node(
+        'rocket_sim_node', 'rerun_recorder', serve_web=True, web_port=port)
+    recorder.wait_for('watch it in a browser: http', 60.0)
+    page = recorder.output().partition('watch it in a browser: ')[2].split()[0]
+    assert page.startswith(f'http://127.0.0.1:{port}/')
+    # In lock-step and with pauses: a page that draws without end leaves two cores to nobody.
+    processes.run_node('rocket_sim_node', 'simulator', world='lunar_lander', num_envs=1)
+
+    def fly(seed: int) -> None:
+        pilot = processes.run_node('ppo_agent_node', 'expert_pilot', episodes=1, seed=seed)
+        assert pilot.wait(90.0) == 0, pilot.output()
+
+    fly(1)
+    browser.open(page)  # comes late: nothing flies any more
+    flown = browser.wait_for(shows_a_flight, PATIENCE, 'past flight')
+    flown.save(tmp_path / 'flown.png')
+
+    fly(2)
+    browser.wait_for(
+        lambda now: shows_a_flight(now) and differ(now, flown), PATIENCE, 'new flight',
+    ).save(tmp_path / 'flies.png')
+
+    assert recorder.running
+    # The browser of this test reaches no other machine: what the page wants there, it did without.
+    hosts = {urlsplit(url).hostname for url in browser.requests} - {None, '', '127.0.0.1'}
+    assert hosts <= ELSEWHERE
+    unreachable = ('net::ERR_NAME_NOT_RESOLVED', 'TypeError: Failed to fetch')
+    assert [
+        text for text in browser.console if not any(words in text for words in unreachable)] == []
+    assert any(urlsplit(url).path.endswith('.wasm') for url in browser.requests)
+
+
+def differ(one: Image.Image, other: Image.Image) -> bool:
+    """Return whether another landing is seen: more than a blinking cursor is different."""
+    apart = np.asarray(one, np.int64) - np.asarray(other, np.int64)
+    return int((np.abs(apart).sum(axis=2) > 60).sum()) > 2000
