@@ -36,6 +36,8 @@ _FLAGS = (
 
 _SHOT = 25.0
 """s for one picture; then another is asked for"""
+_PAUSE = 2.0
+"""s between pictures: for each of them the page draws itself anew"""
 
 
 class Late(AssertionError):
@@ -172,7 +174,7 @@ class Browser:
                 picture.save(self.log.with_suffix('.png'))  # for those who look for the reason
                 if seen(picture):
                     return picture
-            time.sleep(0.5)
+            time.sleep(_PAUSE)
         raise AssertionError(
             f'no {what} in the page after {seconds:g} s:\n{self.console}\n{self.said()}')
 

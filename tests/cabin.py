@@ -81,11 +81,13 @@ class Cabin:
         os.write(self._master, keys)
 
     def close(self) -> None:
-        """End what still runs in it, and close it."""
+        """End what still runs in it, kindly at first, and close it."""
         for child in self._children:
-            if child.poll() is None:
-                with suppress(ProcessLookupError):
-                    os.killpg(child.pid, signal.SIGKILL)
-                child.wait(5.0)
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                if child.poll() is None:
+                    with suppress(ProcessLookupError):
+                        os.killpg(child.pid, number)
+                    with suppress(subprocess.TimeoutExpired):
+                        child.wait(10.0)
         os.close(self._slave)
         os.close(self._master)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cabin import Cabin
 from processes import Processes
 
 
@@ -27,6 +28,14 @@ def processes(tmp_path: Path) -> Iterator[Processes]:
     group = Processes(tmp_path)
     yield group
     group.end()
+
+
+@pytest.fixture
+def cabin() -> Iterator[Cabin]:
+    """A terminal."""
+    terminal = Cabin()
+    yield terminal
+    terminal.close()
 
 
 @pytest.fixture

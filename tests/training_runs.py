@@ -11,9 +11,12 @@ from processes import Process
 from processes import Processes
 from safetensors.torch import load_file
 
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node.worlds import make
 
 SMALL = {
@@ -67,4 +70,15 @@ def train_in_process(run: Path, world: str = 'rocket', **parameters: Any) -> Pat
         make(world, num_envs=8), load_preset('default', world, **values), RunFolder(run)).run()
     torch.set_num_threads(threads)
     assert result.finished
+    return run
+
+
+def evaluate_in_process(run: Path) -> Path:
+    """Write `evaluation.json` of such a run, as `agent` does, and return the folder."""
+    world, config = make('rocket', num_envs=8), load_preset('default')
+    result = evaluate(
+        world, PolicyPilot(run / 'policy.safetensors', world.spec), SMALL['evaluation_episodes'],
+        config.run.evaluation_seed, level=config.curriculum.curriculum_final_level)
+    metrics.write_json(
+        run / 'evaluation.json', metrics.summarise(result, training_seed=SMALL['seed']))
     return run

@@ -311,11 +311,17 @@ def test_client_may_start_first(processes: Processes, make_client: MakeClient) -
     starter.join()
 
 
+def still(client: Client, states: list[msg.RocketState]) -> bool:
+    """Tell whether no state comes for half a second."""
+    count = len(states)
+    return not client._waiter.until(lambda: len(states) > count, 0.5)
+
+
 def test_realtime_holds_the_action_and_cuts_the_engine(
         processes: Processes, make_client: MakeClient) -> None:
     process = processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
-        realtime_factor=2.0)
+        realtime_factor=2.0, agent_lease=1.0)
     client = make_client()
     client.reset(1)
     states: list[msg.RocketState] = []
@@ -325,6 +331,8 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
     assert client._waiter.until(lambda: any(s.throttle[0] == 1.0 for s in states), 10.0)
     assert client._waiter.until(lambda: states[-1].throttle[-1] == 0.0, 10.0)
     process.wait_for('engine cut', 10.0)
+    # Silent for as long as the lease: nobody flies, so nothing moves.
+    assert client._waiter.until(lambda: still(client, states), 10.0)
     steps = client._step
     client.step(full)
     assert client._step > steps + 1

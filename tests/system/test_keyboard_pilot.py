@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import pytest
 from cabin import Cabin
 from processes import Process
 from processes import Processes
+from processes import wait_until
 from rocket_msgs import msg
 
 from rocket_sim_node.wire import qos
@@ -25,18 +26,15 @@ SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 
 
 @pytest.fixture
-def cabin() -> Iterator[Cabin]:
-    """A terminal."""
-    terminal = Cabin()
-    yield terminal
-    terminal.close()
-
-
-@pytest.fixture
 def simulator(processes: Processes) -> Process:
     """One rocket by the clock, in slow motion, so that it is still up when a test looks."""
     return processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=0.5)
+
+
+def assert_restored(cabin: Cabin) -> None:
+    """Assert that the terminal is as it was; what was written last may still be on its way."""
+    wait_until(lambda: cabin.restored, 5.0)
 
 
 class Looker:
@@ -86,7 +84,7 @@ def test_keys_fly_the_rocket_and_q_puts_the_terminal_back(
     cabin.wait_for('full throttle')
     cabin.press(b'q')
     assert child.wait(20.0) == 0
-    assert cabin.restored
+    assert_restored(cabin)
     assert looker.idle(0.3) <= 2  # nobody flies: nothing falls
     assert simulator.running
 
@@ -100,7 +98,7 @@ def axis_x(orientation: Any) -> float:
 def test_flight_ends_with_its_figures_and_the_experts(
         processes: Processes, cabin: Cabin) -> None:
     processes.run_node(
-        'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=2.0)
+        'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=8.0)
     child = cabin.fly(processes.env)
     for number in (1, 2):
         cabin.press(b'r')
@@ -113,23 +111,23 @@ def test_flight_ends_with_its_figures_and_the_experts(
     assert child.wait(20.0) == 0
 
 
-@pytest.mark.parametrize('end', ['SIGTERM', 'SIGHUP', 'Ctrl-C', 'Ctrl-D'])
 def test_terminal_is_put_back_however_it_ends(
-        processes: Processes, simulator: Process, cabin: Cabin, end: str) -> None:
-    child = cabin.fly(processes.env)
-    assert not cabin.restored
-    cabin.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
-    if end == 'SIGTERM':
-        cabin.press(b'r')
-        cabin.wait_for('throttle')
-    if end == 'Ctrl-C':
-        cabin.press(b'\x03')
-    elif end == 'Ctrl-D':
-        cabin.press(b'\x04')
-    else:
-        child.send_signal(signal.SIGHUP if end == 'SIGHUP' else signal.SIGTERM)
-    assert child.wait(20.0) == 0
-    assert cabin.restored
+        processes: Processes, simulator: Process, cabin: Cabin) -> None:
+    for end in ('SIGTERM', 'SIGHUP', 'Ctrl-C', 'Ctrl-D'):
+        child = cabin.fly(processes.env)
+        assert not cabin.restored
+        cabin.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
+        if end == 'SIGTERM':
+            cabin.press(b'r')
+            cabin.wait_for('throttle')
+        if end == 'Ctrl-C':
+            cabin.press(b'\x03')
+        elif end == 'Ctrl-D':
+            cabin.press(b'\x04')
+        else:
+            child.send_signal(signal.SIGHUP if end == 'SIGHUP' else signal.SIGTERM)
+        assert child.wait(20.0) == 0, end
+        assert_restored(cabin)
 
 
 def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin) -> None:
@@ -144,7 +142,7 @@ def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin)
         "    raise RuntimeError('on purpose')\n", env=processes.env)
     assert child.wait(20.0) == 1
     cabin.wait_for('on purpose')
-    assert cabin.restored
+    assert_restored(cabin)
     # It came when the first screen was back.
     assert cabin.output.index('kept for later') > cabin.output.index('\x1b[?1049l')
 
@@ -163,7 +161,7 @@ def test_without_a_simulator_it_says_so_and_ends(processes: Processes, cabin: Ca
     assert child.wait(20.0) == 2
     cabin.wait_for('is it running')
     assert 'Traceback' not in cabin.text
-    assert cabin.restored
+    assert_restored(cabin)
 
 
 def test_killed_pilot_leaves_the_engine_off_and_comes_back(
@@ -197,21 +195,25 @@ def test_killed_simulator_is_told_and_a_new_one_flown(
     simulator.signal(signal.SIGKILL)
     cabin.wait_for('is it running')
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime',
-                       realtime_factor=4.0)
-    while 'landed 0 of 1' not in cabin.text:
+                       realtime_factor=8.0)
+    for _ in range(10):
+        # The pilot is waiting for the old one still, perhaps; then the key is for nothing.
         cabin.press(b'r')
-        time.sleep(4.0)
+        with suppress(AssertionError):
+            cabin.wait_for('landed 0 of 1', 4.0)
+            break
+    assert 'landed 0 of 1' in cabin.text
     cabin.press(b'q')
     assert child.wait(20.0) == 0
-    assert cabin.restored
+    assert_restored(cabin)
 
 
 def test_another_agent_in_control_is_told_in_a_line(
         processes: Processes, simulator: Process, cabin: Cabin,
         make_client: Callable[..., Client]) -> None:
     other = make_client(agent=77)
-    other.reset(1)
     child = cabin.fly(processes.env)
+    other.reset(1)  # only now: it is heard but this once, and its lease is 10 s
     cabin.press(b'r')
     cabin.wait_for('flies this simulator')
     other.close()
@@ -265,21 +267,41 @@ def test_fly_does_all_of_it(processes: Processes, cabin: Cabin, tmp_path: Path) 
     assert 'level 2 · start 7' in cabin.text
     cabin.press(b'q')
     assert child.wait(20.0) == 0, cabin.text
-    assert cabin.restored
-    assert f'recording: {recording}' in cabin.text
+    assert_restored(cabin)
+    cabin.wait_for(f'recording: {recording}', 5.0)
     assert recording.is_file()
 
 
-def test_fly_ends_all_with_ctrl_c(processes: Processes, cabin: Cabin) -> None:
+def test_fly_ends_all_with_ctrl_c(
+        processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+    recording = tmp_path / 'flight.rrd'
+    child = cabin.start(
+        str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
+        f'output:={recording}', env=processes.env)
+    cabin.wait_for('press r to fly', 60.0)
+    cabin.press(b'r')
+    cabin.wait_for('throttle')
+    cabin.press(b'\x03')
+    assert child.wait(20.0) == 0
+    assert_restored(cabin)
+    cabin.wait_for(f'recording: {recording}', 5.0)
+    mine = f'/fly_{os.getpid()}'.encode()
+    assert not [p for p in Path('/proc').glob('[0-9]*/cmdline') if mine in reading(p)]
+
+
+def test_fly_puts_the_terminal_back_when_the_pilot_is_killed(
+        processes: Processes, cabin: Cabin) -> None:
     child = cabin.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
         env=processes.env)
     cabin.wait_for('press r to fly', 60.0)
-    cabin.press(b'\x03')
-    assert child.wait(20.0) in (0, 130)
-    assert cabin.restored
+    assert not cabin.restored
     mine = f'/fly_{os.getpid()}'.encode()
-    assert not [p for p in Path('/proc').glob('[0-9]*/cmdline') if mine in reading(p)]
+    for path in Path('/proc').glob('[0-9]*/cmdline'):
+        if mine in (command := reading(path)) and b'/keyboard_pilot\0' in command:
+            os.kill(int(path.parent.name), signal.SIGKILL)
+    assert child.wait(20.0) > 2
+    assert_restored(cabin)
 
 
 def reading(path: Path) -> bytes:

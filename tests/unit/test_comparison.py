@@ -192,6 +192,34 @@ def test_touchdown_speed() -> None:
     assert comparison_table.touchdown_speed(fall(2.0, contact=1)) == 3.0
 
 
+def test_touchdowns_are_averaged_over_those_that_landed() -> None:
+    """A crash has a return, but its speed is none of a landing."""
+    crash = fall(2.0, outcome='too_fast')
+    crash.values[-1, FIELDS['linear_velocity']] = (0.0, 0.0, -90.0)
+    some, none = Side('a', 'some', 'A', (fall(2.0), crash)), Side('b', 'none', 'B', (crash, crash))
+    text = comparison_table.results([some, none], [('', ''), ('', '')], STAGE)
+    rows = {cells[1].strip(): [cell.strip() for cell in cells[2:]] for cells in (
+        line.split('|') for line in text.splitlines() if line.count('|') > 3)}
+    assert rows['some'][0] == '1 of 2' and rows['some'][2] == '3.000'
+    assert rows['none'][0] == '0 of 2' and rows['none'][2:5] == ['–', '–', '–']
+    assert 'means of those that landed' in text
+
+
+def test_the_end_is_that_of_the_recording() -> None:
+    """Not of the pilot whose name comes last, nor of the flight that is asked for."""
+    flights = [SimpleNamespace(start=start, time=np.array((0.0, long)), outcome='landed')
+               for start, long in ((0.0, 5.0), (9.0, 8.0), (9.0, 6.0))]
+    for flight in (-1, 0, 1):
+        picture = screenshot.Picture('a.rrd', at='end', flight=flight)
+        assert screenshot.moment(picture, flights) == 18.0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('at', ['nan', 'inf', '-inf', 'soon'])
+def test_a_moment_is_a_number(at: str) -> None:
+    with pytest.raises(ValueError, match=f"at: got '{at}', expected burn, touchdown, end or"):
+        screenshot.moment(screenshot.Picture('a.rrd', at=at), [])
+
+
 @pytest.mark.parametrize(('sides', 'complaint'), [
     ([], 'no flights'),
     ([Side('a', 'a', 'A', ())], 'no flights'),
@@ -210,6 +238,22 @@ def test_what_cannot_be_compared_is_named(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.fixture(scope='module')
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Runs that cannot be compared, or not in every way."""
+    folder = tmp_path_factory.mktemp('others')
+    young = make_run(folder / 'young', 'rocket', 512, clone=False)
+    (young / 'policy.safetensors').unlink()
+    config = yaml.safe_load((young / 'config.yaml').read_text())
+    for name, values in (
+            ('bad', {'world': 'rocket'}), ('empty', {**config, 'world_settings': None})):
+        (folder / name).mkdir()
+        (folder / name / 'config.yaml').write_text(yaml.safe_dump(values))
+    return {
+        'MOON': make_run(folder / 'moon', 'lunar_lander', 0, clone=False), 'YOUNG': young,
+        'BAD': folder / 'bad', 'EMPTY': folder / 'empty'}
+
+
 @pytest.mark.parametrize(('arguments', 'complaint'), [
     (['episodes:=3'], 'run_dir: got none'),
     (['run_dir:=/nowhere'], 'no run here'),
@@ -219,19 +263,14 @@ def test_what_cannot_be_compared_is_named(
     (['run_dir:=RUN', 'output:=/proc/a.rrd', 'episodes:=1'], 'could not write'),
     (['run_dir:=MOON', 'level:=3'], 'level: got 3, expected 0, as world lunar_lander has no'),
     (['run_dir:=BAD'], 'config.yaml: damaged'),
+    (['run_dir:=EMPTY'], 'config.yaml: damaged'),
     (['run_dir:=YOUNG'], 'no policy yet'),
 ])
 def test_bad_arguments_are_named(
-    tmp_path: Path, run: Path, arguments: list[str], complaint: str,
+    run: Path, others: dict[str, Path], arguments: list[str], complaint: str,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    moon = make_run(tmp_path / 'moon', 'lunar_lander', 0, clone=False)
-    young = make_run(tmp_path / 'young', 'rocket', 512, clone=False)
-    (young / 'policy.safetensors').unlink()
-    (tmp_path / 'bad').mkdir()
-    (tmp_path / 'bad' / 'config.yaml').write_text('world: rocket\n')
-    for name, folder in (('RUN', run), ('MOON', moon), ('BAD', tmp_path / 'bad'),
-                         ('YOUNG', young)):
+    for name, folder in {'RUN': run, **others}.items():
         arguments = [argument.replace(name, str(folder)) for argument in arguments]
     monkeypatch.setattr(sys, 'argv', ['compare', *arguments])
     with pytest.raises(SystemExit) as end:

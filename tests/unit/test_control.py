@@ -32,6 +32,21 @@ def test_one_agent_until_it_is_silent_for_as_long_as_the_lease() -> None:
     assert not lease.refusal(2)
 
 
+def test_vacant_is_what_nobody_has_or_who_has_it_left_silently() -> None:
+    clock = Clock()
+    lease = ControlLease(10.0, clock)
+    assert lease.vacant
+    lease.take(1)
+    clock.now = 9.5
+    assert not lease.vacant
+    clock.now = 10.0
+    assert lease.vacant
+    lease.heard()  # it was only held up
+    assert not lease.vacant
+    lease.release(1)
+    assert lease.vacant
+
+
 def test_who_lets_go_is_replaced_at_once_and_only_the_owner_can() -> None:
     lease = ControlLease(10.0, Clock())
     lease.take(1)

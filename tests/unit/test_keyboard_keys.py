@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from ppo_agent_node.cockpit.keys import HeldKeys
-from ppo_agent_node.cockpit.keys import KeyEvent
-from ppo_agent_node.cockpit.keys import KeyReader
-from ppo_agent_node.cockpit.keys import Motion
+from ppo_agent_node.pilots.keys import HeldKeys
+from ppo_agent_node.pilots.keys import KeyEvent
+from ppo_agent_node.pilots.keys import KeyReader
+from ppo_agent_node.pilots.keys import Motion
 
 LEFT = KeyEvent('left')
 SPACE = KeyEvent('space')

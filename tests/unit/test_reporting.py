@@ -283,6 +283,22 @@ def test_damaged_files_are_named(tmp_path: Path, name: str, text: str, words: st
         report.write_report(folder)
 
 
+@pytest.mark.parametrize(('name', 'value'), [
+    ('touchdown_speed', 0.3), ('tilt', {'mean': 'low'}), ('standing_rate_interval', [1]),
+    ('settling', ['stands']), ('fuel_ratio', '1.1'), ('world_settings', 3),
+])
+def test_figures_of_another_kind_are_named(tmp_path: Path, name: str, value: object) -> None:
+    """Those that may be missing, too."""
+    file = write_evaluation(tmp_path, flown()) / 'evaluation.json'
+    figures = json.loads(file.read_text())
+    assert name in figures
+    file.write_text(json.dumps({**figures, name: None}))
+    load(tmp_path)
+    file.write_text(json.dumps({**figures, name: value}))
+    with pytest.raises(ValueError, match=rf'evaluation\.json: {name}: got .*, expected '):
+        load(tmp_path)
+
+
 def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='nowhere: no such folder'):
         load(tmp_path / 'nowhere')

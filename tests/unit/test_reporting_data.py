@@ -2,11 +2,13 @@
 """What pictures of several episodes or runs are drawn from: bins, groups, bands."""
 from __future__ import annotations
 
+import json
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from reports import flown
 from reports import write_evaluation
 from reports import write_training
@@ -42,11 +44,9 @@ def test_bins_hold_equally_many_and_have_wilsons_interval() -> None:
 def test_equal_values_are_never_parted_and_few_make_one_bin() -> None:
     values = np.repeat([0.0, 1.0, 2.0], (400, 10, 90))
     rates = binned(values, values > 0)
-    assert rates.flown.sum() == 500
-    assert rates.landed.sum() == 100
-    for edge in (0.0, 1.0):
-        inside = rates.edges == edge
-        assert inside.sum() <= 1
+    # The tenths end at 0 (eight times), at 0.2, between the last 0 and the first 1, and at 2.
+    assert rates.flown.tolist() == [400, 100]
+    assert rates.landed.tolist() == [0, 100]
     assert binned(np.arange(20.0), np.arange(20) < 5).flown.tolist() == [20]
     assert binned(np.zeros(60), np.zeros(60, np.bool_)).flown.tolist() == [60]
 
@@ -120,6 +120,44 @@ def test_curves_stand_over_steps_and_over_the_clock(tmp_path: Path) -> None:
     assert seeds.curve(run, 'scores') is None
 
 
+def labels(figure: Figure | None) -> list[str]:
+    """Return what the legend of a figure says."""
+    assert figure is not None
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_every_group_that_is_drawn_is_named(tmp_path: Path) -> None:
+    """Also one that the first picture does not show, as its runs never flew without noise."""
+    one, two, young = (
+        write_training(tmp_path / name, seed, gamma=gamma)
+        for name, seed, gamma in (('a', 1, 0.9), ('b', 2, 0.9), ('c', 1, 0.8)))
+    log = [json.loads(line) for line in (young / 'train.jsonl').read_text().splitlines()]
+    (young / 'train.jsonl').write_text(''.join(json.dumps({
+        name: value for name, value in line.items() if not name.startswith('selection')
+    }) + '\n' for line in log))
+    figure = seeds.seeds_figure(seeds.groups([load(run) for run in (one, two, young)]))
+    assert labels(figure) == ['A: gamma 0.9 (2 seeds)', 'B: gamma 0.8 (1 seed)']
+
+
+def test_seeds_that_do_not_overlap_have_no_median(tmp_path: Path) -> None:
+    runs = [load(write_training(tmp_path / name, seed, first_step=step))
+            for name, seed, step in (('a', 1, 0), ('b', 2, 9000))]
+    figure = seeds.seeds_figure(seeds.groups(runs))
+    assert labels(figure) == ['rocket (2 seeds)']
+    assert figure is not None
+    by_steps = figure.axes[0].get_lines()
+    assert [line.get_linewidth() for line in by_steps] == [0.8, 0.8]
+
+
+def test_outcomes_have_the_colours_of_recordings() -> None:
+    """Whatever their order is: a file may name them in another."""
+    names = ('landed', 'too_fast', 'tipped', 'off_pad')
+    assert style.outcome_colours(names) == {
+        'landed': style.GREEN, 'too_fast': style.VERMILION, 'tipped': style.PURPLE,
+        'off_pad': style.ORANGE}
+    assert style.outcome_colours(names[::-1]) == style.outcome_colours(names)
+
+
 class Links(HTMLParser):
     """The links of a page."""
 
@@ -141,7 +179,7 @@ def test_a_comparison_has_a_line_a_run_and_leads_to_each(
     text = page.read_text()
     assert Links(text).targets == [
         './../../a%20run%20%231/report.html', './../../two/report.html']
-    assert text.count('not evaluated') == 1
+    assert text.count('not evaluated') == 1 and '1 of 2' in text
     assert 'data:image/png' in text
     assert 'One group' in text
     nothing = write_comparison(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -82,6 +83,24 @@ def test_a_long_stage_does_not_flood_a_log_but_tells_what_happens_and_both_ends(
     assert told[-1] == '1000/1000'
     assert '500/1000' in told
     assert len(told) < 20
+
+
+class Latin(io.TextIOWrapper):
+    """A terminal whose characters are few."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_without_an_ellipsis_is_written_to_all_the_same(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('TERM', 'xterm')
+    file = Latin(io.BytesIO(), encoding='latin-1')
+    with Terminal(file) as terminal:
+        assert terminal.live
+        terminal.show(replace(STATUS, message='long ' * 50))
+    file.seek(0)
+    assert re.search('long (long )+l?o?n?g?\\?', file.read())
 
 
 @pytest.mark.parametrize('width', [200, 120, 100, 80, 60, 59, 50, 30, 10, 1])

@@ -89,6 +89,11 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert result.iterations == 6
     assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
     assert {s.stage for s in told} == set(STAGES[:3])
+    # Policies are news, each in a line that stays; checkpoints, which may be thousands, are not.
+    news = [s.message for s in told if s.message.startswith('saved')]
+    assert news[0] == 'saved cloned.safetensors'
+    assert all(text.startswith('saved policy.safetensors and ') for text in news[1:])
+    assert told[-1].saved.endswith('checkpoints/iteration_000006.safetensors')
     assert [s.level for s in told if s.stage == 'finetune' and s.iteration][-1] == 3
     return path
 
@@ -174,7 +179,9 @@ def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(
         log.write('{"stage": "finetune", "iter')
     told: list[Status] = []
     assert train(path, env=world(seed=5), resume=True, told=told).finished
-    assert told[0].message.startswith('resumed from iteration_')
+    first = next(s for s in told if s.message)
+    assert first.message.startswith('resumed from iteration_')
+    assert first.stage == 'finetune'
     assert_equal(straight, path)
 
 

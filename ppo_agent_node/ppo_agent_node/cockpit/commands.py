@@ -2,10 +2,10 @@
 """Who gets which key: the controls theirs, and the rest are wishes about the flights."""
 from __future__ import annotations
 
-from ppo_agent_node.cockpit.keys import HeldKeys
-from ppo_agent_node.cockpit.keys import KeyReader
-from ppo_agent_node.cockpit.keys import Motion
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from ppo_agent_node.pilots.keys import HeldKeys
+from ppo_agent_node.pilots.keys import KeyReader
+from ppo_agent_node.pilots.keys import Motion
 
 QUIT, NEXT, AGAIN, HELP = 'quit', 'next', 'again', 'help'
 _COMMANDS = {

@@ -117,12 +117,21 @@ class Brake:
         return self._fallen(speed, time, mass) if math.isfinite(time) else math.inf
 
     def touchdown_speed(self, height: float, speed: float, mass: float) -> float:
-        """Return how fast it is still when height is used up, burning from now on, m/s."""
+        """Return how fast it is when height is used up, burning from now on, m/s.
+
+        Fuel that does not suffice to stop is burnt to the last; the rest is free fall.
+        """
         time = self.time(speed, mass)
-        if not math.isfinite(time):
-            return math.sqrt(max(speed, 0.0)**2 + 2 * self.gravity * max(height, 0.0))
-        if self._fallen(speed, time, mass) <= height:
-            return 0.0
+        stops = math.isfinite(time)
+        if not stops:
+            if not self.flow:
+                return math.sqrt(max(
+                    speed**2 + 2 * (self.gravity - self.thrust / mass) * height, 0.0))
+            time = max(mass - self.dry_mass, 0.0) / self.flow
+        fallen = self._fallen(speed, time, mass)
+        if fallen <= height:
+            left = max(speed - self._taken(time, mass), 0.0)
+            return 0.0 if stops else math.sqrt(left**2 + 2 * self.gravity * (height - fallen))
         low, high = 0.0, time
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)

@@ -7,6 +7,7 @@ import select
 import sys
 import tempfile
 import termios
+from contextlib import suppress
 from types import TracebackType
 
 _INPUT, _OUTPUT, _ERROR = 0, 1, 2
@@ -74,20 +75,21 @@ class RawTerminal:
         self._restore()
 
     def _restore(self) -> None:
-        try:
-            self._write(self._goodbye)
+        # Each by itself: where the terminal, or one side of it, is gone, some of it may fail.
+        with suppress(OSError, termios.error):
             termios.tcsetattr(_INPUT, termios.TCSADRAIN, self._before)
+        with suppress(OSError):
+            self._write(self._goodbye)
+        with suppress(OSError, termios.error):
             # What was typed too late is no command for the shell.
             termios.tcflush(_INPUT, termios.TCIFLUSH)
-        except (OSError, termios.error):
-            pass  # the terminal itself is gone
-        finally:
-            os.dup2(self._screen_errors, _ERROR)
-            os.close(self._screen_errors)
-            self._errors.seek(0)
-            kept = self._errors.read()
-            self._errors.close()
-            if kept:
+        os.dup2(self._screen_errors, _ERROR)
+        os.close(self._screen_errors)
+        self._errors.seek(0)
+        kept = self._errors.read()
+        self._errors.close()
+        if kept:
+            with suppress(OSError):
                 os.write(_ERROR, kept)
 
     def read(self, seconds: float = 0.0) -> bytes | None:

@@ -59,7 +59,7 @@ def read_run(path: Path) -> Run:
             {name: value for name, value in values['world_settings'].items() if name in known},
             int(training['curriculum_final_level']), int(training['evaluation_seed']),
             int(training['demonstration_episodes']) > 0)
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f'{config}: damaged: {error!r}') from error
 
 

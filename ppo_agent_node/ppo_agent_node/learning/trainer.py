@@ -152,6 +152,7 @@ class Trainer:
             raise ValueError(f'{path}: {error}') from error
         self._keep_best()
         self._journal.keep(saved=f'{path.parent.name}/{path.name}')
+        self._begin_stage_finetune()
         self._journal.message(f'resumed from {path.name}')
 
     def _imitate(self) -> None:
@@ -169,7 +170,7 @@ class Trainer:
               self._poll)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
-        self._tell_saved(self._folder.cloned)
+        self._tell_saved(self._folder.cloned, news=True)
 
     def _demonstrate(self) -> Demonstrations:
         config, rockets = self._config.demonstration, self._env.spec.num_envs
@@ -192,15 +193,17 @@ class Trainer:
 
     def _begin_finetuning(self) -> None:
         """Score the clone, put the world at the first level and save: iteration 0."""
-        self._journal.begin('finetune', self._config.ppo.iterations, progress=self._progress())
+        self._begin_stage_finetune()
         self._reset_world()
         best, numbers = self._select()
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 
-    def _finetune(self) -> None:
-        state = self._state
+    def _begin_stage_finetune(self) -> None:
         self._journal.begin(
-            'finetune', self._config.ppo.iterations, state.iteration, self._progress())
+            'finetune', self._config.ppo.iterations, self._state.iteration, self._progress())
+
+    def _finetune(self) -> None:
+        self._begin_stage_finetune()
         while not self._done():
             state, tensors = self._state, self._tensors()
             try:
@@ -315,12 +318,13 @@ class Trainer:
             self._folder.save_best(tensors, content)
             self._save_policy(self._folder.policy, **asdict(best))
             written.insert(0, self._folder.policy)
-        self._tell_saved(*written)
+        self._tell_saved(*written, news=best is not None)
 
-    def _tell_saved(self, *paths: Path) -> None:
+    def _tell_saved(self, *paths: Path, news: bool) -> None:
+        """Tell which files are the last; a checkpoint like any other is no news."""
         names = ' and '.join(str(path.relative_to(self._folder.path)) for path in paths)
         self._journal.keep(saved=names)
-        self._journal.message(f'saved {names}')
+        self._journal.message(f'saved {names}' if news else '')
 
     def _save_policy(self, path: Path, **facts: Any) -> None:
         save_policy(

@@ -60,10 +60,13 @@ def fly_and_write(
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
         message='flown; working out figures and plots'))
-    with stopping.abandoning():
+
+    def write() -> dict[str, Any]:
         summary = metrics.summarise(result, **extra)
         if folder is not None:
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
             write_report(folder)
-    return summary
+        return summary
+
+    return stopping.abandonable(write)

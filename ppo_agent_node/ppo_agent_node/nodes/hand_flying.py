@@ -83,7 +83,6 @@ class HandFlying:
         fuel = 0.0 if spec.name == 'lunar_lander' else s['fuel']
         self._full = Tank(self._brake.dry_mass + fuel, fuel, fuel, 0.0, 0.0)
         self._tank = self._full
-        self._session = self._old_session = 0
         self._drawn = 0.0
         self._view = View(
             '', s.get('spawn_height', 14.0) - s.get('touchdown_height', 0.0),
@@ -157,7 +156,6 @@ class HandFlying:
         view.help, view.flying, view.notes, view.message = False, True, [], ''
         self._expert = None
         try:
-            self._old_session = self._session
             self._tank = self._full
             self._pilot.reset()
             observation = self._client.reset(start.seed, **start.settings)
@@ -187,7 +185,9 @@ class HandFlying:
             if mine.size:
                 self._touch_down(start, info, watch)
                 return None
-            watch.see(self._tank.time, readings, self._tank.mass, self._pilot.throttle(now))
+            # In lock-step the state comes many steps at a time, and so late.
+            flown = self._tank.time if self._client.realtime else steps * self._spec.dt
+            watch.see(flown, readings, self._tank.mass, self._pilot.throttle(now))
             if now - self._drawn > _FRAME:
                 self._take_errors()
                 self._draw(start)
@@ -228,8 +228,7 @@ class HandFlying:
 
     def _on_state(self, message: msg.RocketState) -> None:
         """Take what is not observed: of the first vehicle, in the flight under way."""
-        self._session = message.session
-        if message.session == self._old_session:
+        if message.session != self._client.session:
             return
         for k in reversed(range(len(message.row))):
             if message.row[k] == 0 and message.episode[k] == 0:

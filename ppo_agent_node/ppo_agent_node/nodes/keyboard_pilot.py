@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import signal
 import socket
 import sys
 import time
@@ -15,8 +14,6 @@ from rclpy.node import Node
 
 from ppo_agent_node.cockpit.display import Cockpit
 from ppo_agent_node.cockpit.instruments import Brake
-from ppo_agent_node.cockpit.keys import EXACT_OFF
-from ppo_agent_node.cockpit.keys import EXACT_ON
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
@@ -24,6 +21,8 @@ from ppo_agent_node.nodes.hand_flying import HandFlying
 from ppo_agent_node.nodes.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from ppo_agent_node.pilots.keyboard import KeyboardSettings
+from ppo_agent_node.pilots.keys import EXACT_OFF
+from ppo_agent_node.pilots.keys import EXACT_ON
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.client import ClientOptions
@@ -86,10 +85,9 @@ def pilot(node: Node, executor: Executor) -> None:
     connection = parameters.declare(ConnectionParameters)
     parameters.finish()
     terminal = RawTerminal(EXACT_ON, EXACT_OFF)
-    # A terminal that is closed says so by a signal of its own.
-    signal.signal(signal.SIGHUP, lambda number, frame: signal.raise_signal(signal.SIGTERM))
     client = Client(
-        node, executor, ClientOptions(connection.resend_after, _PATIENCE), _agent(node))
+        node, executor,
+        ClientOptions(connection.resend_after, min(_PATIENCE, connection.patience)), _agent(node))
     with client:
         spec = _connect(node, client, connection.patience)
         start = Start(options.seed, options.level if 'level' in spec.settings else 0)

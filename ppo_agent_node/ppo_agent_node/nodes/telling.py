@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -63,8 +64,9 @@ class Teller:
     def advise(self) -> None:
         """Say how to resume, if nobody else will."""
         if STARTED_BY_TRAIN not in os.environ:
-            self._terminal.say('stopped; go on with: ./launch_scripts/train '
-                               f'run_dir:={self._folder.path} resume:=true')
+            run = shlex.quote(f'run_dir:={self._folder.path.resolve()}')
+            self._terminal.say(
+                f'stopped; go on with: ./launch_scripts/train {run} resume:=true')
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)

@@ -14,6 +14,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
+from ppo_agent_node.pilots.attitude import attitude_torque
 from ppo_agent_node.pilots.descent import DescentProfile
 from ppo_agent_node.pilots.descent import TimeToGo
 from rocket_sim_node import settings as settings_module
@@ -103,7 +104,7 @@ class ExpertPilot:
 
         :param observation: `(N, 15)`, see the world `rocket`.
         """
-        v = self.vehicle
+        v, gain = self.vehicle, self.settings
         seen = observation.T.astype(np.float64)
         velocity = seen[3:6] * v.velocity_scale
         up = seen[6:9]
@@ -117,7 +118,9 @@ class ExpertPilot:
         lift = self._lift(profile, height, velocity, mass, to_go)
         pull = self._pull(lateral, drift, to_go)
         firing = np.where(to_go.coast > 0, v.gravity + profile.braking, lift)
-        torque = self._torque(up, spin, self._wanted_up(pull, firing))
+        torque = attitude_torque(
+            up, spin[::2], self._wanted_up(pull, firing), v.rcs_torque / v.inertia,
+            gain.attitude_rate, gain.attitude_damping, gain.attitude_brake)
         throttle = lift * mass / (v.max_thrust * np.maximum(up[1], 0.1))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
@@ -218,20 +221,3 @@ class ExpertPilot:
         wanted = np.stack((slope[0], np.ones_like(lift), slope[1]))
         wanted /= np.sqrt((wanted**2).sum(axis=0))
         return wanted
-
-    def _torque(self, up: F64, spin: F64, wanted: F64) -> F64:
-        """Return the torque `(2, N)` about X and Z, 1 for full RCS, not yet clipped.
-
-        Proportional to the error, up x wanted, and the spin; far off, the wanted spin is limited
-        to what a share of the RCS can stop in the angle left.
-        """
-        v, gain = self.vehicle, self.settings
-        error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],
-                          up[0] * wanted[1] - up[1] * wanted[0]))
-        full = v.rcs_torque / v.inertia
-        angle = np.maximum(np.hypot(*error), 1e-12)
-        linear = gain.attitude_rate / (2 * gain.attitude_damping)
-        stoppable = np.sqrt(2 * gain.attitude_brake * full / angle)
-        wanted_spin: F64 = np.minimum(linear, stoppable) * error
-        return (wanted_spin - spin[::2]) * (
-            2 * gain.attitude_damping * gain.attitude_rate / full)

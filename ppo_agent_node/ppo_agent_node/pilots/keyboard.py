@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.cockpit.keys import HeldKeys
-from ppo_agent_node.cockpit.keys import KeyEvent
-from ppo_agent_node.cockpit.keys import Motion
+from ppo_agent_node.pilots.attitude import attitude_torque
+from ppo_agent_node.pilots.keys import HeldKeys
+from ppo_agent_node.pilots.keys import KeyEvent
+from ppo_agent_node.pilots.keys import Motion
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
@@ -151,22 +152,14 @@ class KeyboardPilot:
     def _hold_attitude(self, seen: F64, x: int, z: int) -> F64:
         """Return the torque `(2, N)` about X and Z, 1 for all there is, not yet clipped.
 
-        Proportional to the error, up x wanted, and the spin; far off, the spin is limited to
-        what a share of the attitude control can stop in the angle left.
-
         :param seen: `(15, N)`.
         """
         wanted = np.array([x * np.tan(self._lean), 1.0, z * np.tan(self._lean)])
         wanted /= np.sqrt((wanted**2).sum())
-        up, s = seen[6:9], self._spec.settings
-        spin = seen[9:12:2] * s['spin_scale']
-        error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],
-                          up[0] * wanted[1] - up[1] * wanted[0]))
-        full = max(s['rcs_torque'] / s['inertia'], 1e-9)
-        angle = np.maximum(np.hypot(*error), 1e-12)
-        rate = np.minimum(_ATTITUDE_RATE / 2, np.sqrt(2 * _BRAKE_SHARE * full / angle))
-        torque: F64 = (rate * error - spin) * (2 * _ATTITUDE_RATE / full)
-        return torque
+        s = self._spec.settings
+        return attitude_torque(
+            seen[6:9], seen[9:12:2] * s['spin_scale'], wanted,
+            max(s['rcs_torque'] / s['inertia'], 1e-9), _ATTITUDE_RATE, 1.0, _BRAKE_SHARE)
 
     def _fly_lander(self, seen: F64, now: float) -> NDArray[Any]:
         """Return the lander's actions; its attitude law is that of Gymnasium's heuristic.

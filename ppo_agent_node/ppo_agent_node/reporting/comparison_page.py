@@ -37,7 +37,7 @@ def comparison_page(groups: Sequence[Group], curves: Path | None, folder: Path) 
         page.tag('p', f'{len(groups)} groups of equal settings' if several
                  else 'One group: equal settings apart from the seed', class_='lead'),
         page.table(
-            ('group', 'runs', 'landed, mean', 'lowest', 'mean return, median',
+            ('group', 'evaluated', 'landed, mean', 'lowest', 'mean return, median',
              'lowest to highest'), [_group_row(group) for group in groups], 'numbers')]
     if curves is not None:
         parts += [page.tag('h2', 'Learning curves over seeds'),
@@ -50,14 +50,15 @@ def comparison_page(groups: Sequence[Group], curves: Path | None, folder: Path) 
 
 
 def _group_row(group: Group) -> tuple[str, ...]:
-    """Return a group's figures over its seeds."""
+    """Return a group's figures over those of its seeds that were evaluated."""
     figures = [run.figures for run in group.runs if run.figures is not None]
+    evaluated = f'{len(figures)} of {len(group.runs)}'
     if not figures:
-        return group.title, str(len(group.runs)), 'not evaluated', '', '', ''
+        return group.title, evaluated, '', '', '', ''
     rates = [one['landing_rate'] for one in figures]
     returns = [one['mean_return'] for one in figures]
     return (
-        group.title, str(len(group.runs)), figures_table.rate(float(np.mean(rates))),
+        group.title, evaluated, figures_table.rate(float(np.mean(rates))),
         figures_table.rate(min(rates)), f'{np.median(returns):.2f}',
         f'{min(returns):.2f} to {max(returns):.2f}')
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting.style import GREEN
 from ppo_agent_node.reporting.style import GREY
 from ppo_agent_node.reporting.style import INK
-from ppo_agent_node.reporting.style import words
+from rocket_sim_node.recording.palette import words
 
 SOLVED = {'lunar_lander': 200.0}
 """Returns that count as a solution, by world (Gymnasium's documentation of LunarLander)."""
@@ -26,7 +27,9 @@ def subject(figures: Mapping[str, Any]) -> str:
     """Return who flew where, for titles."""
     level = figures.get('level')
     where = figures['world'] if level is None else f'{figures["world"]}, level {level}'
-    return style.plain(f'{figures.get("policy", "policy")} on {where}')
+    file = figures.get('policy_file')
+    who = Path(str(file)).name if file else figures.get('policy', 'policy')
+    return style.plain(f'{who} on {where}')
 
 
 def outcomes_figure(figures: Mapping[str, Any]) -> Figure:

@@ -17,6 +17,7 @@ from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting.flight_pictures import subject
 from ppo_agent_node.reporting.style import BLUE
+from rocket_sim_node.recording.palette import words
 from rocket_sim_node.worlds.base import F64
 
 MOST_BINS, LEAST_EPISODES = 10, 25
@@ -85,7 +86,7 @@ def varying(episodes: EpisodeTable) -> dict[str, F64]:
 def label(name: str) -> str:
     """Return a column's name as words with its unit."""
     unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), '')
-    what = _LABELS.get(name) or style.plain(style.words(name.removeprefix(START)))
+    what = _LABELS.get(name) or style.plain(words(name.removeprefix(START)))
     return f'{what} at the start{unit}'
 
 
@@ -109,7 +110,7 @@ def conditions_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Fig
     for axes in grid[:, 0]:
         axes.set_ylabel('landed (% of episodes)')
     room = max(100 * (1 - lowest), 0.5)
-    grid[0, 0].set_ylim(100 - 1.08 * room, 100 + 0.05 * room)
+    grid[0, 0].set_ylim(max(100 - 1.08 * room, -1.0), 100 + 0.05 * room)
     low, high = figures['landing_rate_interval']
     figure.suptitle(
         f'{subject(figures)}: landing rate by initial condition', x=0.01, ha='left')

@@ -22,10 +22,17 @@ CONFIG, LOG, FIGURES, EPISODES = 'config.yaml', 'train.jsonl', 'evaluation.json'
 Lines = Sequence[Mapping[str, Any]]
 
 _PAIR = 'a pair of numbers'
+_SPREAD = "'mean' and 'p95'"
 _EXPECTED: dict[str, str] = {
     'world': 'a string', 'episodes': 'a whole number', 'landed': 'a whole number',
     'landing_rate': 'a number', 'landing_rate_interval': _PAIR, 'mean_return': 'a number',
     'mean_return_interval': _PAIR, 'outcomes': 'names and whole numbers'}
+_OPTIONAL: dict[str, str] = {
+    'touchdown_speed': _SPREAD, 'tilt': _SPREAD, 'distance': _SPREAD, 'fuel_used_kg': _SPREAD,
+    'fuel_ratio': 'a number', 'fuel_bound_kg': 'a number', 'mean_length': 'a number',
+    'return_std': 'a number', 'standing_rate': 'a number', 'standing_rate_interval': _PAIR,
+    'settling': 'names and whole numbers', 'world_settings': 'names and values'}
+"""What may be missing or null."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +155,9 @@ def _figures(path: Path) -> dict[str, Any] | None:
     for name, expected in _EXPECTED.items():
         if not _is(figures.get(name), expected):
             raise ValueError(f'{path}: {name}: got {figures.get(name)!r}, expected {expected}')
+    for name, expected in _OPTIONAL.items():
+        if figures.get(name) is not None and not _is(figures[name], expected):
+            raise ValueError(f'{path}: {name}: got {figures[name]!r}, expected {expected}')
     return figures
 
 
@@ -156,9 +166,12 @@ def _is(value: Any, expected: str) -> bool:
     if expected == _PAIR:
         return isinstance(value, list) and len(value) == 2 and all(
             _is(one, 'a number') for one in value)
-    if expected.startswith('names'):
+    if expected == _SPREAD:
         return isinstance(value, dict) and all(
-            _is(one, 'a whole number') for one in value.values())
+            value.get(name) is None or _is(value[name], 'a number') for name in ('mean', 'p95'))
+    if expected.startswith('names'):
+        return isinstance(value, dict) and (expected == 'names and values' or all(
+            _is(one, 'a whole number') for one in value.values()))
     kinds: dict[str, Any] = {
         'a string': str, 'a whole number': int, 'a number': int | float}
     return isinstance(value, kinds[expected]) and not isinstance(value, bool)

@@ -16,7 +16,7 @@ from ppo_agent_node.reporting.pictures import Picture
 from ppo_agent_node.reporting.run_files import EPISODES
 from ppo_agent_node.reporting.run_files import FIGURES
 from ppo_agent_node.reporting.run_files import Run
-from ppo_agent_node.reporting.style import words
+from rocket_sim_node.recording.palette import words
 
 REPORT = 'report.html'
 _FILES = {
@@ -107,11 +107,13 @@ def _evaluation(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
              if run.figures.get(name) is not None]
     ends = ', '.join(
         f'{words(name)} {count}' for name, count in run.figures['outcomes'].items() if count)
+    means = 'bootstrap' if run.figures['episodes'] <= figures_table.BOOTSTRAPPED else 'normal'
     return [
         page.tag('h2', EVALUATION),
         page.table(figures_table.HEAD, figures_table.rows(run.figures, run.episodes)),
-        page.tag('p', f'Outcomes: {ends}. Intervals: Wilson for rates, bootstrap for means.',
-                 class_='soft'),
+        page.tag(
+            'p', f'Outcomes: {ends}. Intervals: Wilson for rates, bootstrap for the mean return, '
+            f'{means} for the other means.', class_='soft'),
         page.tag('details', page.tag('summary', 'Who flew, and from which starts'),
                  page.table((), facts)),
         *_section(EVALUATION, pictures)[1:]]

@@ -168,9 +168,13 @@ def seeds_figure(found: Sequence[Group]) -> Figure | None:
         panels[0].set_ylabel(what)
     if not drawn:
         return None
-    handles, labels = next(
-        pair for axes in grid.flat if (pair := axes.get_legend_handles_labels())[0])
-    figure.legend(handles, labels, loc='outside lower center', ncols=1)
+    named: dict[str, Any] = {}
+    for axes in grid.flat:  # a group may lack what one of them shows
+        for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(text, handle)
+    texts = [text for group in found if (text := _name(group)) in named]
+    figure.legend(
+        [named[text] for text in texts], texts, loc='outside lower center', ncols=1)
     figure.align_ylabels()
     figure.suptitle(
         'Learning curves over seeds: line, median; band, lowest to highest; thin, each seed',
@@ -179,15 +183,20 @@ def seeds_figure(found: Sequence[Group]) -> Figure | None:
 
 
 def _draw(axes: Axes, curves: Sequence[Curve], group: Group, colour: str) -> bool:
-    """Draw a group's curves and, for two or more, their band; return whether there were any."""
-    for one in curves:
-        axes.plot(one.x, one.y, color=colour, lw=0.8, alpha=0.45)
+    """Draw a group's curves and, where several overlap, their band; return whether it had any."""
+    lines = [axes.plot(one.x, one.y, color=colour, lw=0.8, alpha=0.45)[0] for one in curves]
     over = band(curves) if len(curves) > 1 else None
-    seeds = f'{len(curves)} seed{"s" if len(curves) > 1 else ""}'
-    text = style.plain(f'{group.title} ({seeds})')
     if over is not None:
         axes.fill_between(over.x, over.low, over.high, color=colour, alpha=0.2, lw=0)
-        axes.plot(over.x, over.median, color=colour, lw=2.2, label=text)
-    elif curves:
-        axes.plot(curves[0].x, curves[0].y, color=colour, lw=1.6, label=text)
+        lines = axes.plot(over.x, over.median, color=colour, lw=2.2)
+    elif len(curves) == 1:
+        lines[0].set(linewidth=1.6, alpha=1.0)
+    for line in lines[:1]:
+        line.set_label(_name(group))
     return bool(curves)
+
+
+def _name(group: Group) -> str:
+    """Return what the legend calls a group."""
+    count = len(group.runs)
+    return style.plain(f'{group.title} ({count} seed{"s" if count > 1 else ""})')

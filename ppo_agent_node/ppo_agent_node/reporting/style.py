@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ppo_agent_node.atomic_file import write_atomically
+from rocket_sim_node.recording import palette
 
 Values = NDArray[np.float64] | NDArray[np.int64]
 Chosen = NDArray[np.bool_]
@@ -28,7 +29,6 @@ BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, YELLOW = (
 INK, GREY, PALE = '#333333', '#BBBBBB', '#F4F4F4'
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, INK, YELLOW)
 """Colours of groups, in order; the pale ones last."""
-_CRASHES = (VERMILION, ORANGE, PURPLE, SKY, BLUE, YELLOW)
 
 _STYLE: dict[Any, Any] = {
     'font.size': 10.5, 'axes.titlesize': 12, 'axes.titlelocation': 'left',
@@ -62,15 +62,9 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def outcome_colours(outcomes: Sequence[str]) -> dict[str, str]:
-    """Return a colour for each outcome: green is landed, the rest by their order."""
-    crashes = [name for name in outcomes if name != 'landed']
-    return {'landed': GREEN, **{
-        name: _CRASHES[place % len(_CRASHES)] for place, name in enumerate(crashes)}}
-
-
-def words(name: str) -> str:
-    """Return a name of code as words."""
-    return name.replace('_', ' ')
+    """Return a colour for each outcome, the one that it has in recordings: green is landed."""
+    colours = palette.outcome_colours(tuple(outcomes))
+    return {name: '#{:02X}{:02X}{:02X}'.format(*colour) for name, colour in colours.items()}
 
 
 def plain(text: str) -> str:

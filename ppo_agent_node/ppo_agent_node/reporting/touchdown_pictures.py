@@ -23,6 +23,7 @@ from ppo_agent_node.reporting.style import GREEN
 from ppo_agent_node.reporting.style import INK
 from ppo_agent_node.reporting.style import PALE
 from ppo_agent_node.reporting.style import VERMILION
+from rocket_sim_node.recording.palette import words
 from rocket_sim_node.worlds.base import F64
 
 Figures = Mapping[str, Any]
@@ -144,7 +145,7 @@ def _strip(
         axes.hist(
             list(parts.values()), bins=list(edges), stacked=True,
             color=[colours[name] for name in parts],
-            label=[style.plain(style.words(name)) for name in parts])
+            label=[style.plain(words(name)) for name in parts])
         if radius:
             axes.axvspan(-radius, radius, color=PALE, zorder=0)
             for side in (-radius, radius):

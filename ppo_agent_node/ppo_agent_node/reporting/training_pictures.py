@@ -61,14 +61,14 @@ def training_figure(lines: Lines) -> Figure:
                  label=alone)
     _dress(returns, '', 'mean return (reward points)')
     _legend_above(returns)
+    landing.plot(iteration, 100 * column(lines, 'landing_rate'), color=GREEN, lw=1.2, zorder=4,
+                 label='roll-out, with noise')
     landing.fill_between(
         iteration, 100 * column(lines, 'landing_rate_low'),
         100 * column(lines, 'landing_rate_high'), color=GREEN, alpha=0.25, lw=0,
-        label='its 95 % interval (Wilson)')
-    landing.plot(iteration, 100 * column(lines, 'landing_rate'), color=GREEN,
-                 label='roll-out, with noise')
+        label='95 % interval of the roll-out (Wilson)')
     landing.plot(iteration[flown], 100 * column(lines, 'selection_landing_rate')[flown],
-                 color=VERMILION, marker='o', ms=4, label=alone)
+                 color=VERMILION, marker='o', ms=5, lw=3.2, label=alone)
     _dress(landing, '' if level else 'iteration', 'landed (% of episodes)')
     _legend_above(landing)
     for axes in level:

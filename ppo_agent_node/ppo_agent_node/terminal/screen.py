@@ -2,6 +2,7 @@
 """Where a run is shown: on a terminal in place, elsewhere in plain lines."""
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
@@ -21,6 +22,8 @@ VARIABLE = 'HOVERSLAM_TERMINAL'
 """names the terminal to show on, where standard output is a pipe to a launch"""
 _REFRESH = 0.25
 """s between two pictures, at least"""
+_UNSHOWN = (OSError, UnicodeError)
+"""A terminal that went away, or lacks a character, must not end a training."""
 _MANY = 100
 _PERIOD = 5.0
 """stages of more iterations get a plain line no more often, s"""
@@ -32,8 +35,11 @@ class Terminal:
     def __init__(self, file: TextIO | None = None) -> None:
         """Show on `file`; by default on the terminal that is named, else standard output."""
         self._own = _named() if file is None else None
-        self._console = Console(
-            file=file or self._own or sys.stdout, highlight=False, soft_wrap=True)
+        shown = file or self._own or sys.stdout
+        if isinstance(shown, io.TextIOWrapper):
+            # rich has an ellipsis where a line is cut, whatever the terminal's characters are.
+            shown.reconfigure(errors='replace')
+        self._console = Console(file=shown, highlight=False, soft_wrap=True)
         self._block: Block | None = None
         if self._console.is_terminal and not self._console.is_dumb_terminal:
             self._block = Block(self._console)
@@ -47,7 +53,7 @@ class Terminal:
 
     def __exit__(self, *_: object) -> None:
         """Leave the terminal as it was."""
-        with suppress(OSError):
+        with suppress(*_UNSHOWN):
             if self._block is not None:
                 self._block.draw([])
         if self._own is not None:
@@ -102,13 +108,12 @@ class Terminal:
         if self._block is None:
             return
         self._drawn = time.monotonic()
-        # A terminal that went away must not end a training.
-        with suppress(OSError):
+        with suppress(*_UNSHOWN):
             self._block.draw(self._picture.lines(self._block.width), above)
 
     def _stay(self, text: Text) -> None:
         if self._block is None:
-            with suppress(OSError):
+            with suppress(*_UNSHOWN):
                 self._console.print(text)
                 self._console.file.flush()
             return

@@ -99,4 +99,4 @@ def line(status: Status) -> str:
         parts.append(f'{duration(status.remaining)} left')
     text = '; '.join(filter(None, (', '.join(parts), status.message)))
     head = f'{stage_name(status.stage)} {count_text(status)}'.strip()
-    return f'[{duration(status.elapsed)}] {head}: {text}'
+    return f'[{duration(status.elapsed)}] ' + ': '.join(filter(None, (head, text)))

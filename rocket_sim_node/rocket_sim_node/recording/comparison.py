@@ -7,33 +7,30 @@ the code that logs a single flight. Nothing here knows who the pilots are.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from typing import TypeAlias
 from typing import cast
 
 import numpy as np
 import rerun as rr
-from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import comparison_layout as layout
 from rocket_sim_node.recording import comparison_plots
 from rocket_sim_node.recording.comparison_table import results
 from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.flight_log import log_flight
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.reel import Settle
+from rocket_sim_node.recording.rewrite import joined
+from rocket_sim_node.recording.rewrite import save
 from rocket_sim_node.recording.stage import Stage
 
 APPLICATION = 'hoverslam_comparison'
 """Not that of other recordings: the viewer keeps a layout for each application."""
-
-Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
 
 
 @dataclass(frozen=True)
@@ -159,12 +156,7 @@ def write(
         stream.flush(timeout_sec=30.0)
         stream.disconnect()
         reader = RrdReader(raw)
-        identity = reader.recordings()[0].recording_id
-        joined = rr.RecordingStream(APPLICATION, recording_id=identity, send_properties=False)
-        joined.save(small, default_blueprint=shown)
-        joined.send_chunks(reader.stream().collect(optimize=OptimizationProfile.OBJECT_STORE))
-        joined.flush(timeout_sec=30.0)
-        joined.disconnect()
+        save(reader, joined(reader), small, shown)
         small.replace(path)
     except OSError as error:
         raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error

@@ -25,7 +25,7 @@ F64 = NDArray[np.float64]
 COLOURS: tuple[Colour, ...] = (
     palette.WHITE, palette.ORANGE, palette.SKY, palette.PURPLE, palette.YELLOW, palette.GREEN)
 """Of the pilots, in their order: the first is what the others are measured by."""
-_WIDTHS = (3.5, 2.2, 1.4)
+_WIDTHS = (6.5, 4.5, 2.0)
 """Of their lines: where they cover each other, each can still be seen."""
 
 

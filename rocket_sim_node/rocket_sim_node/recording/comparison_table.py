@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight_log import words
+from rocket_sim_node.recording.palette import words
 from rocket_sim_node.recording.stage import Stage
 
 
@@ -50,8 +50,7 @@ def results(
 
 def touchdown_speed(flight: Flight) -> float:
     """Return the speed when the ground was met, m/s; at the end where it was not, or ends all."""
-    touching = np.any(flight.contact_force != 0.0, axis=1) | np.any(flight.contact > 0.0, axis=1)
-    first = int(np.argmax(touching)) if touching.any() else len(flight)
+    first = int(np.argmax(flight.touching)) if flight.touching.any() else len(flight)
     return float(flight.speed[max(first - 1, 0)])
 
 
@@ -62,20 +61,21 @@ def _means(
     rows = []
     for number, side in enumerate(sides):
         flights = side.flights
-        landed = sum(flight.outcome == stage.outcomes[0] for flight in flights)
+        landed = [flight for flight in flights if flight.outcome == stage.outcomes[0]]
         standing = sum(ends[number] == 'stands' for ends in verdicts)
         rows.append((
-            side.name, f'{landed} of {len(flights)}',
+            side.name, f'{len(landed)} of {len(flights)}',
             *((f'{standing}',) if stands else ()),
-            f'{_mean(f.total_return for f in flights):.1f}',
-            f'{_mean(map(touchdown_speed, flights)):.3f}',
-            f'{_mean(f.tilt[-1] for f in flights):.2f}',
-            f'{_mean(f.distance[-1] for f in flights):.2f}',
-            *((f'{_mean(f.fuel[0] - f.fuel[-1] for f in flights):.0f}',) if fuel else ()),
-            f'{_mean((len(f) - 1) * stage.dt for f in flights):.1f}'))
-    return _table((
+            _mean('.1f', (f.total_return for f in flights)),
+            _mean('.3f', map(touchdown_speed, landed)),
+            _mean('.2f', (f.tilt[-1] for f in landed)),
+            _mean('.2f', (f.distance[-1] for f in landed)),
+            *((_mean('.0f', (f.fuel[0] - f.fuel[-1] for f in flights)),) if fuel else ()),
+            _mean('.1f', ((len(f) - 1) * stage.dt for f in flights))))
+    table = _table((
         'mean of', 'landed', *(('stand',) if stands else ()), 'return', 'touchdown m/s',
         'tilt °', 'offset m', *(('fuel kg',) if fuel else ()), 'time s'), rows)
+    return f'{table}\n\nTouchdown, tilt and offset: means of those that landed.'
 
 
 def _end(flight: Flight, verdict: str) -> str:
@@ -86,8 +86,10 @@ def _end(flight: Flight, verdict: str) -> str:
     return f'{end} {touchdown_speed(flight):.2f} m/s, {flight.total_return:.1f}'
 
 
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean(np.fromiter(values, np.float64)))
+def _mean(digits: str, values: Iterable[float]) -> str:
+    """Return a mean as text, a dash where there is nothing to average."""
+    known = np.fromiter(values, np.float64)
+    return format(float(known.mean()), digits) if known.size else '–'
 
 
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -68,6 +68,13 @@ class Flight:
         return np.hypot(self.position[:, 0], self.position[:, 1])
 
     @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Whether the ground pushes, or a foot stands on it, `(n,)`."""
+        pushed: NDArray[np.bool_] = np.any(self.contact_force != 0.0, axis=1)
+        stands: NDArray[np.bool_] = np.any(self.contact > 0.0, axis=1)
+        return pushed | stands
+
+    @property
     def total_return(self) -> float:
         """Undiscounted sum of rewards; the first sample belongs to no step."""
         return float(self.reward[1:].sum())

@@ -17,6 +17,7 @@ from rocket_sim_node.recording.effects import every
 from rocket_sim_node.recording.effects import to_body
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
+from rocket_sim_node.recording.palette import words
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
 from rocket_sim_node.recording.sceneries import Scenery
@@ -25,11 +26,6 @@ from rocket_sim_node.recording.stage import Stage
 
 TRAIL_STEP = 12
 PATH_POINTS = 40
-
-
-def words(name: str) -> str:
-    """Return an outcome or verdict as a person writes it."""
-    return name.replace('_', ' ')
 
 
 def ending(flight: Flight, settling: Settling | None) -> str:
@@ -116,8 +112,7 @@ def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
     It settles when it touches the ground with its engine off. The outcome of an unfinished flight
     is empty. A phase of less than `shortest` steps is left out: the throttle may chatter.
     """
-    touching = np.any(flight.contact_force != 0.0, axis=1) | np.any(flight.contact > 0.0, axis=1)
-    phase = np.where(flight.throttle > 0.0, 1, np.where(touching, 2, 0))
+    phase = np.where(flight.throttle > 0.0, 1, np.where(flight.touching, 2, 0))
     edges = np.flatnonzero(np.diff(phase)) + 1
     starts = [0, *edges.tolist(), len(flight) - 1]
     changes: list[tuple[int, str]] = []

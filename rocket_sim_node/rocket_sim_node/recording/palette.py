@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours that people with any colour vision tell apart (Okabe and Ito, 2008), sRGB."""
+"""Colours that people with any colour vision tell apart (Okabe and Ito, 2008), sRGB.
+
+Recordings and reports show outcomes in the same colours and by the same words.
+"""
 from __future__ import annotations
 
 from typing import TypeAlias
@@ -44,6 +47,11 @@ def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
         free = [other for other in _OTHERS if other not in colours.values()] or list(_OTHERS)
         colours.setdefault(name, GREEN if index == 0 else free[index % len(free)])
     return {name: colours[name] for name in outcomes}
+
+
+def words(name: str) -> str:
+    """Return the name of an outcome, a verdict or a quantity as a person writes it."""
+    return name.replace('_', ' ')
 
 
 def light(colour: Colour) -> Colour:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.effects import to_world
 
 F32 = NDArray[np.float32]
 EMPTY: F32 = np.zeros((0, 0), np.float32)
@@ -124,8 +125,7 @@ def _trajectory(
         row=record['row'], episode=record['episode'], outcome=record['outcome'],
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
         position=part['Transform3D:translation'], orientation=orientation,
-        velocity=_to_world(orientation, part['Arrows3D:vectors'][:, :3]) / np.float32(
-            record.get('arrow', ARROW)),
+        velocity=_velocity(orientation, part['Arrows3D:vectors'][:, :3], record),
         tilt=part['Flight:tilt'][:, 0], throttle=throttle / np.float32(100), fuel=fuel,
         reward=reward, summary=record, pilot=pilot)
 
@@ -144,8 +144,7 @@ def _numbers(array: pa.Array, rows: int) -> F32:
     return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(rows, -1)
 
 
-def _to_world(quaternion: F32, vector: F32) -> F32:
-    """Return body vectors `(n, 3)` in the world, for attitudes `(n, 4)`."""
-    axis, real = quaternion[:, :3], quaternion[:, 3:]
-    twice = 2 * np.cross(axis, vector)
-    return np.asarray(vector + real * twice + np.cross(axis, twice), np.float32)
+def _velocity(orientation: F32, arrow: F32, record: dict[str, Any]) -> F32:
+    """Return the velocity `(n, 3)` of which the arrow in the body's frame is a picture."""
+    world = to_world(orientation.astype(np.float64), arrow.astype(np.float64))
+    return np.asarray(world / record.get('arrow', ARROW), np.float32)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import ChunkStore
 from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
 
@@ -23,19 +25,28 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     """
     try:
         reader = RrdReader(source)
-        entry = reader.recordings()[0]
-        store = reader.stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
+        store = joined(reader)
         trained = any(
             path.startswith(scene.TRAINING) for path in store.schema().entity_paths())
         world = _world(reader)
     except (RuntimeError, ValueError, IndexError) as error:
         raise OSError(22, f'not a readable recording: {error}', str(source)) from error
+    save(reader, store, target, blueprint(training=trained, tab=tab, world=world))
+
+
+def joined(reader: RrdReader) -> ChunkStore:
+    """Return all of a recording in fewer, larger chunks."""
+    return reader.stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
+
+
+def save(reader: RrdReader, store: ChunkStore, target: Path, layout: rrb.Blueprint) -> None:
+    """Write chunks to a file, under the identity of the recording that they are from."""
+    entry = reader.recordings()[0]
     stream = rr.RecordingStream(
         entry.application_id, recording_id=entry.recording_id, send_properties=False)
-    stream.save(target, default_blueprint=blueprint(
-        training=trained, tab=tab, world=world))
+    stream.save(target, default_blueprint=layout)
     stream.send_chunks(store)
-    stream.flush()
+    stream.flush(timeout_sec=30.0)
     stream.disconnect()
 
 

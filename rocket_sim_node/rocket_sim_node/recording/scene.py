@@ -62,7 +62,7 @@ def log_styles(
     colours = {
         **palette.PHASES, **palette.VERDICTS, **palette.outcome_colours(stage.outcomes)}
     stream.log(PHASE, rr.StateConfiguration(
-        values=list(colours), labels=[name.replace('_', ' ') for name in colours],
+        values=list(colours), labels=[palette.words(name) for name in colours],
         colors=list(colours.values())),
         rr.Points3D.from_fields(radii=0.01), static=True)
 

@@ -2,6 +2,7 @@
 """Command `screenshot`: a picture of a recording, made without a screen."""
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +31,8 @@ class Picture:
     recording: str = setting('', '', 'the .rrd file')
     output: str = setting('screenshot.png', '', 'the picture, .png')
     at: str = setting(
-        'burn', '', "'burn', 'touchdown', 'end', or seconds on the recording's sim_time")
+        'burn', '', "'burn' or 'touchdown' of the flight, 'end' of the recording, or seconds on "
+        "the recording's sim_time")
     flight: int = setting(
         -1, '', 'which flight, from 0; -1: the last that landed', -1, 1e9)
     tab: str = setting('flight', '', 'the tab in front', choices=TABS)
@@ -45,10 +47,12 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
     """
     if picture.at not in MOMENTS:
         try:
-            return float(picture.at)
+            seconds = float(picture.at)
         except ValueError:
-            raise ValueError(
-                f'at: got {picture.at!r}, expected {", ".join(MOMENTS)} or seconds') from None
+            seconds = math.nan
+        if not math.isfinite(seconds):
+            raise ValueError(f'at: got {picture.at!r}, expected {", ".join(MOMENTS)} or seconds')
+        return seconds
     if not flights:
         raise ValueError(f'recording: {picture.recording} holds no flights')
     if picture.flight >= len(flights):
@@ -56,9 +60,8 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
     landed = [k for k, flight in enumerate(flights) if flight.outcome == 'landed']
     number = picture.flight if picture.flight >= 0 else (landed or [len(flights) - 1])[-1]
     flight = flights[number]
-    last = flights[-1]
     if picture.at == 'end':
-        return last.start + float(last.time[-1]) + 1.0
+        return max(one.start + float(one.time[-1]) for one in flights) + 1.0
     if picture.at == 'touchdown':
         return flight.start + float(flight.time[-1]) + 1.0
     height = flight.position[:, 2] - flight.position[-1, 2]

@@ -180,6 +180,11 @@ class Client:
         return self._begin_session(self._call('restore', request))
 
     @property
+    def session(self) -> int:
+        """The session that this client flies in; 0 outside of one."""
+        return self._session
+
+    @property
     def realtime(self) -> bool:
         """Whether the simulator goes by the clock; known once connected."""
         return self._world is not None and self._world.mode == msg.World.REALTIME

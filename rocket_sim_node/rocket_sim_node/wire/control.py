@@ -25,13 +25,18 @@ class ControlLease:
 
     def refusal(self, agent: int) -> str:
         """Return why `agent` may not take control now; empty when it may."""
-        silent = self._clock() - self._heard
-        if self.owner in (NOBODY, agent) or silent >= self._seconds:
+        if self.owner == agent or self.vacant:
             return ''
+        silent = self._clock() - self._heard
         return (
             f'agent: {agent:016x}, but agent {self.owner:016x} flies this simulator '
             f'(heard {silent:.1f} s ago; free after {self._seconds:g} s of silence)'
         )
+
+    @property
+    def vacant(self) -> bool:
+        """Whether any agent may take control: nobody has it, or was silent for so long."""
+        return self.owner == NOBODY or self._clock() - self._heard >= self._seconds
 
     def take(self, agent: int) -> None:
         """Give control to `agent`."""

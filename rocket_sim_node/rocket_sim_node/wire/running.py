@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 from typing import NoReturn
 
@@ -57,7 +58,7 @@ def run(
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
-    SIGINT and SIGTERM only ask it to (see `stopping`): a body that waits has to look.
+    SIGINT, SIGTERM and SIGHUP only ask it to (see `stopping`): a body that waits has to look.
 
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
@@ -104,6 +105,7 @@ def leave(status: int) -> NoReturn:
     Python would first look through all objects of all libraries for what can be freed; with
     those of a learner that takes a second, and several on a busy machine.
     """
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):  # nobody reads it any more
+            stream.flush()
     os._exit(status)

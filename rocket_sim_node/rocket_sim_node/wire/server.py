@@ -143,16 +143,18 @@ class Server:
     def _on_tick(self) -> None:
         """Advance by dt with the last action, or with the engine off when that is too old.
 
-        While nobody has control nothing moves: there is no flight then.
+        While nobody has control, or who has it fell silent for as long as the lease, nothing
+        moves: there is no flight then.
         """
-        if self._lease.owner == NOBODY:
-            return
         if self._action is not None and (
                 self._now() - self._action_time > self._options.action_timeout):
             self._action = None
             self._health.refuse(
                 'action', f'none for {self._options.action_timeout:g} s: engine cut')
-        self._advance(self._idle if self._action is None else self._action)
+        if self._action is not None:
+            self._advance(self._action)
+        elif not self._lease.vacant:
+            self._advance(self._idle)
 
     # Services
 
@@ -218,6 +220,7 @@ class Server:
     def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
         if self._lease.release(request.agent):
             response.code = response.OK
+            self._action = None
             self._state.flush()
         else:
             response.code = response.BUSY

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and SIGTERM as a wish: what is under way comes to a good end, ROS still being there.
+"""Ctrl-C, SIGTERM and SIGHUP as a wish: what is under way comes to a good end, with ROS there.
 
 The handlers of rclpy would shut ROS down at once and interrupt Python anywhere, in the midst of a
 step or of a write; then nobody could be told, and control not be handed back.
@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from types import FrameType
+from typing import TypeVar
 
 from rocket_sim_node.worlds.base import EnvironmentClosed
+
+T = TypeVar('T')
 
 _stop = threading.Event()
 _abandon = False
@@ -23,10 +25,15 @@ class _Abandoned(BaseException):
 
 
 def listen() -> None:
-    """Take SIGINT and SIGTERM as wishes from now on; further ones change nothing."""
+    """Take SIGINT, SIGTERM and SIGHUP as wishes from now on; further ones change nothing.
+
+    A SIGHUP that is ignored, as nohup has it, stays so.
+    """
     _stop.clear()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _on_signal)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, _on_signal)
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
@@ -42,23 +49,26 @@ def requested() -> bool:
     return _stop.is_set()
 
 
-@contextmanager
-def abandoning() -> Iterator[None]:
-    """Abandon the work within wherever it is, once this process is asked to end.
+def abandonable(work: Callable[[], T]) -> T:
+    """Do some work and return what it does; abandon it once this process is asked to end.
 
-    For work that cannot look for itself and of which nothing may be missed, such as drawing.
+    For work that cannot look for itself and of which nothing may be missed, such as drawing. It
+    is left wherever it is, but for a signal inside a `__del__`: Python swallows what is raised
+    there, so that the work goes on to its end first.
 
-    :raises EnvironmentClosed: when it was abandoned.
+    :raises EnvironmentClosed: when it was abandoned, or asked for meanwhile.
     """
     global _abandon
     try:
-        _abandon = True
-        if _stop.is_set():
-            raise _Abandoned
-        yield
+        try:
+            _abandon = True
+            if _stop.is_set():
+                raise _Abandoned
+            result = work()
+        finally:
+            _abandon = False
     except _Abandoned:
         raise EnvironmentClosed('asked to stop') from None
-    finally:
-        _abandon = False
     if _stop.is_set():
         raise EnvironmentClosed('asked to stop')
+    return result

@@ -16,7 +16,8 @@ from PIL import Image
 from ppo_agent_node.evaluation import compare
 from ppo_agent_node.evaluation import side_by_side
 from ppo_agent_node.pilots.policy import PolicyPilot
-from ppo_agent_node.reporting import pictures as report_pictures
+from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting import training_pictures
 from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import command_line
 from rocket_sim_node import worlds
@@ -34,9 +35,8 @@ from rocket_sim_node.settings import setting
 
 SEED = 20_000_000
 """where the starts of evaluations begin"""
-FLIGHTS = 6
 WINDOW = (1600, 968)
-TALL = (1600, 1068)
+TALL = (1600, 1168)
 """pixels of the viewer's window; its bars are cut off"""
 COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
 """What a run has when it has ended."""
@@ -45,17 +45,17 @@ Maker = Callable[[Path, Path], Image.Image]
 
 
 def fly_and_record(world: str, path: Path) -> None:
-    """Fly the policy that ships with a world, and record the flights.
+    """Fly the policy that ships with a world, and record the flight.
 
     :raises OSError: when the recording cannot be written.
     """
-    simulated = worlds.make(world, FLIGHTS, SEED)
+    simulated = worlds.make(world, 1, SEED)
     spec = simulated.spec
     policies = resources.files('ppo_agent_node') / 'policies'
     pilot = PolicyPilot(Path(str(policies / f'{world}.safetensors')), spec)
     recorder = Recorder(
-        Choice(rows=tuple(range(FLIGHTS))), [FileSink(path, lambda *note: None)],
-        lambda *note: None, settle=touchdown.follow)
+        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None,
+        settle=touchdown.follow)
     recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
     recorder.states(1, side_by_side.fly(simulated, pilot, SEED))
     recorder.close()
@@ -92,8 +92,10 @@ def comparison(run: Path, scratch: Path) -> Image.Image:
 
 def training(run: Path, scratch: Path) -> Image.Image:
     """Return the learning curves of a run."""
-    report_pictures.draw(load(run), scratch)
-    return Image.open(scratch / 'training.png').convert('RGB')
+    lines = load(run).stage('finetune')
+    with style.styled():
+        path = style.save(training_pictures.training_figure(lines), scratch / 'training.png')
+    return Image.open(path).convert('RGB')
 
 
 MAKERS: Mapping[str, Maker] = {

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The attitude law of pilots who lean a rocket: proportional-derivative, braking in time."""
+from __future__ import annotations
+
+import numpy as np
+
+from rocket_sim_node.worlds.base import F64
+
+
+def attitude_torque(
+    up: F64, spin: F64, wanted: F64, full: float, rate: float, damping: float, brake_share: float,
+) -> F64:
+    """Return the torque `(2, N)` about X and Z, 1 for full RCS, not yet clipped.
+
+    Proportional to the error, up x wanted, and the spin; far off, the wanted spin is limited to
+    what a share of the RCS can stop in the angle left.
+
+    :param up: `(3, N)`, the body's axis.
+    :param spin: `(2, N)` rad/s, about X and Z.
+    :param wanted: `(3, N)` or `(3,)`, where the axis shall point.
+    :param full: rad/s^2 that the RCS gives.
+    :param rate: rad/s, natural frequency, of a loop with the damping ratio `damping`.
+    :param brake_share: of the RCS, counted on to stop a turn.
+    """
+    error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],
+                      up[0] * wanted[1] - up[1] * wanted[0]))
+    angle = np.maximum(np.hypot(*error), 1e-12)
+    linear = rate / (2 * damping)
+    stoppable = np.sqrt(2 * brake_share * full / angle)
+    wanted_spin: F64 = np.minimum(linear, stoppable) * error
+    return (wanted_spin - spin) * (2 * damping * rate / full)
