@@ -46,3 +46,12 @@ def test_stepping(tmp_path: Path) -> None:
     assert figures['ratios']['Gymnasium'] == pytest.approx(
         figures['best']['ours'] / figures['best']['Gymnasium'])
     assert 'x Gymnasium' in text
+
+
+def test_recorder(tmp_path: Path) -> None:
+    text, figures = run(
+        'recorder', tmp_path / 'out.json', '--turns', '1', '--seconds', '0.5', '--parts', 'flying')
+    flying = figures['flying']
+    assert flying['ratio'] == pytest.approx(flying['with'] / flying['without'])
+    assert flying['turns'] == 1
+    assert 'flying' in text

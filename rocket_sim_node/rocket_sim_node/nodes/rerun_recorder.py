@@ -5,6 +5,7 @@ Nothing waits for it: it may start late, fall behind, die and come back.
 """
 from __future__ import annotations
 
+import os
 import sys
 import time
 from contextlib import ExitStack
@@ -43,6 +44,8 @@ _QUIET = 0.2
 _DRAIN = 1.5
 """s without a message after which, and s after which at the latest, a recorder told to end does"""
 _DRAINED_AT_ONCE = 20
+_NICENESS = 10
+"""how far it stands behind simulator and agent where there are not cores enough"""
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ def training_from_message(message: msg.TrainingStatus) -> Training:
 
 def record(node: Node, executor: Executor) -> None:
     """Record until asked to stop."""
+    os.nice(_NICENESS)
     parameters = Parameters(node)
     destinations = parameters.declare(Destinations)
     choice = parameters.declare(Choice)
