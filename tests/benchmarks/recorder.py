@@ -176,7 +176,8 @@ def main() -> None:
     parser.add_argument('--parts', nargs='+', choices=PARTS, default=list(PARTS))
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
-    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"pairs":>8}{"recorder":>22}')
+    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"pairs":>8}'
+          f'{"recorder":>22}')
     figures = {}
     for name in options.parts:
         with tempfile.TemporaryDirectory() as folder:
