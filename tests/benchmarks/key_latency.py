@@ -21,6 +21,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rocket_msgs import msg
 
+from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.running import make_executor
 
@@ -71,8 +72,9 @@ def measure(presses: int, processes: Processes, cabin: Cabin) -> list[float]:
 
 def main() -> None:
     """Print median, 95th percentile and maximum."""
-    parser = argparse.ArgumentParser(prog='key_latency', description=__doc__.split('\n')[0])
+    parser = argparse.ArgumentParser(prog='bench key_latency', description=__doc__.split('\n')[0])
     parser.add_argument('--presses', type=int, default=200)
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         processes, cabin = Processes(Path(folder)), Cabin()
@@ -84,6 +86,9 @@ def main() -> None:
     figures = np.percentile(latencies, (50, 95, 100)) * 1e3
     print('{} presses: median {:.1f} ms, 95 % within {:.1f} ms, at most {:.1f} ms'.format(
         len(latencies), *figures))
+    if options.output:
+        names = ('median_ms', 'p95_ms', 'most_ms')
+        write_json(options.output, dict(zip(names, figures.tolist(), strict=True)))
 
 
 if __name__ == '__main__':

@@ -42,7 +42,7 @@ class Simulator:
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         self.context = Context()
         rclpy.init(context=self.context, domain_id=processes.domain)
-        node = Node('simulator', context=self.context)
+        self._node = node = Node('simulator', context=self.context)
         self._world = make('rocket', ROCKETS, level=1, spawn_angle=1.0)
         self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
         self._state_publisher = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
@@ -51,7 +51,9 @@ class Simulator:
 
     def end(self) -> None:
         """Leave the graph."""
-        rclpy.try_shutdown(context=self.context)
+        if self.context.ok():
+            self._node.destroy_node()  # what it latched would outlive its context
+            rclpy.shutdown(context=self.context)
 
     def take(self, world: str) -> None:
         """Go on with another world."""

@@ -55,3 +55,18 @@ def test_recorder(tmp_path: Path) -> None:
     assert flying['ratio'] == pytest.approx(flying['with'] / flying['without'])
     assert flying['turns'] == 1
     assert 'flying' in text
+
+
+def test_exchange(tmp_path: Path) -> None:
+    text, figures = run(
+        'exchange', tmp_path / 'out.json', '--sizes', '1', '--rounds', '1', '--count', '20')
+    one = figures['exchange']['1']
+    assert one['ratio'] == pytest.approx(one['dds'] / one['tcp'])
+    assert 'TCP' in text
+
+
+def test_stopping(tmp_path: Path) -> None:
+    text, figures = run(
+        'stopping', tmp_path / 'out.json', '--stages', 'starting', '--rounds', '1')
+    assert set(figures) == {'starting'}
+    assert '1 of 1' in text

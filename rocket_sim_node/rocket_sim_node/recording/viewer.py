@@ -91,6 +91,7 @@ class Program:
         self._process = subprocess.Popen(
             [str(binary()), *arguments], env={**environment(), **variables},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said,
+            start_new_session=True,  # Ctrl-C is for us: it has to take what we still send
             preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
 
     def said(self, length: int = 600) -> str:

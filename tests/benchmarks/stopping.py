@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long Ctrl-C takes, from the key to the end of the last process, by stage of a training.
+
+The training is that of the world's preset, with fewer demonstrations and iterations, so that
+each stage comes soon; a stage is interrupted in its middle, with all three nodes running.
+"""
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from processes import Process
+from processes import Processes
+
+from ppo_agent_node.evaluation.metrics import write_json
+
+TRAIN = str(Path(__file__).parents[2] / 'launch_scripts' / 'train')
+SETTINGS = (
+    'demonstration_episodes:=768', 'clone_epochs:=3', 'iterations:=2', 'selection_interval:=1',
+    'checkpoint_interval:=1', 'evaluation_episodes:=1024')
+STAGES = {
+    'starting': ('process started with pid', 1.5), 'demonstrations': ('expert flies 1/', 0.5),
+    'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 3.0),
+    'evaluation': ('evaluating ', 0.2), 'plots': ('working out figures', 0.3)}
+"""What a stage is known by, and how long after that line it is interrupted, s."""
+
+
+def alive(group: int) -> bool:
+    """Return whether any process of a session runs."""
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = stat.read_text('utf-8').rpartition(')')[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == group and fields[0] != 'Z':
+            return True
+    return False
+
+
+def interrupt(process: Process) -> float:
+    """Press Ctrl-C; return how long it takes until all processes are gone, s."""
+    os.killpg(process.pid, signal.SIGINT)
+    start = time.monotonic()
+    while process.running or alive(process.pid):
+        if time.monotonic() - start > 60.0:
+            raise AssertionError(process.output())
+        time.sleep(0.005)
+    return time.monotonic() - start
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench stopping', description=__doc__.split('\n')[0])
+    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--stages', nargs='+', choices=STAGES, default=list(STAGES))
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    table: dict[str, list[float]] = {}
+    print(f'seconds from Ctrl-C to the end of the last process, {options.rounds} rounds')
+    print(f'{"stage":<16}{"median":>8}{"most":>8}  saved, and said how to resume')
+    for stage in options.stages:
+        line, later = STAGES[stage]
+        seconds, said = [], 0
+        for _ in range(options.rounds):
+            with tempfile.TemporaryDirectory() as folder:
+                processes = Processes(Path(folder))
+                try:
+                    process = processes.start(TRAIN, f'run_dir:={folder}/run', *SETTINGS)
+                    process.wait_for(line, 300.0)
+                    time.sleep(later)
+                    seconds.append(interrupt(process))
+                    said += bool(re.search(
+                        r'stopped; go on with:\n .* resume:=true', process.output()))
+                finally:
+                    processes.end()
+        table[stage] = seconds
+        print(f'{stage:<16}{statistics.median(seconds):>8.2f}{max(seconds):>8.2f}'
+              f'  {said} of {options.rounds}', flush=True)
+    if options.output:
+        write_json(options.output, table)
+
+
+if __name__ == '__main__':
+    main()
