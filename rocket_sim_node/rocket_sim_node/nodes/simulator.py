@@ -40,7 +40,7 @@ class SimulatorParameters:
         10.0, 's', 'silence of the agent after which another may take over', 0.0, 3600.0)
     state_rows: int = setting(4, '', 'rockets, from the first, on topic `state`', 0, 1024)
     state_batch: int = setting(
-        25, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
+        50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
 
 
 def simulate(node: Node, executor: Executor) -> None:

@@ -38,7 +38,7 @@ class ServerOptions:
     """s of silence after which another agent may take over"""
     state_rows: int = 4
     """rockets, from row 0, whose state is published"""
-    state_batch: int = 25
+    state_batch: int = 50
     """steps gathered into one message of `state`"""
 
 

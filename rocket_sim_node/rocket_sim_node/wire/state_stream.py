@@ -22,7 +22,8 @@ class StateStream:
     def __init__(self, node: Node, world: SimulatedWorld, rows: int, batch: int) -> None:
         """Advertise the topic; no rows, no messages."""
         self._world = world
-        self._rows = np.arange(min(rows, world.spec.num_envs))
+        self._count = min(rows, world.spec.num_envs)
+        self._rows = slice(0, self._count)
         self._batch = batch
         self._parts: list[tuple[int, Telemetry]] = []
         self._session = 0
@@ -31,7 +32,7 @@ class StateStream:
 
     def add(self, session: int, step: int) -> None:
         """Take the present states, and before them the last ones of those that finished."""
-        if not self._rows.size:
+        if not self._count:
             return
         if step % self._batch == 0 or not self._listened:
             # Asking costs as much as a step's bookkeeping, hence once a batch.
@@ -41,7 +42,7 @@ class StateStream:
             return
         self._session = session
         finished = self._world.finished
-        ended = np.flatnonzero(finished.row < len(self._rows))
+        ended = np.flatnonzero(finished.row < self._count)
         if ended.size:
             self._parts.append((step, finished.take(ended)))
         self._parts.append((step, self._world.telemetry(self._rows)))

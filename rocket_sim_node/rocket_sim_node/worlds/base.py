@@ -180,8 +180,8 @@ class SimulatedWorld(VectorEnv, Protocol):
         """Return the observation `(N, D)` of the present state."""
         ...
 
-    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
-        """Return the physical state of the chosen rockets, with S = len(rows)."""
+    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
+        """Return a copy of the physical state of the chosen rockets, S of them."""
         ...
 
     @property

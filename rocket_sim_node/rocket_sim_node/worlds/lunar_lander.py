@@ -236,9 +236,9 @@ class LunarLanderWorld:
             self._side[rows], self._contact_force[rows], self._touching[rows],
             self.terrain[rows], self._reward[rows], np.full(len(rows), NO_OUTCOME, np.uint8))
 
-    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
-        """Return the physical state of the chosen landers, with S = len(rows)."""
-        return lunar_view.telemetry(self._state_of(rows), self._engines)
+    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
+        """Return the physical state of the chosen landers, S of them."""
+        return lunar_view.telemetry(self._state_of(self._rows[rows]), self._engines)
 
     @property
     def finished(self) -> Telemetry:

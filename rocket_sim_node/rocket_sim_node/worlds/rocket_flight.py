@@ -37,6 +37,7 @@ class RocketFlight:
         """Make the arrays; where the rockets are is up to others."""
         self._use(settings)
         self._all = slice(None)
+        self._numbers = np.arange(num_envs)
         self.position = np.zeros((3, num_envs))
         self.velocity = np.zeros((3, num_envs))
         self.attitude = np.zeros((4, num_envs))
@@ -103,18 +104,22 @@ class RocketFlight:
         np.maximum(observation, -s.observation_limit, out=observation)
         return np.ascontiguousarray(observation.T, dtype=np.float32)
 
-    def telemetry(self, rows: NDArray[np.integer]) -> Telemetry:
-        """Return the physical state of the chosen rockets, with S = len(rows)."""
-        thrust = self._throttle[rows] * self.settings.max_thrust
+    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
+        """Return the physical state of the chosen rockets, S of them; a slice is quicker."""
+        throttle, fuel = self._throttle[rows].copy(), self.fuel[rows].copy()
+        count = len(fuel)
         return Telemetry(
-            row=np.asarray(rows, np.int64), episode=self.episode[rows],
-            time=self.age[rows] * self.settings.dt, position=self.position[:, rows].T,
-            orientation=self.attitude[:, rows].T, linear_velocity=self.velocity[:, rows].T,
-            angular_velocity=self.spin[:, rows].T,
-            mass=self.fuel[rows] + self.settings.dry_mass, fuel=self.fuel[rows],
-            throttle=self._throttle[rows], thrust=thrust, lateral_thrust=np.zeros(len(rows)),
-            torque=self._torque[:, rows].T, contact_force=self._contact_force[:, rows].T,
-            contact=self._touching[rows], leg_angle=np.zeros((len(rows), self.feet)),
-            terrain=np.zeros((len(rows), 0)),
-            reward=self._reward[rows], outcome=np.full(len(rows), NO_OUTCOME, np.uint8),
+            row=self._numbers[rows].copy(), episode=self.episode[rows].copy(),
+            time=self.age[rows].astype(np.float64) * self.settings.dt,
+            position=self.position[:, rows].T.copy(),
+            orientation=self.attitude[:, rows].T.copy(),
+            linear_velocity=self.velocity[:, rows].T.copy(),
+            angular_velocity=self.spin[:, rows].T.copy(),
+            mass=fuel + self.settings.dry_mass, fuel=fuel,
+            throttle=throttle, thrust=throttle * self.settings.max_thrust,
+            lateral_thrust=np.zeros(count), torque=self._torque[:, rows].T.copy(),
+            contact_force=self._contact_force[:, rows].T.copy(),
+            contact=self._touching[rows].copy(), leg_angle=np.zeros((count, self.feet)),
+            terrain=np.zeros((count, 0)), reward=self._reward[rows].copy(),
+            outcome=np.full(count, NO_OUTCOME, np.uint8),
         )
