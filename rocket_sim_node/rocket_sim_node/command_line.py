@@ -2,6 +2,8 @@
 """Arguments of commands that are no nodes, written as those of launch files: NAME:=VALUE."""
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -52,3 +54,26 @@ def usage(name: str, synopsis: str, what: str, cls: type) -> str:
         + (f' [{info.default}]' if info.default != '' else '')
         for info in settings.describe(cls)]
     return '\n'.join(lines) + '\n'
+
+
+def run(
+    name: str, synopsis: str, what: str, cls: type[S], do: Callable[[S], str], *,
+    expected: tuple[type[Exception], ...] = (), bare: bool = False,
+) -> None:
+    """Run a command as this process is called; `do` returns what to say at its end.
+
+    What can go wrong from outside is told in one line, with status 2.
+
+    :param expected: errors of that kind, besides ValueError, TypeError and OSError.
+    :param bare: whether it does something without arguments; else it tells how to call it.
+    """
+    arguments = sys.argv[1:]
+    caught: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *expected)
+    if not (arguments or bare) or arguments[:1] in (['-h'], ['--help']):
+        sys.stdout.write(usage(name, synopsis, what, cls))
+        return
+    try:
+        sys.stdout.write(do(parse(cls, arguments)))
+    except caught as error:
+        sys.stderr.write(f'{name}: {error}\n')
+        sys.exit(2)

@@ -21,6 +21,7 @@ from reports import write_training
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.evaluation.episode_table import from_result
 from ppo_agent_node.evaluation.intervals import bootstrap_mean
+from ppo_agent_node.evaluation.intervals import mean_interval
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.reporting import figures_table
 from ppo_agent_node.reporting import pictures
@@ -251,7 +252,7 @@ def test_the_table_has_the_figures_and_their_intervals() -> None:
         f'95 % below {np.quantile(speed, 0.95):.4g} m/s')
     assert 'stands 60' in rows['standing in the end'][2]
     many = np.random.default_rng(0).normal(3.0, 2.0, 40_000)
-    assert figures_table.mean_interval(many) == pytest.approx(
+    assert mean_interval(many) == pytest.approx(
         (many.mean() - 0.0196, many.mean() + 0.0196), abs=2e-4)
 
 

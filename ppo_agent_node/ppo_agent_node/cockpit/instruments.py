@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rocket_sim_node.worlds import lunar_vehicle
+from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.planar_vehicle import foot_height
 
-_FRAMES = 50
-"""1/s; the lander's observations of speed are scaled by it"""
 _NEWTON_STEPS = 6
 _BISECTIONS = 30
 
@@ -47,9 +46,10 @@ def read(spec: WorldSpec, observation: F32) -> Readings:
     o = observation.astype(np.float64).tolist()
     if spec.name == 'lunar_lander':
         wide, high = lunar_vehicle.HALF_WIDTH, lunar_vehicle.HALF_HEIGHT
+        drift, climb = (float(speed[0]) for speed in lunar_view.seen_velocity(observation[None]))
         lean = -math.degrees(math.remainder(o[4], math.tau))
         return Readings(
-            o[1] * high, o[3] * _FRAMES / high, (o[2] * _FRAMES / wide, 0.0), (o[0] * wide, 0.0),
+            o[1] * high, climb, (drift, 0.0), (o[0] * wide, 0.0),
             (lean, 0.0), abs(lean))
     s = spec.settings
     height = -o[13] * s['position_scale']

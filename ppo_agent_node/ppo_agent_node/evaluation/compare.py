@@ -2,7 +2,6 @@
 """Command `compare`: expert, clone and fine-tuned policy of a run, side by side in a recording."""
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,18 +52,10 @@ def make(wanted: Comparison) -> str:
 
 def main() -> None:
     """Run the command."""
-    arguments = sys.argv[1:]
-    if not arguments or arguments[0] in ('-h', '--help'):
-        sys.stdout.write(command_line.usage(
-            'compare', 'run_dir:=DIR [NAME:=VALUE ...]',
-            'Flies expert, clone and fine-tuned policy of a run from equal starts, and records '
-            'them side by side.', Comparison))
-        return
-    try:
-        sys.stdout.write(make(command_line.parse(Comparison, arguments)))
-    except (ValueError, TypeError, OSError) as error:
-        sys.stderr.write(f'compare: {error}\n')
-        sys.exit(2)
+    command_line.run(
+        'compare', 'run_dir:=DIR [NAME:=VALUE ...]',
+        'Flies expert, clone and fine-tuned policy of a run from equal starts, and records '
+        'them side by side.', Comparison, make)
 
 
 if __name__ == '__main__':

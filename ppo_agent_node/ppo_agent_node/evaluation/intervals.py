@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Interval = tuple[float, float]
 
+BOOTSTRAPPED = 20_000
+"""values up to which an interval is bootstrapped; the mean of more is as good as normal"""
 _CHUNK = 2_000_000
 
 
@@ -63,3 +65,11 @@ def bootstrap_mean(
     tail = (1 - confidence) / 2
     low, high = np.quantile(means, (tail, 1 - tail))
     return float(low), float(high)
+
+
+def mean_interval(values: NDArray[np.float64]) -> Interval:
+    """Return the 95 % interval of a mean of finite values `(K,)`."""
+    if len(values) <= BOOTSTRAPPED:
+        return bootstrap_mean(values)
+    half = NormalDist().inv_cdf(0.975) * float(values.std()) / len(values)**0.5
+    return float(values.mean()) - half, float(values.mean()) + half

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-import yaml
 from PIL import Image
 
 from ppo_agent_node.evaluation import compare
 from ppo_agent_node.evaluation import side_by_side
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import world_of
 from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting import training_pictures
 from ppo_agent_node.reporting.run_files import load
@@ -121,7 +121,7 @@ def newest_run(runs: Path) -> Path:
     ended = [
         config.parent for config in runs.glob('*/config.yaml')
         if all((config.parent / name).is_file() for name in COMPLETE)
-        and yaml.safe_load(config.read_text('utf-8')).get('world') == 'rocket']
+        and world_of(config) == 'rocket']
     if not ended:
         raise FileNotFoundError(
             2, "run_dir: no run of world 'rocket' has ended, with its clone; train one, or name "
@@ -129,31 +129,35 @@ def newest_run(runs: Path) -> Path:
     return max(ended, key=lambda run: (run / 'evaluation.json').stat().st_mtime)
 
 
+def make(wanted: Pictures) -> str:
+    """Make the pictures and name each; return '', as all is said then.
+
+    :raises FileNotFoundError: when a run is needed and there is none.
+    :raises ValueError: when a run or a recording does not fit.
+    :raises OSError: when a picture cannot be written.
+    :raises ViewerError: when the viewer fails.
+    """
+    chosen = [wanted.only] if wanted.only else list(MAKERS)
+    run = Path(wanted.run_dir)
+    if not wanted.run_dir and {'training', 'comparison'} & set(chosen):
+        run = newest_run(Path('runs'))
+    output = Path(wanted.output)
+    output.mkdir(parents=True, exist_ok=True)
+    for name in chosen:
+        with tempfile.TemporaryDirectory() as scratch:
+            picture = MAKERS[name](run, Path(scratch))
+        picture.save(output / f'{name}.png', optimize=True)
+        sys.stdout.write(f'{output / name}.png, {picture.width} x {picture.height}\n')
+        sys.stdout.flush()
+    return ''
+
+
 def main() -> None:
     """Run the command."""
-    arguments = sys.argv[1:]
-    if arguments and arguments[0] in ('-h', '--help'):
-        sys.stdout.write(command_line.usage(
-            'pictures', '[NAME:=VALUE ...]',
-            f'Makes the pictures of the documents anew: {", ".join(MAKERS)}.', Pictures))
-        return
-    try:
-        wanted = command_line.parse(Pictures, arguments)
-        chosen = [wanted.only] if wanted.only else list(MAKERS)
-        run = Path(wanted.run_dir)
-        if not wanted.run_dir and {'training', 'comparison'} & set(chosen):
-            run = newest_run(Path('runs'))
-        output = Path(wanted.output)
-        output.mkdir(parents=True, exist_ok=True)
-        for name in chosen:
-            with tempfile.TemporaryDirectory() as scratch:
-                picture = MAKERS[name](run, Path(scratch))
-            picture.save(output / f'{name}.png', optimize=True)
-            sys.stdout.write(f'{output / name}.png, {picture.width} x {picture.height}\n')
-            sys.stdout.flush()
-    except (ValueError, TypeError, OSError, ViewerError) as error:
-        sys.stderr.write(f'pictures: {error}\n')
-        sys.exit(2)
+    command_line.run(
+        'pictures', '[NAME:=VALUE ...]',
+        f'Makes the pictures of the documents anew: {", ".join(MAKERS)}.', Pictures, make,
+        expected=(ViewerError,), bare=True)
 
 
 if __name__ == '__main__':

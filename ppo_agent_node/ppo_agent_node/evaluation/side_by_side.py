@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
+from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
@@ -49,8 +48,8 @@ def read_run(path: Path) -> Run:
     config = path / 'config.yaml'
     if not config.is_file():
         raise FileNotFoundError(2, 'no run here, expected its config.yaml', str(path))
+    values = read_config(config)
     try:
-        values: dict[str, Any] = yaml.safe_load(config.read_text('utf-8'))
         training = values['training']
         world = str(values['world'])
         known = {info.name for info in worlds.settings(world)}
@@ -59,7 +58,7 @@ def read_run(path: Path) -> Run:
             {name: value for name, value in values['world_settings'].items() if name in known},
             int(training['curriculum_final_level']), int(training['evaluation_seed']),
             int(training['demonstration_episodes']) > 0)
-    except (yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise ValueError(f'{config}: damaged: {error!r}') from error
 
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node.worlds import lunar_vehicle
+from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import WorldSpec
 
 Columns = dict[str, F64]
-
-_FRAMES = 50
-"""1/s; by which `lunar_lander` scales velocities, as Gymnasium does"""
-
 
 def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Columns:
     """Return the initial conditions of K episodes, `(K,)` each; units stand in the names.
@@ -28,8 +24,7 @@ def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Col
     if spec.name.startswith('rocket'):
         return _rocket(seen, spec.settings)
     if spec.name == 'lunar_lander':
-        x = seen['velocity_x'] * _FRAMES / lunar_vehicle.HALF_WIDTH
-        y = seen['velocity_y'] * _FRAMES / lunar_vehicle.HALF_HEIGHT
+        x, y = lunar_view.seen_velocity(observation)
         return {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
                 'start_speed_m_s': np.hypot(x, y)}
     return {f'start_{name}': values for name, values in seen.items()}

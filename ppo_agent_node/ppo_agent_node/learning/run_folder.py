@@ -16,6 +16,7 @@ import yaml
 
 from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.train_log import read_log
@@ -101,15 +102,7 @@ class RunFolder:
 
         :raises ValueError: when the file is damaged.
         """
-        if not self.config.exists():
-            return {}
-        try:
-            values = yaml.safe_load(self.config.read_text('utf-8'))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ValueError(f'{self.config}: damaged: {error}') from error
-        if not isinstance(values, dict):
-            raise ValueError(f'{self.config}: damaged, expected names and values')
-        return values
+        return read_config(self.config)
 
     def append(self, line: dict[str, Any]) -> None:
         """Add a line to the log and hand it to the system; what is not finite becomes null.

@@ -52,7 +52,12 @@ def require_lockstep(client: Client) -> None:
 
 def agent_of_run(run: Path) -> int:
     """Return the identity of a run: the same when it is resumed, so that it may go on at once."""
-    name = f'{socket.gethostname()}:{run.resolve()}'
+    return agent_named(str(run.resolve()))
+
+
+def agent_named(name: str) -> int:
+    """Return the identity of who is called so on this machine."""
+    name = f'{socket.gethostname()}:{name}'
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
 
 

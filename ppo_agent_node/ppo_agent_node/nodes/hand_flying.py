@@ -25,6 +25,7 @@ from ppo_agent_node.cockpit.display import View
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import read
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
+from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
@@ -53,7 +54,7 @@ class Start:
     @property
     def settings(self) -> dict[str, float]:
         """Settings for the reset."""
-        return {'level': self.level} if self.level else {}
+        return level_setting(self.level)
 
 
 class HandFlying:

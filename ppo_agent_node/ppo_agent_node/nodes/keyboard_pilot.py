@@ -2,9 +2,7 @@
 """Node `keyboard_pilot`: a person flies, from the terminal that the node was started in."""
 from __future__ import annotations
 
-import hashlib
 import os
-import socket
 import sys
 import time
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
+from ppo_agent_node.nodes.connection import agent_named
 from ppo_agent_node.nodes.hand_flying import HandFlying
 from ppo_agent_node.nodes.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
@@ -49,8 +48,7 @@ class KeyboardParameters:
 
 def _agent(node: Node) -> int:
     """Return who flies from this terminal: who comes back to it may go on at once."""
-    name = f'{socket.gethostname()}:{os.ttyname(sys.stdin.fileno())}:{node.get_namespace()}'
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
+    return agent_named(f'{os.ttyname(sys.stdin.fileno())}:{node.get_namespace()}')
 
 
 def _connect(node: Node, client: Client, patience: float) -> WorldSpec:

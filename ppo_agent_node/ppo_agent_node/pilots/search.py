@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-import yaml
+from ppo_agent_node.learning.run_config import read_config
 
 RUNS = Path('runs')
 
@@ -24,7 +24,7 @@ def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
         return Path(given)
     trained = [
         path for path in runs.glob('*/policy.safetensors')
-        if _world_of(path.parent / 'config.yaml') == world
+        if world_of(path.parent / 'config.yaml') == world
     ]
     if trained:
         return max(trained, key=lambda path: path.stat().st_mtime)
@@ -36,10 +36,9 @@ def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
     return shipped
 
 
-def _world_of(config: Path) -> str:
+def world_of(config: Path) -> str:
     """Return the world of a run, empty when its settings cannot be read."""
     try:
-        settings = yaml.safe_load(config.read_text('utf-8'))
-        return str(settings['world'])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError):
+        return str(read_config(config).get('world') or '')
+    except (OSError, ValueError):
         return ''

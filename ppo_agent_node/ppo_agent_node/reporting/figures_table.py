@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
-from ppo_agent_node.evaluation.intervals import bootstrap_mean
+from ppo_agent_node.evaluation.intervals import mean_interval
 from ppo_agent_node.reporting.touchdown_pictures import on_ground
 from rocket_sim_node.recording.palette import words
-from rocket_sim_node.worlds.base import F64
 
 Row = tuple[str, str, str, str]
 HEAD = ('figure', 'value', '95 % interval', 'spread')
@@ -21,18 +20,6 @@ _SPREADS = (
     ('distance', "distance from the pad's centre", 'distance_m', 'm'),
     ('fuel_used_kg', 'fuel used', 'fuel_used_kg', 'kg'),
 )
-BOOTSTRAPPED = 20_000
-"""episodes up to which an interval is bootstrapped; the mean of more is as good as normal"""
-_Z = 1.959963984540054
-
-
-def mean_interval(values: F64) -> tuple[float, float]:
-    """Return the 95 % interval of a mean of finite values `(K,)`."""
-    if len(values) <= BOOTSTRAPPED:
-        return bootstrap_mean(values)
-    half = _Z * float(values.std()) / len(values)**0.5
-    return float(values.mean()) - half, float(values.mean()) + half
-
 
 def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
     """Return the rows of the table; what a world does not have is left out."""

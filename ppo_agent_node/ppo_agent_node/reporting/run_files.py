@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
+from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.learning.train_log import read_log
 from rocket_sim_node.worlds.base import F64
 
@@ -128,14 +128,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 
 def _config(path: Path) -> dict[str, Any]:
     """Return the settings, `{}` where there are none."""
-    if not path.is_file():
-        return {}
-    try:
-        values = yaml.safe_load(path.read_text('utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f'{path}: damaged: {" ".join(str(error).split())}') from error
-    if not isinstance(values, dict):
-        raise ValueError(f'{path}: damaged, expected names and values')
+    values = read_config(path)
     for name in ('training', 'world_settings'):
         if not isinstance(values.get(name) or {}, dict):
             raise ValueError(f'{path}: {name}: got {values[name]!r}, expected names and values')

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ppo_agent_node.evaluation.intervals import BOOTSTRAPPED
 from ppo_agent_node.reporting import figures_table
 from ppo_agent_node.reporting import page
 from ppo_agent_node.reporting import settings_table
@@ -107,7 +108,7 @@ def _evaluation(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
              if run.figures.get(name) is not None]
     ends = ', '.join(
         f'{words(name)} {count}' for name, count in run.figures['outcomes'].items() if count)
-    means = 'bootstrap' if run.figures['episodes'] <= figures_table.BOOTSTRAPPED else 'normal'
+    means = 'bootstrap' if run.figures['episodes'] <= BOOTSTRAPPED else 'normal'
     return [
         page.tag('h2', EVALUATION),
         page.table(figures_table.HEAD, figures_table.rows(run.figures, run.episodes)),

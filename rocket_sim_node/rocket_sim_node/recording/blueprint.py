@@ -49,7 +49,8 @@ def blueprint(
     )
 
 
-def _around_cursor() -> rrb.TimeAxis:
+def around_cursor() -> rrb.TimeAxis:
+    """Return the time axis of plots that show some seconds around the cursor."""
     return rrb.TimeAxis(view_range=rr.TimeRange(
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-PLOT_BEHIND),
         end=rrb.TimeRangeBoundary.cursor_relative(seconds=PLOT_AHEAD)))
@@ -61,21 +62,25 @@ def _flight_tab(plots: tuple[Plot, ...]) -> rrb.Vertical:
     views = [
         rrb.TimeSeriesView(
             name=plot.title, origin=scene.ROCKET, contents=[scene.ROCKET],
-            axis_x=_around_cursor(), overrides={scene.ROCKET: _lines(plot)})
+            axis_x=around_cursor(), overrides={scene.ROCKET: lines(plot, _style(plot))})
         for plot in plots]
     phase = rrb.StateTimelineView(name='Phase', origin=scene.PHASE, contents=[scene.PHASE])
     # It has a time axis like the plots, but its constructor has no argument for it.
-    phase.properties['TimeAxis'] = _around_cursor()
+    phase.properties['TimeAxis'] = around_cursor()
     return rrb.Vertical(
         *views, phase, name='Flight', row_shares=[*shares, sum(shares) * 2 / 15])
 
 
-def _lines(plot: Plot) -> rrb.Visualizer:
-    return rr.SeriesLines(
-        names=list(plot.names), colors=list(plot.colours), widths=[2.0] * len(plot.names),
-    ).visualizer(mappings=[VisualizerComponentMapping(
+def lines(plot: Plot, style: rr.SeriesLines) -> rrb.Visualizer:
+    """Return what draws the component of a plot as lines."""
+    return style.visualizer(mappings=[VisualizerComponentMapping(
         'Scalars:scalars', ComponentSourceKind.SourceComponent,
         source_component=plot.component)])
+
+
+def _style(plot: Plot) -> rr.SeriesLines:
+    return rr.SeriesLines(
+        names=list(plot.names), colors=list(plot.colours), widths=[2.0] * len(plot.names))
 
 
 def _training_tab() -> rrb.Vertical:

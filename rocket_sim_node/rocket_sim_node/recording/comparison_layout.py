@@ -8,20 +8,17 @@ from typing import cast
 
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.blueprint.encodings import ComponentSourceKind
-from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from rocket_sim_node.recording import comparison_plots
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.blueprint import around_cursor
+from rocket_sim_node.recording.blueprint import lines
 from rocket_sim_node.recording.comparison_plots import Named
 from rocket_sim_node.recording.plots import Plot
 from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.stage import Stage
 
 RESULTS = '/results'
-BEHIND = 12.0
-AHEAD = 3.0
-"""s around the cursor that plots show"""
 
 
 class Titled(Named, Protocol):
@@ -37,7 +34,7 @@ def blueprint(sides: Sequence[Titled], stage: Stage) -> rrb.Blueprint:
     """Return the layout of a comparison."""
     phases = rrb.StateTimelineView(
         name='Phases', origin='/', contents=[f'/{side.key}{scene.PHASE}' for side in sides])
-    phases.properties['TimeAxis'] = _around_cursor()
+    phases.properties['TimeAxis'] = around_cursor()
     log = rrb.TextLogView(
         name='Log', origin='/', contents=[f'/{side.key}{scene.LANDINGS}' for side in sides])
     plots = [
@@ -56,12 +53,6 @@ def blueprint(sides: Sequence[Titled], stage: Stage) -> rrb.Blueprint:
         rrb.TimePanel(state='collapsed', timeline='sim_time', play_state='playing'))
 
 
-def _around_cursor() -> rrb.TimeAxis:
-    return rrb.TimeAxis(view_range=rr.TimeRange(
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-BEHIND),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=AHEAD)))
-
-
 def _view(side: Titled, stage: Stage) -> rrb.View:
     """Return the world's own view, moved to where the pilot's copy of the scene is."""
     view = scenery(stage.world).view()
@@ -77,11 +68,9 @@ def _view(side: Titled, stage: Stage) -> rrb.View:
 
 def _plot(plot: Plot, sides: Sequence[Titled], *, legend: bool) -> rrb.TimeSeriesView:
     """Return the plot of a quantity, one line a pilot, some seconds around the cursor."""
-    shown = rr.SeriesLines().visualizer(mappings=[VisualizerComponentMapping(
-        'Scalars:scalars', ComponentSourceKind.SourceComponent,
-        source_component=plot.component)])
+    shown = lines(plot, rr.SeriesLines())
     entities = [comparison_plots.entity(side) for side in sides]
     return rrb.TimeSeriesView(
-        name=plot.title, origin='/', contents=entities, axis_x=_around_cursor(),
+        name=plot.title, origin='/', contents=entities, axis_x=around_cursor(),
         overrides=dict.fromkeys(entities, shown),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,31 +69,32 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
     return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
 
 
+def take(picture: Picture) -> str:
+    """Make a picture; return what to say of it.
+
+    :raises ValueError: when there is no such flight or moment.
+    :raises OSError: when the recording cannot be read, or the picture not be written.
+    :raises ViewerError: when the viewer cannot show it.
+    """
+    recording = Path(picture.recording)
+    flights = trajectories(recording)
+    if picture.tab != 'flight' and any(flight.pilot for flight in flights):
+        raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
+    when = moment(picture, flights)
+    if picture.tab == 'training':
+        when = 2**31  # its timeline counts iterations: the last one
+    image, = render(recording, [when], size=(picture.width, picture.height), tab=picture.tab)
+    Path(picture.output).parent.mkdir(parents=True, exist_ok=True)
+    image.save(picture.output, optimize=True)
+    return f'{picture.output}\n'
+
+
 def main() -> None:
     """Run the command."""
-    arguments = sys.argv[1:]
-    if not arguments or arguments[0] in ('-h', '--help'):
-        sys.stdout.write(command_line.usage(
-            'screenshot', 'recording:=FILE [NAME:=VALUE ...]',
-            'Makes a picture of a recording, without a screen.', Picture))
-        return
-    try:
-        picture = command_line.parse(Picture, arguments)
-        recording = Path(picture.recording)
-        flights = trajectories(recording)
-        if picture.tab != 'flight' and any(flight.pilot for flight in flights):
-            raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
-        when = moment(picture, flights)
-        if picture.tab == 'training':
-            when = 2**31  # its timeline counts iterations: the last one
-        image, = render(
-            recording, [when], size=(picture.width, picture.height), tab=picture.tab)
-        Path(picture.output).parent.mkdir(parents=True, exist_ok=True)
-        image.save(picture.output, optimize=True)
-    except (ValueError, TypeError, OSError, ViewerError) as error:
-        sys.stderr.write(f'screenshot: {error}\n')
-        sys.exit(2)
-    sys.stdout.write(f'{picture.output}\n')
+    command_line.run(
+        'screenshot', 'recording:=FILE [NAME:=VALUE ...]',
+        'Makes a picture of a recording, without a screen.', Picture, take,
+        expected=(ViewerError,))
 
 
 if __name__ == '__main__':

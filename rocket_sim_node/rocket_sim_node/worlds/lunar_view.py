@@ -23,6 +23,12 @@ _FRAMES = 50
 """1/s; Gymnasium scales velocities by it, whatever dt"""
 
 
+def seen_velocity(observation: NDArray[np.floating]) -> tuple[F64, F64]:
+    """Return velocities in m/s, `(K,)` each, from observations `(K, 8)`, which scale them."""
+    x, y = observation[:, 2:4].astype(np.float64).T
+    return x * _FRAMES / vehicle.HALF_WIDTH, y * _FRAMES / vehicle.HALF_HEIGHT
+
+
 def hull_origin(pose: F64) -> tuple[F64, F64]:
     """Return where the hulls' origins are, `(K,)` m each, given poses `(K, 3)` of their bodies."""
     x, y, angle = pose.T

@@ -53,7 +53,6 @@ class RocketWorld(RocketFlight):
         """
         self._made_with = settings_module.build(self.settings_class, settings)
         super().__init__(num_envs, self._made_with)
-        self._rows = np.arange(num_envs)
         self.episode_return = np.zeros(num_envs)
         self._none_finished = self._finished = self.telemetry(self._rows[:0])
         self._seed = seed

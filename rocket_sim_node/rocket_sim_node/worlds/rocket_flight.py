@@ -37,7 +37,7 @@ class RocketFlight:
         """Make the arrays; where the rockets are is up to others."""
         self._use(settings)
         self._all = slice(None)
-        self._numbers = np.arange(num_envs)
+        self._rows = np.arange(num_envs)
         self.position = np.zeros((3, num_envs))
         self.velocity = np.zeros((3, num_envs))
         self.attitude = np.zeros((4, num_envs))
@@ -109,7 +109,7 @@ class RocketFlight:
         throttle, fuel = self._throttle[rows].copy(), self.fuel[rows].copy()
         count = len(fuel)
         return Telemetry(
-            row=self._numbers[rows].copy(), episode=self.episode[rows].copy(),
+            row=self._rows[rows].copy(), episode=self.episode[rows].copy(),
             time=self.age[rows].astype(np.float64) * self.settings.dt,
             position=self.position[:, rows].T.copy(),
             orientation=self.attitude[:, rows].T.copy(),
