@@ -23,7 +23,6 @@ from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
-from rocket_sim_node.worlds.base import Telemetry
 
 
 class StillWorld:
@@ -39,7 +38,8 @@ class StillWorld:
         self._info = {
             'final_rows': np.zeros(0, np.int64),
             'final_observation': self._observation[:0], 'episodes': NO_EPISODES}
-        self.finished: Telemetry = shape.finished
+        self.captured_ends, self.finished = shape.captured_ends, shape.finished
+        self.capture, self.telemetry_of = shape.capture, shape.telemetry_of
         self.telemetry = shape.telemetry
 
     def observe(self) -> F32:

@@ -69,13 +69,12 @@ class Simulator:
             messages.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
         self._world.reset(self._session)
         self._step = 0
-        self._parts: list[tuple[int, Telemetry]] = []
+        self._parts: list[tuple[int, np.ndarray]] = []
         self._add()
 
     def _add(self) -> None:
-        if len(self._world.finished.row):
-            self._parts.append((self._step, self._world.finished))
-        self._parts.append((self._step, self._world.telemetry(np.arange(ROCKETS))))
+        for captured in (self._world.captured_ends, self._world.capture(slice(ROCKETS))):
+            self._parts.append((self._step, captured))
 
     def telemetry(self) -> Telemetry:
         """Return the state of all rockets."""
@@ -92,8 +91,11 @@ class Simulator:
             self._step += 1
             self._add()
         for start in range(0, len(self._parts), 25):
+            parts = self._parts[start:start + 25]
+            step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
+            telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
             self._state_publisher.publish(
-                messages.state_to_message(self._parts[start:start + 25], self._session))
+                messages.state_to_message(step, telemetry, self._session))
         self._parts = []
 
 
@@ -180,7 +182,8 @@ def test_a_world_with_legs_and_terrain(
 @pytest.mark.parametrize('name', ['contact', 'leg_angle', 'terrain', 'contact_force', 'row'])
 def test_a_message_that_is_cut_short_is_named(name: str) -> None:
     world = make('lunar_lander', ROCKETS)
-    message = messages.state_to_message([(0, world.telemetry(np.arange(ROCKETS)))], 1)
+    message = messages.state_to_message(
+        np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
     assert samples_from_message(message).layout == Layout(legs=2, heights=11)
     setattr(message, name, getattr(message, name)[:-1])
     with pytest.raises(ValueError, match=f'{name}: '):

@@ -132,21 +132,20 @@ def episodes_from_message(message: EpisodesMessage) -> Episodes:
     })
 
 
-def state_to_message(parts: list[tuple[int, Telemetry]], session: int) -> RocketState:
-    """Return telemetry of several steps, `(step, telemetry)` each, as one message, z up."""
-    def join(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, name) for _, part in parts])
-
-    step = np.concatenate([np.full(len(part.row), step, np.uint64) for step, part in parts])
+def state_to_message(
+    step: NDArray[np.uint64], telemetry: Telemetry, session: int,
+) -> RocketState:
+    """Return telemetry `(S,)` of the steps `(S,)` that it is of as one message, z up."""
     message = RocketState(session=session, step=to_sequence(step, 'u8'))
     for name in ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force'):
-        setattr(message, name, to_sequence(frames.vector_to_ros(join(name)), 'f8'))
-    message.orientation = to_sequence(frames.quaternion_to_ros(join('orientation')), 'f8')
+        setattr(message, name, to_sequence(
+            frames.vector_to_ros(getattr(telemetry, name)), 'f8'))
+    message.orientation = to_sequence(frames.quaternion_to_ros(telemetry.orientation), 'f8')
     for name in ('time', 'mass', 'fuel', 'throttle', 'thrust', 'lateral_thrust', 'reward',
                  'leg_angle', 'terrain'):
-        setattr(message, name, to_sequence(join(name), 'f8'))
-    message.row = to_sequence(join('row'), 'u4')
-    message.episode = to_sequence(join('episode'), 'u8')
+        setattr(message, name, to_sequence(getattr(telemetry, name), 'f8'))
+    message.row = to_sequence(telemetry.row, 'u4')
+    message.episode = to_sequence(telemetry.episode, 'u8')
     for name in ('contact', 'outcome'):
-        setattr(message, name, to_sequence(join(name), 'u1'))
+        setattr(message, name, to_sequence(getattr(telemetry, name), 'u1'))
     return message

@@ -8,8 +8,8 @@ from rocket_msgs.msg import RocketState
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import SimulatedWorld
-from rocket_sim_node.worlds.base import Telemetry
 
 
 class StateStream:
@@ -25,32 +25,40 @@ class StateStream:
         self._count = min(rows, world.spec.num_envs)
         self._rows = slice(0, self._count)
         self._batch = batch
-        self._parts: list[tuple[int, Telemetry]] = []
+        self._captured: list[F64] = []
+        self._steps: list[int] = []
         self._session = 0
         self._publisher = node.create_publisher(RocketState, 'state', qos.EVENTS)
         self._listened = False
 
     def add(self, session: int, step: int) -> None:
         """Take the present states, and before them the last ones of those that finished."""
-        if not self._count:
-            return
-        if step % self._batch == 0 or not self._listened:
+        place = step % self._batch
+        if place == 0 or not self._listened:
             # Asking costs as much as a step's bookkeeping, hence once a batch.
             self._listened = (
-                step % self._batch == 0 and self._publisher.get_subscription_count() > 0)
-        if not self._listened:
-            return
+                place == 0 and self._count > 0 and self._publisher.get_subscription_count() > 0)
+            if not self._listened:
+                return
         self._session = session
-        finished = self._world.finished
-        ended = np.flatnonzero(finished.row < self._count)
-        if ended.size:
-            self._parts.append((step, finished.take(ended)))
-        self._parts.append((step, self._world.telemetry(self._rows)))
-        if step % self._batch == self._batch - 1:
+        ends = self._world.captured_ends
+        if ends.size:
+            self._keep(step, ends[:, ends[0] < self._count])
+        self._keep(step, self._world.capture(self._rows))
+        if place == self._batch - 1:
             self.flush()
+
+    def _keep(self, step: int, captured: F64) -> None:
+        self._captured.append(captured)
+        self._steps.append(step)
 
     def flush(self) -> None:
         """Publish what has been gathered."""
-        if self._parts:
-            self._publisher.publish(messages.state_to_message(self._parts, self._session))
-            self._parts = []
+        if not self._captured:
+            return
+        step = np.repeat(
+            np.array(self._steps, np.uint64), [part.shape[1] for part in self._captured])
+        telemetry = self._world.telemetry_of(np.concatenate(self._captured, axis=1))
+        self._publisher.publish(messages.state_to_message(step, telemetry, self._session))
+        self._captured.clear()
+        self._steps.clear()

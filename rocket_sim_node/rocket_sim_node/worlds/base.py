@@ -180,8 +180,26 @@ class SimulatedWorld(VectorEnv, Protocol):
         """Return the observation `(N, D)` of the present state."""
         ...
 
+    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
+        """Return a copy of the physical state of the chosen rockets, `(K, S)`, a row a quantity.
+
+        Which they are is the world's affair, but for the first, which rocket it is. Captures of
+        several steps can be put side by side; `telemetry_of` reads them. Cheap, as it is done at
+        each step, and cheaper with a slice.
+        """
+        ...
+
+    @property
+    def captured_ends(self) -> F64:
+        """The last states, `(K, S)`, of the rockets that finished at the last step."""
+        ...
+
+    def telemetry_of(self, captured: F64) -> Telemetry:
+        """Return what a capture `(K, S)` says."""
+        ...
+
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return a copy of the physical state of the chosen rockets, S of them."""
+        """Return the physical state of the chosen rockets, S of them."""
         ...
 
     @property

@@ -73,6 +73,7 @@ class LunarLanderWorld:
         self.episode_return = np.zeros(num_envs)
         self._main, self._side = np.zeros(num_envs), np.zeros(num_envs)
         self._reward = np.zeros(num_envs)
+        self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
         self.spec = WorldSpec(
             name='lunar_lander', num_envs=num_envs, dt=s.dt,
             observation_names=lunar_view.OBSERVATION_NAMES,
@@ -86,7 +87,7 @@ class LunarLanderWorld:
                 **settings_module.as_dict(s), 'field_half_width': vehicle.HALF_WIDTH,
                 'max_thrust': self._engines.max_thrust},
         )
-        self._none_finished = self._finished = self._state_of(self._rows[:0])
+        self._none_finished = self._finished = self.capture(self._rows[:0])
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
@@ -208,7 +209,8 @@ class LunarLanderWorld:
 
         :param observation: `(N, 8)`; the rows that finished get their new first observation.
         """
-        self._finished = self._state_of(done)._replace(outcome=outcome)
+        self._finished = self.capture(done)
+        self._finished[lunar_view.OUTCOME] = outcome
         x, _ = lunar_view.hull_origin(self._lanes.pose[done, 0])
         speed_x, speed_y = lunar_view.hull_velocity(
             self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
@@ -228,22 +230,33 @@ class LunarLanderWorld:
         self._reward[done] = 0.0
         return info
 
-    def _state_of(self, rows: NDArray[np.integer]) -> lunar_view.State:
-        """Return a copy of what there is to tell of the chosen landers."""
-        return lunar_view.State(
-            np.asarray(rows, np.int64), self.episode[rows], self.age[rows] * self.settings.dt,
-            self._lanes.pose[rows], self._lanes.velocity[rows, 0], self._main[rows],
-            self._side[rows], self._contact_force[rows], self._touching[rows],
-            self.terrain[rows], self._reward[rows], np.full(len(rows), NO_OUTCOME, np.uint8))
+    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
+        """Return the physical state of the chosen landers, `(K, S)`: `lunar_view.telemetry`."""
+        pose = self._lanes.pose[rows]
+        return np.concatenate((
+            self._rows[None, rows], self.episode[None, rows],
+            self.age[None, rows] * self.settings.dt, pose.reshape(len(pose), 9).T,
+            self._lanes.velocity[rows, 0].T, self._main[None, rows], self._side[None, rows],
+            self._contact_force[rows].T, self._reward[None, rows], self._no_outcome[None, rows],
+            self._touching[rows].T, self.terrain[rows].T))
+
+    @property
+    def captured_ends(self) -> F64:
+        """Last states of the landers that finished at the last step, `(K, S)`."""
+        return self._finished
+
+    def telemetry_of(self, captured: F64) -> Telemetry:
+        """Return what a capture `(K, S)` says."""
+        return lunar_view.telemetry(captured, self._engines)
 
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
         """Return the physical state of the chosen landers, S of them."""
-        return lunar_view.telemetry(self._state_of(self._rows[rows]), self._engines)
+        return self.telemetry_of(self.capture(rows))
 
     @property
     def finished(self) -> Telemetry:
         """Last states of the landers that finished at the last step."""
-        return lunar_view.telemetry(self._finished, self._engines)
+        return self.telemetry_of(self._finished)
 
     # Snapshots
 

@@ -2,8 +2,6 @@
 """What is seen of a lunar lander: observation, the potential that shapes rewards, telemetry."""
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +17,8 @@ OBSERVATION_NAMES = (
     'right_contact', 'left_contact',
 )
 """Gymnasium's order; its first leg is the one at positive x."""
+OUTCOME = 20
+"""where in a capture the outcome is"""
 _FRAMES = 50
 """1/s; Gymnasium scales velocities by it, whatever dt"""
 
@@ -75,49 +75,32 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
     return np.ascontiguousarray(state.T, np.float32), potential
 
 
-class State(NamedTuple):
-    """What there is to tell of K landers; `(K,)` unless a shape is given."""
+def telemetry(captured: F64, engines: Engines) -> Telemetry:
+    """Return what is told on the wire, relative to the pad.
 
-    row: NDArray[np.int64]
-    episode: NDArray[np.int64]
-    time: F64
-    """s since the episode began"""
-    pose: F64
-    """`(K, 3, 3)` m, m, rad of the bodies"""
-    velocity: F64
-    """`(K, 3)` m/s, m/s, rad/s of the hull's body"""
-    main: F64
-    """throttle, 0 to 1"""
-    side: F64
-    """-1, left engine, to 1, right engine"""
-    contact_force: F64
-    """`(K, 2)` N"""
-    touching: Bools
-    """`(K, 3)` hull, left and right leg"""
-    terrain: F64
-    """`(K, 11)` m"""
-    reward: F64
-    outcome: NDArray[np.uint8]
-
-
-def telemetry(state: State, engines: Engines) -> Telemetry:
-    """Return what is told on the wire, relative to the pad."""
-    flat = np.zeros(len(state.row))
-    hull = state.pose[:, 0]
+    :param captured: `(40, S)` row, episode, time (s); poses (m, m, rad) of hull, left and right
+        leg; velocity (m/s, m/s, rad/s) of the hull's body; throttle of the main engine, 0 to 1,
+        and of the side engines, -1 (left) to 1; contact force (2, N); reward; outcome; whether
+        hull, left and right leg touch; terrain (m).
+    """
+    pose, velocity, (main, side) = captured[3:12].T, captured[12:15].T, captured[15:17]
+    flat = np.zeros(len(pose))
+    hull = pose[:, :3]
     x, y = hull_origin(hull)
     half = hull[:, 2] / 2
     return Telemetry(
-        row=state.row, episode=state.episode, time=state.time,
+        row=captured[0].astype(np.int64), episode=captured[1].astype(np.int64), time=captured[2],
         position=np.stack((x, y - vehicle.PAD_GROUND, flat), axis=1),
         orientation=np.stack((flat, flat, np.sin(half), np.cos(half)), axis=1),
-        linear_velocity=np.stack((*hull_velocity(hull, state.velocity), flat), axis=1),
-        angular_velocity=np.stack((flat, flat, state.velocity[:, 2]), axis=1),
+        linear_velocity=np.stack((*hull_velocity(hull, velocity), flat), axis=1),
+        angular_velocity=np.stack((flat, flat, velocity[:, 2]), axis=1),
         mass=np.full(len(flat), vehicle.TOTAL_MASS), fuel=flat,
-        throttle=state.main, thrust=state.main * engines.max_thrust,
-        lateral_thrust=-state.side * engines.max_lateral_thrust,
+        throttle=main, thrust=main * engines.max_thrust,
+        lateral_thrust=-side * engines.max_lateral_thrust,
         torque=np.zeros((len(flat), 3)),
-        contact_force=np.column_stack((state.contact_force, flat)),
-        contact=state.touching[:, 1:],
-        leg_angle=np.abs(state.pose[:, 1:, 2] - state.pose[:, :1, 2]) - vehicle.LEG_INNER,
-        terrain=state.terrain - vehicle.PAD_GROUND, reward=state.reward, outcome=state.outcome,
+        contact_force=np.column_stack((*captured[17:19], flat)),
+        contact=captured[22:24].T.astype(np.bool_),
+        leg_angle=np.abs(pose[:, 5::3] - hull[:, 2:]) - vehicle.LEG_INNER,
+        terrain=captured[24:].T - vehicle.PAD_GROUND, reward=captured[19],
+        outcome=captured[OUTCOME].astype(np.uint8),
     )

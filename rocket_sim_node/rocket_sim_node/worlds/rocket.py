@@ -2,7 +2,6 @@
 """World `rocket`: powered landing in three dimensions, N rockets as one batch."""
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.rocket_flight import ACTION_NAMES
 from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
+from rocket_sim_node.worlds.rocket_flight import OUTCOME
 from rocket_sim_node.worlds.rocket_flight import RocketFlight
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
@@ -54,7 +54,7 @@ class RocketWorld(RocketFlight):
         self._made_with = settings_module.build(self.settings_class, settings)
         super().__init__(num_envs, self._made_with)
         self.episode_return = np.zeros(num_envs)
-        self._none_finished = self._finished = self.telemetry(self._rows[:0])
+        self._none_finished = self._finished = self.capture(self._rows[:0])
         self._seed = seed
         self.spec = WorldSpec(
             name=self.name, num_envs=num_envs, dt=self.settings.dt,
@@ -117,6 +117,11 @@ class RocketWorld(RocketFlight):
     @property
     def finished(self) -> Telemetry:
         """Last states of the rockets that finished at the last step."""
+        return self.telemetry_of(self._finished)
+
+    @property
+    def captured_ends(self) -> F64:
+        """Last states of the rockets that finished at the last step, `(K, S)`."""
         return self._finished
 
     def snapshot(self) -> bytes:
@@ -238,7 +243,8 @@ class RocketWorld(RocketFlight):
         outcome, speed, tilt, distance = self._judge(done, up)
         reward[done] += outcomes.terminal_reward(outcome, speed, tilt, distance, self.settings)
         self.episode_return += reward
-        self._finished = dataclasses.replace(self.telemetry(done), outcome=outcome)
+        self._finished = self.capture(done)
+        self._finished[OUTCOME] = outcome
         info = {
             'final_rows': done,
             'final_observation': observation[done],

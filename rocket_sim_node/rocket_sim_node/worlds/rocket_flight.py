@@ -21,6 +21,8 @@ OBSERVATION_NAMES = (
     'up_x', 'up_y', 'up_z', 'spin_x', 'spin_y', 'spin_z', 'pad_x', 'pad_y', 'pad_z',
 )
 ACTION_NAMES = ('throttle', 'rcs_x', 'rcs_z')
+OUTCOME = 25
+"""where in a capture the outcome is"""
 
 
 class RocketFlight:
@@ -51,6 +53,7 @@ class RocketFlight:
         self._reward = np.zeros(num_envs)
         self._touching = np.zeros((num_envs, self.feet), np.bool_)
         self._contact_force = np.zeros((3, num_envs))
+        self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
 
     def _use(self, settings: RocketSettings) -> None:
         """Put settings into force."""
@@ -104,22 +107,31 @@ class RocketFlight:
         np.maximum(observation, -s.observation_limit, out=observation)
         return np.ascontiguousarray(observation.T, dtype=np.float32)
 
-    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the chosen rockets, S of them; a slice is quicker."""
-        throttle, fuel = self._throttle[rows].copy(), self.fuel[rows].copy()
-        count = len(fuel)
+    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
+        """Return the physical state of the chosen rockets, `(K, S)`; see `telemetry_of`."""
+        return np.concatenate((
+            self._rows[None, rows], self.episode[None, rows], self.age[None, rows],
+            self.position[:, rows], self.attitude[:, rows], self.velocity[:, rows],
+            self.spin[:, rows], self.fuel[None, rows], self._throttle[None, rows],
+            self._torque[:, rows], self._contact_force[:, rows], self._reward[None, rows],
+            self._no_outcome[None, rows], self._touching.T[:, rows]))
+
+    def telemetry_of(self, captured: F64) -> Telemetry:
+        """Return what a capture `(K, S)` says."""
+        count = captured.shape[1]
+        row, episode, age = captured[:3].astype(np.int64)
+        fuel, throttle, reward, outcome = captured[[16, 17, 24, OUTCOME]]
         return Telemetry(
-            row=self._rows[rows].copy(), episode=self.episode[rows].copy(),
-            time=self.age[rows].astype(np.float64) * self.settings.dt,
-            position=self.position[:, rows].T.copy(),
-            orientation=self.attitude[:, rows].T.copy(),
-            linear_velocity=self.velocity[:, rows].T.copy(),
-            angular_velocity=self.spin[:, rows].T.copy(),
-            mass=fuel + self.settings.dry_mass, fuel=fuel,
+            row=row, episode=episode, time=age * self.settings.dt, position=captured[3:6].T,
+            orientation=captured[6:10].T, linear_velocity=captured[10:13].T,
+            angular_velocity=captured[13:16].T, mass=fuel + self.settings.dry_mass, fuel=fuel,
             throttle=throttle, thrust=throttle * self.settings.max_thrust,
-            lateral_thrust=np.zeros(count), torque=self._torque[:, rows].T.copy(),
-            contact_force=self._contact_force[:, rows].T.copy(),
-            contact=self._touching[rows].copy(), leg_angle=np.zeros((count, self.feet)),
-            terrain=np.zeros((count, 0)), reward=self._reward[rows].copy(),
-            outcome=np.full(count, NO_OUTCOME, np.uint8),
+            lateral_thrust=np.zeros(count), torque=captured[18:21].T,
+            contact_force=captured[21:24].T, contact=captured[26:].T.astype(np.bool_),
+            leg_angle=np.zeros((count, self.feet)), terrain=np.zeros((count, 0)), reward=reward,
+            outcome=outcome.astype(np.uint8),
         )
+
+    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
+        """Return the physical state of the chosen rockets, S of them."""
+        return self.telemetry_of(self.capture(rows))
