@@ -48,7 +48,7 @@ def make_client(
     from rclpy.node import Node
 
     from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.client import ClientOptions
+    from rocket_sim_node.wire.link import LinkOptions
     from rocket_sim_node.wire.running import make_executor
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -62,7 +62,7 @@ def make_client(
         executor = make_executor(context)
         executor.add_node(node)
         options = {'resend_after': 0.1, 'patience': 15.0, **options}
-        return Client(node, executor, ClientOptions(**options), agent)
+        return Client(node, executor, LinkOptions(**options), agent)
 
     yield make
     for context in contexts:

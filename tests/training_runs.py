@@ -18,6 +18,7 @@ from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.flight import SerialFleet
 
 SMALL = {
     'demonstration_episodes': 16, 'clone_epochs': 2, 'hidden_sizes': '[16,16]', 'iterations': 4,
@@ -65,10 +66,9 @@ def assert_same_run(first: Path, second: Path) -> None:
 def train_in_process(run: Path, world: str = 'rocket', **parameters: Any) -> Path:
     """Train as `agent` does, without ROS, and return the folder."""
     values = {**SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes'])), **parameters}
-    threads = torch.get_num_threads()
     result = Trainer(
-        make(world, num_envs=8), load_preset('default', world, **values), RunFolder(run)).run()
-    torch.set_num_threads(threads)
+        SerialFleet(make(world, num_envs=8)), load_preset('default', world, **values),
+        RunFolder(run)).run()
     assert result.finished
     return run
 

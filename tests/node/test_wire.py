@@ -17,7 +17,7 @@ from rollouts import assert_same
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
@@ -42,7 +42,7 @@ class Speaker:
 
     def __init__(self, client: Client) -> None:
         self.client = client
-        node = client._node
+        node = client.node
         self.publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
         self.heard: list[tuple[int, int]] = []
         self.diagnostics: list[str] = []
@@ -55,21 +55,21 @@ class Speaker:
                 DiagnosticArray, '/diagnostics',
                 lambda m: self.diagnostics.append(m.status[0].message), qos.EVENTS),
         ]
-        assert client._waiter.until(
+        assert client.waiter.until(
             lambda: self.publisher.get_subscription_count() > 0
             and node.count_publishers('/diagnostics') > 0, 10.0)
 
     def say(self, values: np.ndarray, **fields: int) -> None:
         """Publish an action, by default a good one for the present step."""
-        client = self.client
+        link = self.client.link
         message = msg.Action(**{
-            'session': client._session, 'step': client._step, 'agent': client._agent, **fields})
+            'session': link.session, 'step': link.step, 'agent': link.agent, **fields})
         message.continuous = messages.to_sequence(values, 'f4')
         self.publisher.publish(message)
 
     def expect_refusal(self, *words: str) -> None:
         """Wait for diagnostics that name all of the words."""
-        assert self.client._waiter.until(
+        assert self.client.waiter.until(
             lambda: any(all(w in text for w in words) for text in self.diagnostics), 10.0), (
                 f'no refusal with {words} in {self.diagnostics}')
 
@@ -103,10 +103,9 @@ def test_repeated_action_is_answered_again_and_steps_once(
     world.reset(1)
     for expected in (1, 2, 3):
         speaker.say(values, step=0)
-        assert client._waiter.until(lambda: len(speaker.heard) >= expected, 10.0)  # noqa: B023
+        assert client.waiter.until(lambda: len(speaker.heard) >= expected, 10.0)  # noqa: B023
     assert {step for _, step in speaker.heard} == {1}
-    client._step = 1
-    client._observation = client._reward = None
+    client.link.step = 1
     world.step(values)
     assert_same(client.step(values), world.step(values))
 
@@ -169,12 +168,12 @@ def test_bad_resets_are_named_and_change_nothing(
         words: str) -> None:
     client = make_client()
     client.reset(4, level=3)
-    session = client._session
+    session = client.link.session
     with pytest.raises(ValueError, match=words):
         client.reset(seed, **settings)
     world = make('rocket', num_envs=N)
     world.reset(4, level=3)
-    assert client._session == session
+    assert client.link.session == session
     assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
 
 
@@ -225,7 +224,7 @@ def test_silent_agent_loses_control(processes: Processes, make_client: MakeClien
 
 def test_computing_agent_keeps_control(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('rocket_sim_node.wire.client._KEEP_PERIOD', 0.2)
+    monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.2)
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=1.0)
     first, second = make_client(), make_client(patience=2.5)
     first.reset(1)
@@ -314,7 +313,7 @@ def test_client_may_start_first(processes: Processes, make_client: MakeClient) -
 def still(client: Client, states: list[msg.RocketState]) -> bool:
     """Tell whether no state comes for half a second."""
     count = len(states)
-    return not client._waiter.until(lambda: len(states) > count, 0.5)
+    return not client.waiter.until(lambda: len(states) > count, 0.5)
 
 
 def test_realtime_holds_the_action_and_cuts_the_engine(
@@ -325,29 +324,36 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
     client = make_client()
     client.reset(1)
     states: list[msg.RocketState] = []
-    client._node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
     full = np.tile(np.float32([1, 0, 0]), (N, 1))
     client.step(full)
-    assert client._waiter.until(lambda: any(s.throttle[0] == 1.0 for s in states), 10.0)
-    assert client._waiter.until(lambda: states[-1].throttle[-1] == 0.0, 10.0)
+    assert client.waiter.until(lambda: any(s.throttle[0] == 1.0 for s in states), 10.0)
+    assert client.waiter.until(lambda: states[-1].throttle[-1] == 0.0, 10.0)
     process.wait_for('engine cut', 10.0)
     # Silent for as long as the lease: nobody flies, so nothing moves.
-    assert client._waiter.until(lambda: still(client, states), 10.0)
-    steps = client._step
+    assert client.waiter.until(lambda: still(client, states), 10.0)
+    steps = client.link.step
     client.step(full)
-    assert client._step > steps + 1
-    assert client._waiter.until(lambda: states[-1].throttle[0] == 1.0, 10.0)
+    assert client.link.step > steps + 1
+    assert client.waiter.until(lambda: states[-1].throttle[0] == 1.0, 10.0)
 
 
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:
     client = make_client()
     client.connect()
-    node = client._node
+    node = client.node
     reset = node.create_client(srv.Reset, 'reset')
-    response = client._waiter.call(reset, srv.Reset.Request(seed=3, agent=1))
+
+    def call(**fields: int) -> srv.Reset.Response:
+        assert client.waiter.until(reset.service_is_ready, 10.0)
+        future = reset.call_async(srv.Reset.Request(**fields))
+        assert client.waiter.until(future.done, 10.0)
+        return future.result()
+
+    response = call(seed=3, agent=1)
     assert response.code == response.OK
     assert len(response.observation) == N * 15
-    nobody = client._waiter.call(reset, srv.Reset.Request(seed=3))
+    nobody = call(seed=3)
     assert nobody.code in (nobody.BUSY, nobody.INVALID)
     assert 'agent' in nobody.message
 
@@ -356,9 +362,9 @@ def test_state_tells_last_and_first_samples_of_episodes(
         simulator: Process, make_client: MakeClient) -> None:
     client = make_client()
     states: list[msg.RocketState] = []
-    client._node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
     client.connect()
-    client._waiter.until(lambda: client._node.count_publishers('state') > 0, 10.0)
+    client.waiter.until(lambda: client.node.count_publishers('state') > 0, 10.0)
     world = make('rocket', num_envs=N)
     client.reset(2)
     world.reset(2)
@@ -370,7 +376,7 @@ def test_state_tells_last_and_first_samples_of_episodes(
         world.step(np.tile(np.float32([-1, 0, 0]), (N, 1)))
         heights.append(world.position[1, 0])
     client.close()
-    client._waiter.until(lambda: False, 0.5)
+    client.waiter.until(lambda: False, 0.5)
     row = np.concatenate([s.row for s in states])
     step = np.concatenate([s.step for s in states])
     outcome = np.concatenate([s.outcome for s in states])

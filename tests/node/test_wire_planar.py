@@ -82,15 +82,15 @@ def test_state_tells_of_legs_contact_and_ground(
     processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=N)
     client = make_client()
     states: list[msg.RocketState] = []
-    client._node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
     spec = client.connect()
-    client._waiter.until(lambda: client._node.count_publishers('state') > 0, 10.0)
+    client.waiter.until(lambda: client.node.count_publishers('state') > 0, 10.0)
     observation = client.reset(2)
     pilot = pilot_of(spec)
     for _ in range(600):
         observation = client.step(pilot(observation))[0]
     client.close()
-    client._waiter.until(lambda: False, 0.5)
+    client.waiter.until(lambda: False, 0.5)
     count = sum(len(s.row) for s in states)
     contact = np.concatenate([np.reshape(s.contact, (-1, 2)) for s in states])
     force = np.concatenate([np.reshape(s.contact_force, (-1, 3)) for s in states])

@@ -44,20 +44,20 @@ class Looker:
         self.states: list[msg.RocketState] = []
         self.client = client
         client.connect()
-        client._node.create_subscription(
+        client.node.create_subscription(
             msg.RocketState, 'state', self.states.append, qos.EVENTS)
 
     def wait(self, done: Callable[[Any], bool], seconds: float = 20.0) -> Any:
         """Wait for a state, from now on, of which something holds; return it."""
         self.states.clear()
-        assert self.client._waiter.until(
+        assert self.client.waiter.until(
             lambda: any(done(state) for state in self.states), seconds), self.states[-1:]
         return next(state for state in self.states if done(state))
 
     def idle(self, seconds: float) -> int:
         """Look on for a while; return how many states there were."""
         self.states.clear()
-        self.client._waiter.until(lambda: False, seconds)
+        self.client.waiter.until(lambda: False, seconds)
         return len(self.states)
 
 

@@ -27,12 +27,9 @@ from ppo_agent_node.learning.policies import GaussianPolicy
 from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight import fly
 
 CALM = DemonstrationConfig(demonstration_noise=0.0)
-
-
-def nothing() -> None:
-    """Poll nobody."""
 
 
 class Careless:
@@ -53,7 +50,7 @@ class Careless:
 def test_only_landed_episodes_are_kept_whole_and_from_their_beginning() -> None:
     world = worlds.make('rocket', num_envs=12, seed=3, level=7)
     pilot = Careless(world)
-    samples, episodes = fly_wave(world, pilot, CALM, 7, 5, 0, nothing)
+    samples, episodes = fly(world, fly_wave(world.spec, pilot, CALM, 7, 5, 0))
     landed = episodes.outcome == 0
     assert len(episodes) == 12
     assert 0 < landed.sum() < 12
@@ -74,9 +71,9 @@ def test_noise_is_flown_and_not_learnt() -> None:
     noisy = dataclasses.replace(CALM, demonstration_noise=0.05)
     world = worlds.make('rocket', num_envs=6, seed=3, level=1)
     expert = ExpertPilot(world.spec, braking_share=0.8)
-    samples, episodes = fly_wave(world, expert, noisy, 1, 5, 0, nothing)
-    calm, _ = fly_wave(world, expert, CALM, 1, 5, 0, nothing)
-    again, _ = fly_wave(world, expert, noisy, 1, 5, 0, nothing)
+    samples, episodes = fly(world, fly_wave(world.spec, expert, noisy, 1, 5, 0))
+    calm, _ = fly(world, fly_wave(world.spec, expert, CALM, 1, 5, 0))
+    again, _ = fly(world, fly_wave(world.spec, expert, noisy, 1, 5, 0))
     assert len(episodes) == 6
     np.testing.assert_allclose(samples.action, expert(samples.observation.numpy()), atol=1e-6)
     assert not torch.equal(samples.observation[200], calm.observation[200])
@@ -166,7 +163,7 @@ def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:
     world = worlds.make('rocket', num_envs=64, seed=1, level=7)
     expert = ExpertPilot(world.spec)
     rng = np.random.default_rng(1)
-    last = scatter(world, world.reset(3), expert, 400, rng, nothing)
+    last = fly(world, scatter(world.spec, world.reset(3), expert, 400, rng))
     height = last[:, 1] * 50
     assert np.histogram(height, bins=4, range=(0, 200))[0].min() >= 5
     synchronous = worlds.make('rocket', num_envs=64, seed=1, level=7)
@@ -175,14 +172,14 @@ def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:
         observation = synchronous.step(expert(observation))[0]
     assert np.ptp(observation[:, 1]) * 50 < 60
     unmoved = world.reset(3)
-    assert (scatter(world, unmoved, expert, 0, rng, nothing) == unmoved).all()
+    assert (fly(world, scatter(world.spec, unmoved, expert, 0, rng)) == unmoved).all()
 
 
 def test_what_is_said_after_touchdown_is_not_learnt() -> None:
     """In `rocket_planar` the contact switch cuts the engine; in `rocket` all is flown."""
     world = worlds.make('rocket_planar', 12, seed=1)
     pilot = ExpertPilot(world.spec)
-    samples, episodes = fly_wave(world, pilot, CALM, 7, 5, 0, nothing)
+    samples, episodes = fly(world, fly_wave(world.spec, pilot, CALM, 7, 5, 0))
     assert (episodes.outcome == 0).all()
     assert not touching(samples.observation.numpy(), world.spec.settings).any()
     # All of the flight is there, and of the 26 steps or more on the ground none.

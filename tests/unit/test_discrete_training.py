@@ -36,6 +36,8 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.reporting.pictures import draw
 from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.flight import fly
 
 SMALL: dict[str, Any] = {
     'demonstration_episodes': 0, 'curriculum_start_level': 0, 'curriculum_final_level': 0,
@@ -62,7 +64,7 @@ def train(
         return polls == stop_after
 
     return Trainer(
-        LineWorld(), make_config({**SMALL, **changes}), RunFolder(path, resume),
+        SerialFleet(LineWorld()), make_config({**SMALL, **changes}), RunFolder(path, resume),
         (told if told is not None else []).append, expert=expert,
         stop_requested=stop, say=(said if said is not None else []).append).run()
 
@@ -190,8 +192,8 @@ def test_roll_outs_hold_whole_numbers_and_their_probabilities() -> None:
     world = LineWorld(4)
     policy = CategoricalPolicy(2, 4, (8,), streams.generator(1, 'p'))
     rollout = Rollout(50, 4, 2, policy)
-    rollout.collect(
-        world, world.reset(1), policy, streams.generator(1, 'noise'), lambda: None)
+    world.reset(1)
+    fly(world, rollout.flight(0, world.snapshot(), policy, streams.generator(1, 'noise')))
     assert (rollout.action.dtype, rollout.action.shape) == (torch.int64, (50, 4))
     assert set(rollout.action.unique().tolist()) == {0, 1, 2, 3}
     log_prob, _ = policy.log_prob_entropy(
@@ -201,9 +203,9 @@ def test_roll_outs_hold_whole_numbers_and_their_probabilities() -> None:
 
 def test_scattered_ones_are_in_all_phases() -> None:
     world = LineWorld(64)
-    observation = scatter(
-        world, world.reset(1), lambda seen: np.zeros(len(seen), np.int64), 20,
-        np.random.default_rng(1), lambda: None)
+    observation = fly(world, scatter(
+        world.spec, world.reset(1), lambda seen: np.zeros(len(seen), np.int64), 20,
+        np.random.default_rng(1)))
     assert len(np.unique(observation[:, 1])) > 5
 
 
@@ -214,7 +216,8 @@ def test_the_lunar_lander_trains_with_its_presets(tmp_path: Path) -> None:
             name, 'lunar_lander', iterations=2, n_steps=120, selection_episodes=2, threads=1)
         world = worlds.make('lunar_lander', num_envs=landers, time_limit=4.0)
         path = tmp_path / name
-        assert Trainer(world, config, RunFolder(path), say=said.append).run().finished
+        assert Trainer(
+            SerialFleet(world), config, RunFolder(path), say=said.append).run().finished
         assert bool(said) == (name == 'original')
         pilot = PolicyPilot(path / 'policy.safetensors', world.spec)
         summary = summarise(evaluate(world, pilot, 4, 1))
@@ -233,7 +236,7 @@ def test_a_run_in_the_lunar_lander_that_is_stopped_and_resumed_ends_alike(tmp_pa
         left = iter(range(polls))
         world = worlds.make('lunar_lander', num_envs=2, seed=polls, time_limit=3.0)
         return Trainer(
-            world, config, RunFolder(path, resume),
+            SerialFleet(world), config, RunFolder(path, resume),
             stop_requested=lambda: next(left, None) is None).run().finished
 
     (tmp_path / 'a').mkdir()

@@ -24,6 +24,7 @@ from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.flight import SerialFleet
 
 
 class CoinWorld:
@@ -225,14 +226,14 @@ def test_the_lunar_lander_is_evaluated(tmp_path: Path) -> None:
 def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
     env, told = worlds.make('rocket', 4, spawn_height=20.0), []
     pilot = RandomPilot(env.spec, 1)
-    summary = fly_and_write(env, pilot, 8, 1, 0, tmp_path, told.append)
+    summary = fly_and_write(SerialFleet(env), pilot, 8, 1, 0, tmp_path, told.append)
     assert summary['level'] == 7
     assert json.loads((tmp_path / 'evaluation.json').read_text())['level'] == 7
     assert len(episode_table.read(tmp_path / 'episodes.csv')) == 8
     assert (tmp_path / 'plots' / 'outcomes.png').is_file()
     assert 'data:image/png' in (tmp_path / 'report.html').read_text()
     assert {status.level for status in told} == {7}
-    asked = fly_and_write(env, RandomPilot(env.spec, 1), 8, 1, 7, None, told.append)
+    asked = fly_and_write(SerialFleet(env), RandomPilot(env.spec, 1), 8, 1, 7, None, told.append)
     assert {**asked, 'reset_settings': {}} == summary
 
 

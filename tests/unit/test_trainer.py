@@ -25,6 +25,7 @@ from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds.flight import SerialFleet
 
 ROCKETS = 8
 SMALL: dict[str, Any] = {
@@ -51,7 +52,7 @@ def train(
 ) -> Result:
     report = (told if told is not None else []).append
     return Trainer(
-        env or world(), config or small(), RunFolder(path, resume), report,
+        SerialFleet(env or world()), config or small(), RunFolder(path, resume), report,
         stop_requested=stop).run()
 
 
@@ -174,7 +175,7 @@ def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(
             raise Killed
 
     with pytest.raises(Killed):
-        Trainer(world(), small(), RunFolder(path), kill).run()
+        Trainer(SerialFleet(world()), small(), RunFolder(path), kill).run()
     with (path / 'train.jsonl').open('a') as log:
         log.write('{"stage": "finetune", "iter')
     told: list[Status] = []

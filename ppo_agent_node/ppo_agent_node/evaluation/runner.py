@@ -18,6 +18,9 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import fly
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
 """Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
@@ -125,17 +128,29 @@ def evaluate(
     :raises ValueError: for less than one episode, or what the world's reset refuses.
     :raises EnvironmentRestarted: the simulator was lost; call again for the same result.
     """
-    spec = env.spec
+    return fly(env, evaluation_flight(
+        env.spec, pilot, episodes, seed, progress, **reset_settings))
+
+
+def evaluation_flight(
+    spec: WorldSpec,
+    pilot: Pilot,
+    episodes: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+    **reset_settings: float,
+) -> Flight[EvaluationResult]:
+    """Do what `evaluate` does, as a flight."""
     is_rocket = spec.name.startswith('rocket')
     left = quotas(episodes, spec.num_envs)
-    observation = env.reset(seed, **reset_settings)
+    observation = yield Reset(seed, reset_settings)
     start = observation.copy()
     counted: list[Episodes] = []
     starts: list[NDArray[np.float32]] = []
     ends: list[NDArray[np.float32]] = []
     steps = done = 0
     while done < episodes:
-        observation, _, _, _, info = env.step(pilot(observation))
+        observation, _, _, _, info = yield pilot(observation)
         steps += 1
         rows: NDArray[np.int64] = info['final_rows']
         if not len(rows):

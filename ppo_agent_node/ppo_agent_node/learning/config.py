@@ -51,6 +51,9 @@ class PPOConfig:
 
     iterations: int = setting(70, '', 'roll-outs, each followed by an update', 0, 1_000_000)
     n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
+    num_groups: int = setting(
+        1, '', "batches of the simulator's num_envs rockets in a roll-out; each is flown by "
+        'whichever simulator is free, so there should be as many as simulators, or more', 1, 4096)
     scatter_steps: int = setting(
         512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
         'episode; 0: not', 0, 1_000_000)

@@ -2,7 +2,6 @@
 """Demonstrations: what the expert saw and did in the episodes that it landed."""
 from __future__ import annotations
 
-from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
@@ -21,10 +20,11 @@ from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.planar_vehicle import foot_height
 
 _TOUCH = 1e-5
@@ -101,42 +101,35 @@ def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
 
 
 def fly_wave(
-    env: VectorEnv,
-    expert: Pilot,
-    config: DemonstrationConfig,
-    level: int,
-    seed: int,
-    wave: int,
-    poll: Callable[[], None],
-) -> tuple[Demonstrations, Episodes]:
+    spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, level: int, seed: int, wave: int,
+) -> Flight[tuple[Demonstrations, Episodes]]:
     """Let the expert fly one episode with each rocket and keep those that landed.
 
     Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
     injection for robust imitation learning', 2017); what is kept is what the expert wanted.
 
     :return: the samples of landed episodes, and all episodes.
-    :raises EnvironmentRestarted: what was flown is lost; call again with the same arguments.
     """
     noise = np.random.default_rng(streams.derived_seed(seed, 'demonstration noise', wave))
 
     def disturb(action: NDArray[Any]) -> NDArray[Any]:
-        if not config.demonstration_noise or not env.spec.continuous:
+        if not config.demonstration_noise or not spec.continuous:
             return action
         wanted = action + config.demonstration_noise * noise.standard_normal(action.shape)
         return wanted.astype(np.float32)
 
-    observation = env.reset(
-        streams.derived_seed(seed, 'demonstrations', wave), **spawn_settings(config, level))
-    steps = list(fly_once(env, observation, expert, poll, disturb))
+    observation = yield Reset(
+        streams.derived_seed(seed, 'demonstrations', wave), spawn_settings(config, level))
+    steps = yield from fly_once(observation, expert, disturb)
     episodes = Episodes.concatenate([step.episodes for step in steps])
-    landed = np.zeros(env.spec.num_envs, np.bool_)
-    landed[episodes.row[episodes.outcome == env.spec.outcomes.index('landed')]] = True
+    landed = np.zeros(spec.num_envs, np.bool_)
+    landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
     # Rocket after rocket: (N, T) before flattening.
     kept = np.stack([step.flying & landed for step in steps], axis=1)
-    kept &= steered(steps, env.spec.settings)
+    kept &= steered(steps, spec.settings)
     action = np.stack([step.action for step in steps], axis=1)[kept]
-    if env.spec.continuous:
-        action = np.clip(action, env.spec.action_low, env.spec.action_high, dtype=np.float32)
+    if spec.continuous:
+        action = np.clip(action, spec.action_low, spec.action_high, dtype=np.float32)
     else:
         action = action.astype(np.int64)
     samples = Demonstrations(

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights outside the roll-out: whole episodes under a pilot, and the way to mixed phases."""
+"""Flights outside the roll-out: whole episodes under a pilot, and the way to mixed phases.
+
+These are parts of flights, see `rocket_sim_node.worlds.flight`: they go on from an observation.
+"""
 from __future__ import annotations
 
 from collections.abc import Callable
-from collections.abc import Iterator
 from typing import Any
 from typing import NamedTuple
 
@@ -11,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight import Flight
 
 Pilot = Callable[[F32], NDArray[Any]]
 
@@ -31,41 +34,33 @@ class Step(NamedTuple):
 
 
 def fly_once(
-    env: VectorEnv,
     observation: F32,
     pilot: Pilot,
-    poll: Callable[[], None],
     disturb: Callable[[NDArray[Any]], NDArray[Any]] = lambda action: action,
-) -> Iterator[Step]:
-    """Fly until every rocket has ended the episode it is in, and yield each step.
+) -> Flight[list[Step]]:
+    """Fly until every rocket has ended the episode it is in, and return all steps.
 
     Rockets that end early fly on, but count no more: so short episodes are not over-represented.
 
     :param observation: `(N, D)`, of the world as it is.
-    :param poll: called before each step; may raise to end the flight.
     :param disturb: what is flown, given what the pilot wants.
-    :raises EnvironmentRestarted: what was flown is lost.
     """
-    flying = np.ones(env.spec.num_envs, np.bool_)
+    steps: list[Step] = []
+    flying = np.ones(len(observation), np.bool_)
     while flying.any():
-        poll()
         action = pilot(observation)
         before, was_flying = observation, flying
-        observation, _, _, _, info = env.step(disturb(action))
+        observation, _, _, _, info = yield disturb(action)
         episodes: Episodes = info['episodes']
         flying = was_flying.copy()
         flying[info['final_rows']] = False
-        yield Step(before, action, was_flying, episodes.take(was_flying[episodes.row]))
+        steps.append(Step(before, action, was_flying, episodes.take(was_flying[episodes.row])))
+    return steps
 
 
 def scatter(
-    env: VectorEnv,
-    observation: F32,
-    pilot: Pilot,
-    steps: int,
-    rng: np.random.Generator,
-    poll: Callable[[], None],
-) -> F32:
+    spec: WorldSpec, observation: F32, pilot: Pilot, steps: int, rng: np.random.Generator,
+) -> Flight[F32]:
     """Fly so that the rockets, which all begin together, end up in all phases of an episode.
 
     Otherwise a roll-out shorter than an episode would hold one phase only, and the learner would
@@ -74,9 +69,7 @@ def scatter(
 
     :param steps: how long, about the length of an episode.
     :return: the last observation.
-    :raises EnvironmentRestarted: what was flown is lost.
     """
-    spec = env.spec
     held: NDArray[Any]
     release = rng.integers(max(1, steps), size=spec.num_envs)
     if spec.continuous:
@@ -86,8 +79,7 @@ def scatter(
     else:
         held = rng.integers(spec.action_count, size=spec.num_envs)
     for step in range(steps):
-        poll()
         action = pilot(observation).copy()
         action[step < release] = held[step < release]
-        observation = env.step(action)[0]
+        observation = (yield action)[0]
     return observation

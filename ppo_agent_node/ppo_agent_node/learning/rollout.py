@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The roll-out buffer: what N rockets did in T steps, in memory that is allocated once."""
+"""The roll-out buffer: what rockets did in T steps, in memory that is allocated once."""
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import itertools
 from typing import NamedTuple
 
 import torch
@@ -13,8 +12,9 @@ from ppo_agent_node.learning.gae import advantages_and_returns
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import Policy
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import VectorEnv
-from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import Snapshot
 
 
 class Batch(NamedTuple):
@@ -39,57 +39,59 @@ class Batch(NamedTuple):
 
 
 class Rollout:
-    """Buffers `(T, N, ...)` and the flight that fills them."""
+    """Buffers `(T, G x N, ...)` and the flights that fill them, one for each group of N rockets.
 
-    def __init__(self, steps: int, rockets: int, observation_size: int, policy: Policy) -> None:
-        """Allocate for T steps of N rockets."""
-        shape = (steps, rockets)
+    A roll-out is a transaction: it begins in a snapshot and counts when the next one has been
+    taken. As its random numbers are derived (see streams), a second attempt is the first one, bit
+    for bit.
+    """
+
+    def __init__(
+        self, steps: int, rockets: int, observation_size: int, policy: Policy, groups: int = 1,
+    ) -> None:
+        """Allocate for T steps of N rockets in each of G groups."""
+        shape = (steps, groups * rockets)
+        self._rockets = rockets
         self.observation = torch.zeros(*shape, observation_size)
         self.action = torch.zeros(*shape, *policy.action_shape, dtype=policy.action_dtype)
         self.log_prob = torch.zeros(shape)
         self.reward = torch.zeros(shape)
         self.terminated = torch.zeros(shape, dtype=torch.bool)
         self.truncated = torch.zeros(shape, dtype=torch.bool)
-        self._finals: list[tuple[int, Tensor, Tensor]] = []
-        self._last = torch.zeros(rockets, observation_size)
+        self._finals: list[list[tuple[int, Tensor, Tensor]]] = [[] for _ in range(groups)]
+        self._last = torch.zeros(shape[1], observation_size)
 
     @torch.no_grad()
-    def collect(
-        self,
-        env: VectorEnv,
-        observation: F32,
-        policy: Policy,
-        generator: torch.Generator,
-        poll: Callable[[], None],
-    ) -> tuple[F32, Episodes]:
-        """Fly T steps from an observation `(N, D)`, overwriting what was here.
+    def flight(
+        self, group: int, begin: bytes, policy: Policy, generator: torch.Generator,
+    ) -> Flight[tuple[Episodes, bytes]]:
+        """Fly T steps from a snapshot, overwriting what was here of a group, from 0.
 
-        :param poll: called before each step; may raise to end the flight.
-        :return: the observation after the last step, and the episodes that finished.
-        :raises EnvironmentRestarted: what was flown is lost.
+        :return: the episodes that finished, and the snapshot after the last step.
         """
+        first = group * self._rockets
+        columns = slice(first, first + self._rockets)
         finished: list[Episodes] = []
-        self._finals.clear()
+        finals = self._finals[group]
+        finals.clear()
+        observation = yield Restore(begin)
         for step in range(len(self.reward)):
-            poll()
-            self.observation.numpy()[step] = observation
-            action, log_prob = policy.sample(self.observation[step], generator)
-            self.action[step], self.log_prob[step] = action, log_prob
-            observation, reward, terminated, truncated, info = env.step(action.numpy())
-            self.reward.numpy()[step] = reward
-            self.terminated.numpy()[step] = terminated
-            self.truncated.numpy()[step] = truncated
+            self.observation.numpy()[step, columns] = observation
+            action, log_prob = policy.sample(self.observation[step, columns], generator)
+            self.action[step, columns], self.log_prob[step, columns] = action, log_prob
+            observation, reward, terminated, truncated, info = yield action.numpy()
+            self.reward.numpy()[step, columns] = reward
+            self.terminated.numpy()[step, columns] = terminated
+            self.truncated.numpy()[step, columns] = truncated
             if len(info['episodes']):
                 finished.append(info['episodes'])
             if truncated.any():
-                self._keep_finals(step, info)
-        self._last.numpy()[:] = observation
-        return observation, Episodes.concatenate(finished)
-
-    def _keep_finals(self, step: int, info: dict[str, Any]) -> None:
-        rows = torch.tensor(info['final_rows'], dtype=torch.int64)
-        cut = self.truncated[step, rows]
-        self._finals.append((step, rows[cut], torch.tensor(info['final_observation'])[cut]))
+                rows = torch.tensor(info['final_rows'], dtype=torch.int64)
+                cut = torch.from_numpy(truncated[info['final_rows']])
+                finals.append((
+                    step, first + rows[cut], torch.tensor(info['final_observation'])[cut]))
+        self._last.numpy()[columns] = observation
+        return Episodes.concatenate(finished), (yield Snapshot())
 
     @torch.no_grad()
     def batch(
@@ -103,7 +105,7 @@ class Rollout:
         steps, rockets = self.reward.shape
         value = critic(self.observation.flatten(0, 1)).view(steps, rockets)
         next_value = torch.cat((value[1:], critic(self._last)[None]))
-        for step, rows, observation in self._finals:
+        for step, rows, observation in itertools.chain(*self._finals):
             next_value[step, rows] = critic(observation)
         advantage, target = advantages_and_returns(
             self.reward * reward_scale, value, next_value, self.terminated, self.truncated,

@@ -2,6 +2,7 @@
 """What a run is at the start of an iteration, besides the weights, and how it is written down."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
 from importlib import metadata
@@ -18,8 +19,6 @@ from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.selection import Score
 from rocket_sim_node.worlds import WorldSpec
 
-WORLD = 'world'
-"""Name of the tensor that holds the world's snapshot, bytes."""
 _FREE_TO_CHANGE = frozenset(
     {'threads', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
 """Settings that do not change what is learnt, so that a resumed run may have others."""
@@ -64,9 +63,26 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
     }
 
 
-def snapshot_tensor(snapshot: bytes) -> Tensor:
-    """Return a world's snapshot as a tensor of bytes."""
-    return torch.from_numpy(np.frombuffer(snapshot, np.uint8).copy())
+def world_tensors(worlds: Sequence[bytes]) -> dict[str, Tensor]:
+    """Return the snapshots of the groups' worlds as tensors of bytes, by name."""
+    return {
+        _world_name(group): torch.from_numpy(np.frombuffer(world, np.uint8).copy())
+        for group, world in enumerate(worlds)}
+
+
+def take_worlds(path: Path, tensors: dict[str, Tensor], groups: int) -> list[bytes]:
+    """Take the snapshots of the groups' worlds out of a checkpoint's tensors.
+
+    :raises ValueError: when one is missing.
+    """
+    missing = [name for name in map(_world_name, range(groups)) if name not in tensors]
+    if missing:
+        raise ValueError(f'{path}: has no tensor {missing[0]!r}')
+    return [tensors.pop(_world_name(group)).numpy().tobytes() for group in range(groups)]
+
+
+def _world_name(group: int) -> str:
+    return f'world.{group}' if group else 'world'
 
 
 def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:

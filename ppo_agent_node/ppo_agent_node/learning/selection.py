@@ -2,15 +2,19 @@
 """Which policy of a run is the best: flown without noise, from the same starts each time."""
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.policies import without_noise
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds.flight import Fleet
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
 
 
 @dataclass(frozen=True)
@@ -28,31 +32,35 @@ class Score:
         return self.landed / self.episodes
 
 
+def fly_wave(
+    pilot: Pilot, level: int, seed: int, wave: int,
+) -> Flight[tuple[Episodes, int]]:
+    """Fly one episode with each rocket; return them, and the steps that it took.
+
+    The starts depend on the run's seed and the wave alone, so that two policies of a run meet the
+    same ones and their difference is less noisy than either; the final evaluation has others.
+    """
+    observation = yield Reset(
+        streams.derived_seed(seed, 'selection', wave), {'level': level} if level else {})
+    steps = yield from fly_once(observation, pilot)
+    return Episodes.concatenate([step.episodes for step in steps]), len(steps)
+
+
 def fly_selection(
-    env: VectorEnv,
-    policy: Policy,
-    iteration: int,
-    level: int,
-    episodes: int,
-    seed: int,
-    poll: Callable[[], None],
+    fleet: Fleet, policy: Policy, iteration: int, level: int, episodes: int, seed: int,
+    poll: Callable[[], None], report: Callable[[str], None],
 ) -> tuple[Score, int]:
     """Fly at least so many episodes, equally many with each rocket.
 
-    The starts depend on the run's seed alone, so that two policies of a run meet the same ones
-    and their difference is less noisy than either; the final evaluation has other starts.
-
+    :param report: is told of flights that were begun anew.
     :return: the score, and the rocket steps that it took.
-    :raises EnvironmentRestarted: what was flown is lost; call again with the same arguments.
     """
-    parts: list[Episodes] = []
-    steps = 0
-    for wave in range(-(-episodes // env.spec.num_envs)):
-        observation = env.reset(
-            streams.derived_seed(seed, 'selection', wave), **({'level': level} if level else {}))
-        for step in fly_once(env, observation, without_noise(policy), poll):
-            parts.append(step.episodes)
-            steps += env.spec.num_envs
-    flown = Episodes.concatenate(parts)
-    landed = int((flown.outcome == env.spec.outcomes.index('landed')).sum())
-    return Score(iteration, len(flown), landed, float(flown.episode_return.mean())), steps
+    rockets = fleet.spec.num_envs
+    waves = [
+        functools.partial(fly_wave, without_noise(policy), level, seed, wave)
+        for wave in range(-(-episodes // rockets))]
+    parts, lengths = zip(*fleet.fly(waves, poll, report), strict=True)
+    flown = Episodes.concatenate(list(parts))
+    landed = int((flown.outcome == fleet.spec.outcomes.index('landed')).sum())
+    return Score(
+        iteration, len(flown), landed, float(flown.episode_return.mean())), sum(lengths) * rockets

@@ -1,27 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """A training run from nothing to a policy: demonstrate, clone, fine-tune by PPO.
 
-Equal seeds give equal weights, bit for bit, whichever `VectorEnv` it flies in, however often the
-simulator restarts, and whether or not the run was stopped and resumed.
+Equal seeds give equal weights, bit for bit, whichever fleet it flies in, of however many
+simulators, however often they restart, and whether or not the run was stopped and resumed.
 """
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from typing import TypeVar
 
 import numpy as np
-import torch
 
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.anchor import Anchor
 from ppo_agent_node.learning.cloning import CloneEpoch
 from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.config import Config
@@ -40,17 +41,22 @@ from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.run_state import WORLD
 from ppo_agent_node.learning.run_state import RunState
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.selection import Score
 from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
+from ppo_agent_node.learning.threads import tensor_threads
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import VectorEnv
-from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight import Fleet
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import Snapshot
+
+T = TypeVar('T')
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,7 @@ class Trainer:
 
     def __init__(
         self,
-        env: VectorEnv,
+        fleet: Fleet,
         config: Config,
         folder: RunFolder,
         report: Callable[[Status], None] = lambda status: None,
@@ -89,24 +95,25 @@ class Trainer:
         :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
             the world, or when a setting is not for it.
         """
-        check_headings(config, env.spec)
+        self._fleet, self._config, self._folder = fleet, config, folder
+        spec = self._spec = fleet.spec
+        check_headings(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
-            expert = scripted_teacher(env.spec, config.demonstration)
-        torch.set_num_threads(config.run.threads)
-        self._env, self._config, self._folder = env, config, folder
+            expert = scripted_teacher(spec, config.demonstration)
         self._expert, self._stop_requested, self._say = expert, stop_requested, say
         self._ending = Ending(config.ppo.iterations, config.run.training_episodes)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
         self._level = config.curriculum.curriculum_final_level
-        self._learner = Learner(env.spec, config)
+        self._learner = Learner(spec, config)
         self._journal = Journal(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._journal.keep(stages=(*imitation, 'finetune'))
-        self._anchor = Anchor(env, self._journal.message)
         self._state = RunState(Curriculum.begin(config.curriculum))
+        groups = config.ppo.num_groups
         self._rollout = Rollout(
-            config.ppo.n_steps, env.spec.num_envs, env.spec.observation_size,
-            self._learner.policy)
+            config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy, groups)
+        self._worlds = [b''] * groups
+        """snapshots of the world of each group: the last moment of it that is certain"""
 
     def run(self) -> Result:
         """Train until done or asked to stop; from where the folder's run ended, if it has one.
@@ -119,7 +126,7 @@ class Trainer:
         try:
             if saved is None:
                 self._journal.take_up(0, 0)
-                self._folder.write_config(run_state.description(self._env.spec, self._config))
+                self._folder.write_config(run_state.description(self._spec, self._config))
                 self._imitate()
                 self._begin_finetuning()
             else:
@@ -133,21 +140,25 @@ class Trainer:
                 'stopped before the first checkpoint; a resumed run begins anew')
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
 
+    def _fly(self, flights: Sequence[Callable[[], Flight[T]]]) -> Iterator[T]:
+        return self._fleet.fly(flights, self._poll, self._journal.message)
+
     def _poll(self) -> None:
         if self._stop_requested():
             raise EnvironmentClosed('asked to stop')
 
     def _take_up(self, path: Path, sealed: Sealed) -> None:
         tensors = dict(sealed.tensors)
-        snapshot = tensors.pop(WORLD, torch.zeros(0, dtype=torch.uint8))
-        self._state = run_state.from_content(path, sealed, self._env.spec, self._config)
+        self._state = run_state.from_content(path, sealed, self._spec, self._config)
+        self._worlds = run_state.take_worlds(path, tensors, len(self._worlds))
         self._learner.load(path, tensors)
         self._journal.take_up(self._state.lines, self._state.steps)
         if self._config.run.episode_lines:
             for line in self._folder.lines():
                 self._score_lines.add(line.get('scores', ()))
         try:
-            self._anchor.moor(snapshot.numpy().tobytes())
+            # To hear now whether the simulators take them, and not when there is work to be lost.
+            list(self._fly([functools.partial(_try_on, world) for world in self._worlds]))
         except ValueError as error:
             raise ValueError(f'{path}: {error}') from error
         self._keep_best()
@@ -166,29 +177,31 @@ class Trainer:
             numbers = asdict(epoch)
             self._journal.entry(numbers.pop('epoch'), self._state.steps, **numbers)
 
-        clone(self._learner.policy, samples, self._config.clone, self._config.run.seed, report,
-              self._poll)
+        with tensor_threads(self._config.run.threads):
+            clone(self._learner.policy, samples, self._config.clone, self._config.run.seed,
+                  report, self._poll)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
         self._tell_saved(self._folder.cloned, news=True)
 
     def _demonstrate(self) -> Demonstrations:
-        config, rockets = self._config.demonstration, self._env.spec.num_envs
+        config, rockets = self._config.demonstration, self._spec.num_envs
         waves = -(-config.demonstration_episodes // rockets)
-        expert = self._expert
-        assert expert is not None
+        assert self._expert is not None
         self._journal.begin('demonstrate', waves, unit='waves')
         parts = []
-        for wave in range(waves):
-            samples, episodes = self._anchor.excursion(functools.partial(
-                fly_wave, self._env, expert, config, self._level, self._config.run.seed, wave,
-                self._poll))
+        flights = [
+            functools.partial(
+                fly_wave, self._spec, self._expert, config, self._level, self._config.run.seed,
+                wave)
+            for wave in range(waves)]
+        for wave, (samples, episodes) in enumerate(self._fly(flights)):
             parts.append(samples)
             self._state = replace(
                 self._state, steps=self._state.steps + int(episodes.length.max()) * rockets)
             self._journal.entry(
                 wave + 1, self._state.steps, samples=len(samples.episode),
-                **scores.figures(episodes, self._env.spec.outcomes))
+                **scores.figures(episodes, self._spec.outcomes))
         return Demonstrations.join(parts)
 
     def _begin_finetuning(self) -> None:
@@ -225,13 +238,18 @@ class Trainer:
         began = self._state.steps
         rollout, policy = self._rollout, self._learner.policy
 
-        def fly(observation: F32) -> tuple[F32, Episodes]:
-            noise = streams.generator(self._config.run.seed, 'roll-out', iteration)
-            return rollout.collect(self._env, observation, policy, noise, self._poll)
+        def begin(group: int) -> Flight[tuple[Episodes, bytes]]:
+            noise = streams.generator(
+                self._config.run.seed, 'roll-out', iteration, *later(group))
+            return rollout.flight(group, self._worlds[group], policy, noise)
 
-        episodes = self._anchor.advance(fly)
-        diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
-        outcomes = self._env.spec.outcomes
+        flown = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self._worlds))]))
+        self._worlds = [world for _, world in flown]
+        episodes = Episodes.concatenate([ended for ended, _ in flown])
+        with tensor_threads(self._config.run.threads):
+            diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
+        outcomes = self._spec.outcomes
         curriculum = before.advance(scores.landed(episodes, outcomes))
         self._state = replace(
             self._state, iteration=iteration, curriculum=curriculum,
@@ -255,24 +273,30 @@ class Trainer:
 
     def _reset_world(self) -> None:
         """Begin new episodes on the curriculum's level, and get them out of step."""
-        settings = self._config.curriculum.reset_settings(self._state.curriculum.level)
-        seed = streams.derived_seed(self._config.run.seed, 'world', self._state.iteration)
+        config, pilot = self._config, without_noise(self._learner.policy)
+        settings = config.curriculum.reset_settings(self._state.curriculum.level)
 
-        def begin() -> F32:
-            observation = self._env.reset(seed, **settings)
-            return scatter(
-                self._env, observation, without_noise(self._learner.policy),
-                self._config.ppo.scatter_steps, np.random.default_rng(seed), self._poll)
+        def begin(group: int) -> Flight[bytes]:
+            seed = streams.derived_seed(
+                config.run.seed, 'world', self._state.iteration, *later(group))
+            observation = yield Reset(seed, settings)
+            yield from scatter(
+                self._spec, observation, pilot, config.ppo.scatter_steps,
+                np.random.default_rng(seed))
+            state: bytes = yield Snapshot()
+            return state
 
-        self._anchor.cast(begin)
+        self._worlds = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self._worlds))]))
         self._state = replace(self._state, steps=self._state.steps + (
-            self._config.ppo.scatter_steps * self._env.spec.num_envs))
+            config.ppo.scatter_steps * self._spec.num_envs * len(self._worlds)))
 
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
-        score, steps = self._anchor.excursion(lambda: fly_selection(
-            self._env, self._learner.policy, self._state.iteration, self._level,
-            self._config.run.selection_episodes, self._config.run.seed, self._poll))
+        score, steps = fly_selection(
+            self._fleet, self._learner.policy, self._state.iteration, self._level,
+            self._config.run.selection_episodes, self._config.run.seed, self._poll,
+            self._journal.message)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return
         self._state = replace(
@@ -307,12 +331,11 @@ class Trainer:
             self._save(self._tensors(), best)
 
     def _tensors(self) -> Tensors:
-        return {
-            **self._learner.tensors(), WORLD: run_state.snapshot_tensor(self._anchor.snapshot)}
+        return {**self._learner.tensors(), **run_state.world_tensors(self._worlds)}
 
     def _save(self, tensors: Tensors, best: Score | None = None) -> None:
         state = self._state
-        content = run_state.content(state, self._env.spec, self._config)
+        content = run_state.content(state, self._spec, self._config)
         written = [self._folder.save(state.iteration, tensors, content)]
         if best:
             self._folder.save_best(tensors, content)
@@ -328,6 +351,16 @@ class Trainer:
 
     def _save_policy(self, path: Path, **facts: Any) -> None:
         save_policy(
-            path, self._learner.policy, self._env.spec, self._config.network,
+            path, self._learner.policy, self._spec, self._config.network,
             self._config.run.seed,
             {'run': self._folder.name, 'steps': self._state.steps, **facts})
+
+
+def later(group: int) -> tuple[int, ...]:
+    """Return the index of a group for its random streams: the first has those of one alone."""
+    return (group,) if group else ()
+
+
+def _try_on(world: bytes) -> Flight[None]:
+    """Go into a snapshot, for the complaints."""
+    yield Restore(world)

@@ -12,8 +12,9 @@ from rclpy.node import Node
 
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.client import ClientOptions
-from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.wire.link import LinkOptions
+from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -38,10 +39,19 @@ def make_client(
 ) -> Client:
     """Return a client of the simulator in the node's namespace."""
     return Client(
-        node, executor, ClientOptions(parameters.resend_after, parameters.patience), agent)
+        node, executor, LinkOptions(parameters.resend_after, parameters.patience), agent)
 
 
-def require_lockstep(client: Client) -> None:
+def make_fleet(
+    node: Node, executor: Executor, parameters: ConnectionParameters, simulators: str, agent: int,
+) -> Fleet:
+    """Return all simulators that train one agent."""
+    return Fleet(
+        node, executor, LinkOptions(parameters.resend_after, parameters.patience), agent,
+        simulators)
+
+
+def require_lockstep(client: Client | Fleet) -> None:
     """Check that no step can be missed.
 
     :raises ValueError: when the simulator goes by the clock.

@@ -26,6 +26,7 @@ from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.flight import SerialFleet
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ def evaluation(node: Node, executor: Executor) -> None:
         pilot, facts = _pilot(options, client.connect())
         require_lockstep(client)
         summary = fly_and_write(
-            client, pilot, options.episodes, options.seed, options.level, output, terminal.show,
-            **facts)
+            SerialFleet(client), pilot, options.episodes, options.seed, options.level, output,
+            terminal.show, **facts)
         terminal.say(metrics.table(summary))
         if output:
             terminal.say(f'evaluation.json and plots are in {output}')

@@ -2,6 +2,7 @@
 """An evaluation as the nodes do it: flown, told, and written to a folder."""
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -9,23 +10,20 @@ from typing import Any
 
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation import metrics
-from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.reporting.report import write_report
 from rocket_sim_node.wire import stopping
-from rocket_sim_node.worlds import EnvironmentRestarted
-from rocket_sim_node.worlds import VectorEnv
+from rocket_sim_node.worlds.flight import Fleet
 
 _REPORTS = 20
 """reports of progress, at most"""
-_ATTEMPTS = 20
-"""restarts of the simulator that an evaluation bears"""
 
 
 def fly_and_write(
-    env: VectorEnv, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
+    fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
@@ -37,7 +35,7 @@ def fly_and_write(
     """
     start = time.monotonic()
     told = 0
-    flown_level = level or int(env.spec.settings.get('level', 0))
+    flown_level = level or int(fleet.spec.settings.get('level', 0))
 
     def progress(done: int, total: int) -> None:
         nonlocal told
@@ -48,15 +46,14 @@ def fly_and_write(
                 run=run, stage='evaluate', iteration=done, iterations=total, level=flown_level,
                 elapsed=elapsed, remaining=elapsed / done * (total - done)))
 
-    for attempt in range(1, _ATTEMPTS + 1):
-        try:
-            result = evaluate(env, pilot, episodes, seed, progress, **level_setting(level))
-            break
-        except EnvironmentRestarted as error:
-            if attempt == _ATTEMPTS:
-                raise
-            told = 0
-            report(Status(run=run, stage='evaluate', level=flown_level, message=f'{error}: anew'))
+    def anew(message: str) -> None:
+        nonlocal told
+        told = 0
+        report(Status(run=run, stage='evaluate', level=flown_level, message=message))
+
+    (result,) = fleet.fly([functools.partial(
+        evaluation_flight, fleet.spec, pilot, episodes, seed, progress, **level_setting(level))],
+        report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
         message='flown; working out figures and plots'))

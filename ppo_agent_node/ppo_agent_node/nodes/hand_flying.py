@@ -30,7 +30,7 @@ from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted

@@ -17,7 +17,7 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import agent_of_run
-from ppo_agent_node.nodes.connection import make_client
+from ppo_agent_node.nodes.connection import make_fleet
 from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
 from ppo_agent_node.nodes.telling import Teller
@@ -26,8 +26,8 @@ from ppo_agent_node.terminal import Terminal
 from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import stopping
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.client import SimulatorBusy
+from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.waiting import WireTimeout
@@ -40,6 +40,9 @@ class TrainingParameters:
 
     run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001, or the next number')
     resume: bool = setting(False, '', 'go on with the run in run_dir')
+    simulators: str = setting(
+        '', '', "namespaces of the simulators to train in, such as /sim_*: those that are there "
+        "and those that come; empty: the one in the agent's own namespace")
     preset: str = setting(
         'default', '', 'where the settings of the run begin',
         choices=learning_config.preset_names())
@@ -54,24 +57,25 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     _check_given(node, parameters)
     with (
         folder.locked(), Terminal() as terminal,
-        make_client(node, executor, connection, agent_of_run(folder.path)) as client,
+        make_fleet(
+            node, executor, connection, options.simulators, agent_of_run(folder.path)) as fleet,
     ):
         def stop_requested() -> bool:
-            client.keep()
+            fleet.keep()
             terminal.tick()
             return stopping.requested()
 
         folder.mark_unfinished()
         teller = Teller(node, terminal, folder)
         try:
-            config = _config(parameters, options.preset, client.connect().name, saved)
-            require_lockstep(client)
+            config = _config(parameters, options.preset, fleet.connect().name, saved)
+            require_lockstep(fleet)
             result = Trainer(
-                client, config, folder, teller.report, stop_requested=stop_requested,
+                fleet, config, folder, teller.report, stop_requested=stop_requested,
                 say=terminal.say).run()
             if result.finished:
                 try:
-                    _evaluate(client, config, folder, teller, terminal)
+                    _evaluate(fleet, config, folder, teller, terminal)
                 except EnvironmentClosed:
                     teller.report_evaluation(Status(
                         stage='evaluate', message='stopped; a resumed run evaluates anew'))
@@ -137,12 +141,12 @@ def _config(
 
 
 def _evaluate(
-    client: Client, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
+    fleet: Fleet, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
-        client, PolicyPilot(folder.policy, client.spec), config.run.evaluation_episodes,
+        fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
         training_seed=config.run.seed)
     terminal.say(metrics.table(summary))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
 
-from rclpy.client import Client as ServiceClient
 from rclpy.executors import Executor
 from rclpy.node import Node
 
@@ -15,8 +13,6 @@ from rocket_sim_node.worlds import EnvironmentClosed
 
 _NOTICE_PERIOD = 5.0
 """s between log lines while there is no answer"""
-_CALL_TIMEOUT = 2.0
-"""s after which a service call is made anew"""
 _SIGNAL_PERIOD = 0.2
 """s between two looks at whether this process was asked to end"""
 
@@ -60,38 +56,28 @@ class Waiter:
             self.spin(left)
         return True
 
-    def wait(self, done: Callable[[], bool], what: str) -> None:
+    def wait(self, done: Callable[[], bool], what: str, topic: str = '') -> None:
         """Spin until `done()`.
 
         :param what: what is waited for, as the log shall say it.
+        :param topic: where the simulator describes itself; by default in the node's namespace.
         :raises WireTimeout: when patience is over.
         """
-        silence = Silence(self._node, what, self.patience)
+        silence = Silence(self._node, what, self.patience, topic)
         while not self.until(done, min(_NOTICE_PERIOD, silence.left)):
-            silence.check()
-
-    def call(self, client: ServiceClient, request: Any) -> Any:
-        """Call a service, again when there is no answer, and return the answer.
-
-        :raises WireTimeout: when patience is over.
-        """
-        silence = Silence(self._node, f'an answer of {client.srv_name}', self.patience)
-        while True:
-            if self.until(client.service_is_ready, _CALL_TIMEOUT):
-                future = client.call_async(request)
-                if self.until(future.done, _CALL_TIMEOUT):
-                    return future.result()
-                client.remove_pending_request(future)
             silence.check()
 
 
 class Silence:
     """Time without an answer: told on the log every few seconds, and at the end an error."""
 
-    def __init__(self, node: Node, what: str, patience: float) -> None:
-        """Begin to wait for `what`."""
+    def __init__(
+        self, node: Node, what: str, patience: float, topic: str = '',
+    ) -> None:
+        """Begin to wait for `what` from the simulator that describes itself on a topic."""
         self._node = node
         self._what = what
+        self._topic = topic
         self._start = time.monotonic()
         self._end = self._start + patience
         self._notice = self._start + _NOTICE_PERIOD
@@ -109,12 +95,12 @@ class Silence:
         now = time.monotonic()
         if now < min(self._notice, self._end):
             return
-        topic = self._node.resolve_topic_name('world')
+        topic = self._topic or self._node.resolve_topic_name('world')
         text = (
             f'waited {now - self._start:.0f} s for {self._what} from the simulator of {topic}; '
             'is it running, with the same ROS_DOMAIN_ID and namespace?'
         )
-        if (simulators := self._node.count_publishers(topic)) > 1:
+        if not set('*?[') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
             text += f' {simulators} publish there: give each simulator a namespace of its own'
         if now >= self._end:
             raise WireTimeout(text)

@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulators, one or many, that fly for one agent; they may join, leave and die while they do.
+
+Each flies a flight of its own, so that all of them and the agent work at once: while the agent
+thinks about one, the others move. What a flight comes to does not depend on who flies it, nor on
+how often it was begun, and results come in the order of the flights: the number of simulators
+decides how long it takes and nothing else.
+"""
+from __future__ import annotations
+
+import fnmatch
+import time
+from collections import deque
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from typing import Any
+from typing import Generic
+from typing import TypeVar
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from rocket_sim_node.wire.client import RELEASE_TIMEOUT
+from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.link import LinkOptions
+from rocket_sim_node.wire.link import SimulatorBusy
+from rocket_sim_node.wire.link import difference
+from rocket_sim_node.wire.waiting import Waiter
+from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds.base import EnvironmentRestarted
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.flight import MAX_ATTEMPTS
+from rocket_sim_node.worlds.flight import Command
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Mooring
+from rocket_sim_node.worlds.flight import Restore
+
+T = TypeVar('T')
+_LOOK_PERIOD = 1.0
+"""s between two looks at who has joined and who has left"""
+_SILENT = 2.0
+"""s without an answer after which a flight is given to a simulator that has nothing to do"""
+_WORLD_TYPE = 'rocket_msgs/msg/World'
+
+
+class _Task(Generic[T]):
+    """A flight, and how often it was begun."""
+
+    def __init__(self, number: int, begin: Callable[[], Flight[T]]) -> None:
+        self.number, self._begin, self.attempts = number, begin, 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew."""
+        self.attempts += 1
+        self.flight = self._begin()
+        self.command: Command = next(self.flight)
+
+
+class _Member:
+    """A simulator and what it is doing."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self.mooring = Mooring()
+        self.task: _Task[Any] | None = None
+        self.lost_at = 0.0
+        self.vetted = self.fits = False
+
+    @property
+    def free(self) -> bool:
+        """Whether it can be given something: it fits, is idle, and was heard since it was lost."""
+        return self.task is None and self.fits and self.link.heard >= self.lost_at
+
+    def drop(self) -> None:
+        """Forget what it was doing and where it is."""
+        self.link.drop()
+        self.mooring.cast_off()
+        self.task = None
+
+
+class Fleet:
+    """Simulators as a `worlds.flight.Fleet`. It spins `executor` while it waits, nobody else."""
+
+    def __init__(
+        self, node: Node, executor: Executor, options: LinkOptions, agent: int, pattern: str = '',
+    ) -> None:
+        """Advertise.
+
+        :param agent: identity, 1 to 2**64 - 1.
+        :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
+            matches is taken in when it appears. Empty: the one of the node's own namespace.
+        """
+        self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
+        self._waiter = Waiter(node, executor, options.patience)
+        self._members: dict[str, _Member] = {}
+        self._spec: WorldSpec | None = None
+        self._looked = 0.0
+        if not pattern:
+            self._members[''] = _Member(Link(node, options, agent))
+
+    def __enter__(self) -> Fleet:
+        """Use as a context that lets go of the simulators at the end."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let go."""
+        self.close()
+
+    @property
+    def spec(self) -> WorldSpec:
+        """The shape that the world of each has; waits for the first of them.
+
+        :raises WireTimeout: when none shows up.
+        """
+        return self._spec or self.connect()
+
+    @property
+    def realtime(self) -> bool:
+        """Whether a simulator goes by the clock."""
+        return any(member.link.realtime for member in self._members.values())
+
+    def connect(self) -> WorldSpec:
+        """Wait for the first simulator and return what it is.
+
+        :raises WireTimeout: when none shows up.
+        """
+        def found() -> bool:
+            self._look()
+            return any(member.free for member in self._members.values())
+
+        self._waiter.wait(found, 'a description', self._where)
+        assert self._spec is not None
+        return self._spec
+
+    @property
+    def _where(self) -> str:
+        """Where simulators are looked for, as the log shall say it; empty: where the node is."""
+        return f'{self._pattern}/world' if self._pattern else ''
+
+    # Flying
+
+    def fly(
+        self,
+        flights: Sequence[Callable[[], Flight[T]]],
+        poll: Callable[[], None] = lambda: None,
+        report: Callable[[str], None] = lambda line: None,
+    ) -> Iterator[T]:
+        """Fly them all and yield their results, in order; see `worlds.flight.Fleet`.
+
+        :raises WireTimeout: when nobody is there to fly, or answers.
+        :raises SimulatorBusy: when another agent keeps them all.
+        """
+        waiting = deque(_Task(number, begin) for number, begin in enumerate(flights))
+        results: dict[int, T] = {}
+        due = 0
+        try:
+            while due < len(flights):
+                poll()
+                self._look()
+                self._assign(waiting, results)
+                self._wait()
+                for member in list(self._members.values()):
+                    if member.task is not None:
+                        self._attend(member, waiting, results, report)
+                while due in results:
+                    yield results.pop(due)
+                    due += 1
+        finally:
+            for member in self._members.values():
+                if member.task is not None:
+                    member.task.flight.close()
+                    member.drop()
+            for task in waiting:
+                task.flight.close()
+
+    def _assign(self, waiting: deque[_Task[T]], results: dict[int, T]) -> None:
+        """Give flights to those that have none: first to whom they would begin where it is."""
+        if not waiting:
+            self._relieve(waiting)
+        if not waiting:
+            return
+        free = [member for member in self._members.values() if member.free]
+        for member in free:
+            for task in waiting:
+                if isinstance(task.command, Restore) and (
+                        task.command.state == member.mooring.state):
+                    waiting.remove(task)
+                    self._start(member, task, results)
+                    break
+        for member in free:
+            if waiting and member.free:
+                self._start(member, waiting.popleft(), results)
+
+    def _relieve(self, waiting: deque[_Task[T]]) -> None:
+        """Take a flight from whom nothing is heard of, when somebody else is free to fly it."""
+        if not any(member.free for member in self._members.values()):
+            return
+        now = time.monotonic()
+        for member in self._members.values():
+            if member.task is not None and member.link.waited(now) > _SILENT:
+                self._lose(member, waiting, f'silent for {_SILENT:g} s')
+                return
+
+    def _lose(self, member: _Member, waiting: deque[_Task[T]], why: str) -> None:
+        """Give a member's flight back, and expect nothing of it before it is heard again."""
+        self._node.get_logger().warning(f'{member.link.name}: {why}; its flight begins anew')
+        self._give_back(member, waiting)
+        member.lost_at = time.monotonic()
+
+    @staticmethod
+    def _give_back(member: _Member, waiting: deque[_Task[T]]) -> None:
+        """Put a member's flight before the others that wait, to begin anew."""
+        task = member.task
+        assert task is not None
+        member.drop()
+        task.flight.close()
+        task.begin()
+        waiting.appendleft(task)
+
+    def _start(self, member: _Member, task: _Task[T], results: dict[int, T]) -> None:
+        member.task = task
+        self._go_on(member, member.mooring.answer(task.command), results)
+
+    def _go_on(self, member: _Member, answer: Any, results: dict[int, T]) -> None:
+        """Hand a flight its answer, if there is one, and ask for what it wants next."""
+        task = member.task
+        assert task is not None
+        try:
+            while answer is not None:
+                task.command = task.flight.send(answer)
+                answer = member.mooring.answer(task.command)
+        except StopIteration as end:
+            results[task.number] = end.value
+            member.task = None
+            return
+        member.link.ask(task.command)
+
+    def _attend(
+        self, member: _Member, waiting: deque[_Task[T]], results: dict[int, T],
+        report: Callable[[str], None],
+    ) -> None:
+        """See whether an answer has come, and go on with it."""
+        task, link = member.task, member.link
+        assert task is not None
+        try:
+            if not link.poll():
+                return
+            answer = link.take()
+        except EnvironmentRestarted as error:
+            report(f'simulator restarted, work begins again: {error}')
+            if task.attempts == MAX_ATTEMPTS:
+                raise
+            self._give_back(member, waiting)
+        except (WireTimeout, SimulatorBusy) as error:
+            if not any(other.free or other.task for other in self._members.values()
+                       if other is not member):
+                raise
+            self._lose(member, waiting, str(error))
+        else:
+            member.mooring.note(task.command, answer)
+            self._go_on(member, answer, results)
+
+    def _wait(self) -> None:
+        """Serve one callback, or return when somebody has to be attended to.
+
+        :raises WireTimeout: when nobody flies, for longer than the patience.
+        """
+        now = time.monotonic()
+        due = [member.link.deadline for member in self._members.values()
+               if member.task is not None]
+        if due:
+            self._waiter.spin(min(due) - now)
+        else:
+            self.connect()
+
+    # Who is there
+
+    def _look(self) -> None:
+        """Take in who has joined, part with who has left, now and then."""
+        for member in self._members.values():
+            if not member.vetted and member.link.world is not None:
+                self._vet(member)
+        now = time.monotonic()
+        if not self._pattern or now - self._looked < _LOOK_PERIOD:
+            return
+        self._looked = now
+        suffix = '/world'
+        there = {
+            topic.removesuffix(suffix)
+            for topic, kinds in self._node.get_topic_names_and_types()
+            if topic.endswith(suffix) and _WORLD_TYPE in kinds
+            and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
+            and self._node.count_publishers(topic)}
+        for namespace in sorted(there - self._members.keys()):
+            self._members[namespace] = _Member(
+                Link(self._node, self._options, self._agent, namespace))
+        for namespace in self._members.keys() - there:
+            if self._members[namespace].task is None:
+                self._members.pop(namespace).link.destroy()
+                self._tell(f'{namespace} has left')
+
+    def _vet(self, member: _Member) -> None:
+        """Take the world of the first simulator for that of all; refuse another one."""
+        spec = member.link.spec
+        if self._spec is None:
+            self._spec = spec
+        member.vetted = True
+        if spec != self._spec:
+            self._node.get_logger().error(
+                f'{member.link.name} is not flown: its {difference(self._spec, spec)}')
+            return
+        member.fits = True
+        if self._pattern:
+            self._tell(f'{member.link.name} has joined')
+
+    def _tell(self, text: str) -> None:
+        count = sum(member.fits for member in self._members.values())
+        self._node.get_logger().info(f'{text}; simulators: {count}')
+
+    def keep(self) -> None:
+        """Remind the simulators of their agent while that one computes; call it often."""
+        for member in self._members.values():
+            member.link.keep()
+
+    def close(self) -> None:
+        """Let go of the simulators, so that another agent need not wait."""
+        farewells = [member.link.release() for member in self._members.values()]
+        self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)

@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The agent's end of the wire to one simulator: asks, re-sends, checks, and never waits."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.task import Future
+from rocket_msgs import msg
+from rocket_msgs import srv
+
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.answers import Answers
+from rocket_sim_node.wire.waiting import Silence
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import EnvironmentRestarted
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.flight import Command
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import Snapshot
+
+_BUSY_RETRY = 0.5
+"""s between two tries to take a simulator that another agent flies"""
+_CALL_TIMEOUT = 2.0
+"""s after which a service call is made anew"""
+_READY_PERIOD = 0.05
+"""s between two looks at whether a service is there"""
+_DESCRIPTION_TIMEOUT = 5.0
+"""s from the answer of a reset to the description of its session"""
+_KEEP_PERIOD = 2.0
+"""s of silence after which `keep` speaks"""
+
+
+class SimulatorBusy(RuntimeError):
+    """Another agent flies the simulator and does not let go."""
+
+
+@dataclass(frozen=True)
+class LinkOptions:
+    """How long to wait for what."""
+
+    resend_after: float = 0.2
+    """s without an answer after which an action is sent again; doubled each time, up to 1.6 s"""
+    patience: float = 60.0
+    """s without an answer after which nobody is expected to answer any more"""
+
+
+class Link:
+    """One simulator: `ask` for something, `poll` until it has come, `take` it.
+
+    Somebody else spins the node; nothing here waits. A command is asked for at a time.
+    """
+
+    def __init__(
+        self, node: Node, options: LinkOptions, agent: int, namespace: str = '',
+    ) -> None:
+        """Advertise.
+
+        :param agent: identity, 1 to 2**64 - 1.
+        :param namespace: of the simulator, with its slash; empty: the node's own.
+        """
+        self._node, self._options, self.agent = node, options, agent
+        prefix = f'{namespace}/' if namespace else ''
+        self.name = namespace or 'simulator'
+        self.world: msg.World | None = None
+        self._spec: WorldSpec | None = None
+        self.session = 0
+        self.step = 0
+        self.resent = 0
+        self.heard = 0.0
+        """when something last came from the simulator, s of the steady clock"""
+        self._spoke = 0.0
+        self._answers = Answers()
+        self._message = msg.Action(agent=agent)
+        self._view: NDArray[Any] = np.zeros(0)
+        self._command: Command | None = None
+        self._answer: Any = None
+        self._silence: Silence | None = None
+        self._future: Future[Any] | None = None
+        self._asked = 0.0
+        self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
+        self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
+        self._subscriptions = [
+            node.create_subscription(kind, prefix + topic, callback, profile)
+            for kind, topic, callback, profile in (
+                (msg.World, 'world', self._on_world, qos.WORLD),
+                (msg.Observation, 'observation', self._answers.on_observation, qos.STREAM),
+                (msg.Reward, 'reward', self._answers.on_reward, qos.STREAM),
+                (msg.Episodes, 'episodes', self._answers.on_episodes, qos.EVENTS))]
+        self.topic = str(self._subscriptions[0].topic_name)
+        """on which the simulator describes itself, with its namespace"""
+        self._clients = {
+            name: node.create_client(kind, prefix + name) for name, kind in (
+                ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
+                ('release', srv.Release))}
+
+    # What it is
+
+    @property
+    def realtime(self) -> bool:
+        """Whether the simulator goes by the clock; known once described."""
+        return self.world is not None and self.world.mode == msg.World.REALTIME
+
+    @property
+    def spec(self) -> WorldSpec:
+        """The world at the far end, once described."""
+        return self._spec or self.adopt_spec()
+
+    def _on_world(self, message: msg.World) -> None:
+        self.world, self.heard = message, time.monotonic()
+
+    def adopt_spec(self) -> WorldSpec:
+        """Take the shape of the world as last described and size the action message for it.
+
+        :raises ValueError: when it came back as another one.
+        """
+        assert self.world is not None
+        spec = messages.world_from_message(self.world)
+        if spec == self._spec:
+            return self._spec
+        if self._spec is not None:
+            raise ValueError(
+                f'{self.name} came back as another world: {difference(self._spec, spec)}')
+        self._spec = spec
+        field, kind = ('continuous', 'f4') if spec.continuous else ('discrete', 'i4')
+        self._message = msg.Action(agent=self.agent)
+        self._view = messages.shared_view(
+            self._message, field, spec.num_envs * spec.action_size, kind)
+        self._answers.expect(spec)
+        return spec
+
+    # Asking
+
+    @property
+    def asked(self) -> bool:
+        """Whether something was asked for that has not been taken."""
+        return self._command is not None
+
+    @property
+    def deadline(self) -> float:
+        """When `poll` wants to be called at the latest, s of the steady clock."""
+        return self._next
+
+    def waited(self, now: float) -> float:
+        """Return for how long the far end has owed an answer, s."""
+        return now - self._asked if self._command is not None else 0.0
+
+    def ask(self, command: Command) -> None:
+        """Begin to have the simulator do something.
+
+        :raises ValueError: for bad actions; nothing was sent.
+        """
+        now = self._asked = time.monotonic()
+        self._answer = None
+        if isinstance(command, np.ndarray):
+            self._view[:] = checked_action(self.spec, command).ravel()
+            self._message.session, self._message.step = self.session, self.step
+            self._answers.await_step(self.session, self.step, self.realtime)
+            self._publisher.publish(self._message)
+            self._pause = self._options.resend_after
+            self._next = now + self._pause
+            self._silence = Silence(
+                self._node, 'an observation', self._options.patience, self.topic)
+        else:
+            self._future, self._described_by, self._warned = None, 0.0, False
+            self._next = now
+            self._silence = self._await_service(command)
+        self._command = command
+
+    def poll(self) -> bool:
+        """Do what is due; tell whether the answer has come.
+
+        :raises EnvironmentRestarted: when the simulator is in another session.
+        :raises WireTimeout: when there was no answer for too long.
+        :raises SimulatorBusy: when another agent keeps it.
+        :raises ValueError: for what the simulator refuses, or an answer that makes no sense.
+        """
+        command = self._command
+        if isinstance(command, np.ndarray):
+            return self._poll_step()
+        if self._described_by:
+            return self._poll_description()
+        return command is not None and self._poll_call(command)
+
+    def take(self) -> Any:
+        """Return the answer, as the flight that asked expects it."""
+        command, self._command = self._command, None
+        self._silence = None
+        if isinstance(command, np.ndarray):
+            self._spoke = self.heard = time.monotonic()
+            self.step, answer = self._answers.take()
+            return answer
+        answer, self._answer = self._answer, None
+        return answer
+
+    def drop(self) -> None:
+        """Expect nothing any more of what was asked."""
+        if self._command is not None and self._future is not None:
+            self._clients[_name(self._command)].remove_pending_request(self._future)
+        self._command = self._future = self._silence = None
+        self._described_by = 0.0
+
+    # Steps
+
+    def _poll_step(self) -> bool:
+        if self._answers.complete:
+            return True
+        self._check_session()
+        now = time.monotonic()
+        if now >= self._next:
+            assert self._silence is not None
+            self._silence.check()
+            self.resent += 1
+            self._publisher.publish(self._message)
+            self._pause = min(2 * self._pause, 8 * self._options.resend_after)
+            self._next = now + min(self._pause, self._silence.left)
+        return False
+
+    def _check_session(self) -> None:
+        """Raise when the simulator has said that it is in a session that is not ours."""
+        if self.world is not None and self.world.session != self.session:
+            raise EnvironmentRestarted(
+                f'{self.name} is in session {self.world.session:016x}, '
+                f'expected {self.session:016x}')
+
+    def keep(self) -> None:
+        """Remind the simulator of its agent while that one computes; call it often.
+
+        The last action sent again changes nothing and is heard.
+        """
+        now = time.monotonic()
+        if self.step > 0 and now - self._spoke > _KEEP_PERIOD:
+            self._spoke = now
+            self._publisher.publish(self._message)
+
+    # Services
+
+    def _poll_call(self, command: Command) -> bool:
+        """Call the service when it is there, again when it does not answer; judge the answer."""
+        client, now = self._clients[_name(command)], time.monotonic()
+        if self._future is not None and self._future.done():
+            response, self._future = self._future.result(), None
+            self.heard = now
+            return self._judge(command, response, now)
+        if now < self._next:
+            return False
+        assert self._silence is not None
+        if self._future is not None:
+            client.remove_pending_request(self._future)
+            self._future = None
+        if client.service_is_ready():
+            self._future = client.call_async(self._request(command))
+            self._next = now + _CALL_TIMEOUT
+        else:
+            self._next = now + _READY_PERIOD
+        self._silence.check()
+        return False
+
+    def _request(self, command: Command) -> Any:
+        if isinstance(command, Reset):
+            return srv.Reset.Request(
+                agent=self.agent, seed=-1 if command.seed is None else command.seed,
+                settings=messages.settings_to_message(dict(command.settings)))
+        if isinstance(command, Restore):
+            request = srv.Restore.Request(agent=self.agent)
+            request.state = messages.to_sequence(np.frombuffer(command.state, np.uint8), 'u1')
+            return request
+        return srv.Snapshot.Request(agent=self.agent, session=self.session, step=self.step)
+
+    def _judge(self, command: Command, response: Any, now: float) -> bool:
+        """Take a good answer; try again later when the simulator is busy."""
+        name = _name(command)
+        if response.code == response.OK:
+            self._answer = response
+            if isinstance(command, Snapshot):
+                self._answer = bytes(response.state)
+                return True
+            self._described_by = now + _DESCRIPTION_TIMEOUT
+            return self._poll_description()
+        if isinstance(command, Snapshot):
+            # Refused for the session: the simulator is not where we believe it to be.
+            raise EnvironmentRestarted(f'snapshot: {response.message}')
+        if response.code != response.BUSY:
+            raise ValueError(f'{name}: {response.message}')
+        left = self._asked + self._options.patience - now
+        if left <= 0:
+            raise SimulatorBusy(f'{name}: {response.message}')
+        if not self._warned:
+            self._warned = True
+            self._node.get_logger().warning(f'{name}: {response.message}; waiting')
+        self._next = now + min(_BUSY_RETRY, left)
+        self._silence = self._await_service(command)
+        return False
+
+    def _await_service(self, command: Command) -> Silence:
+        return Silence(
+            self._node, f'an answer of {self._clients[_name(command)].srv_name}',
+            self._options.patience, self.topic)
+
+    def _poll_description(self) -> bool:
+        """Go on in the session that a reset or restore drew, once the world's description came.
+
+        What else comes on `world` is a restart. When another reset follows at once, it never
+        comes.
+        """
+        response = self._answer
+        if self.world is None or self.world.session != response.session:
+            self._next = self._described_by
+            if time.monotonic() < self._described_by:
+                return False
+            raise EnvironmentRestarted(
+                f'session {response.session:016x} was not described: somebody else resets '
+                f'{self.name}, or several simulators share its topics')
+        self._described_by = 0.0
+        spec = self.adopt_spec()
+        self.session, self.step = response.session, response.step
+        observation: F32 = messages.from_sequence(response.observation, 'f4').reshape(
+            spec.num_envs, spec.observation_size)
+        self._answer = observation
+        return True
+
+    # The end
+
+    def release(self) -> Callable[[], bool]:
+        """Let go of the simulator, so that another agent need not wait; tells when it is done."""
+        client = self._clients['release']
+        if not (self.session and self._node.context.ok() and client.service_is_ready()):
+            return lambda: True
+        future = client.call_async(srv.Release.Request(agent=self.agent))
+        self.session = 0
+        return future.done
+
+    def destroy(self) -> None:
+        """Withdraw from the topics and services."""
+        self.drop()
+        self._node.destroy_publisher(self._publisher)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        for client in self._clients.values():
+            self._node.destroy_client(client)
+
+
+def _name(command: Command) -> str:
+    """Return the service that a command is asked of."""
+    return type(command).__name__.lower()
+
+
+def difference(ours: WorldSpec, theirs: WorldSpec) -> str:
+    """Return in which field two worlds differ, and how."""
+    old, new = ({**asdict(spec), **spec.settings} for spec in (ours, theirs))
+    name = next(name for name in {**new, **old} if name != 'settings'
+                and old.get(name) != new.get(name))
+    return f'{name} is {new.get(name)}, expected {old.get(name)}'
