@@ -29,9 +29,11 @@ SMALL = {
 """Settings of a run that takes seconds and lands nothing."""
 
 
-def simulator(processes: Processes, world: str = 'rocket') -> Process:
+def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
     """Start a simulator of eight rockets."""
-    return processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=8)
+    return processes.run_node(
+        'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (),
+        world=world, num_envs=8)
 
 
 def agent(processes: Processes, run: Path, **parameters: object) -> Process:
@@ -43,7 +45,7 @@ def agent(processes: Processes, run: Path, **parameters: object) -> Process:
 def weights(run: Path) -> dict[str, torch.Tensor]:
     """Return all that the last checkpoint of a run learnt."""
     tensors = load_file(run / 'checkpoints' / f'iteration_{SMALL["iterations"]:06d}.safetensors')
-    return {name: value for name, value in tensors.items() if name != 'world'}
+    return {name: value for name, value in tensors.items() if not name.startswith('world')}
 
 
 def log_without_times(run: Path) -> list[dict]:

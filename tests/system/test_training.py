@@ -192,3 +192,20 @@ def test_full_disk_is_told_and_the_last_checkpoint_is_whole(
     resumed = agent(processes, run, resume=True)
     assert resumed.wait(120.0) == 0, processes.logs()
     assert_same_run(run, undisturbed)
+
+
+def test_simulators_that_come_and_go_change_nothing_that_is_learnt(
+        processes: Processes, tmp_path: Path) -> None:
+    groups = {'num_groups': 3}
+    run = tmp_path / 'run'
+    first, second = (simulator(processes, namespace=f'/sim_{k}') for k in range(2))
+    trainer = agent(processes, run, simulators='/sim_*', **groups)
+    trainer.wait_for('PPO 1/', 90.0)
+    first.signal(signal.SIGKILL)
+    simulator(processes, namespace='/sim_2')
+    trainer.wait_for('PPO 2/', 30.0)
+    second.signal(signal.SIGTERM)
+    assert trainer.wait(120.0) == 0, processes.logs()
+    reference = tmp_path / 'reference'
+    reference.mkdir()
+    assert_same_run(run, train_in_process(reference / 'run', **groups))

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many simulators fly for one agent, and come and go; what is flown does not depend on it."""
+from __future__ import annotations
+
+import functools
+import signal
+import threading
+from collections.abc import Callable
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from processes import Process
+from processes import Processes
+
+from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.flight import Snapshot
+
+N, STEPS = 4, 150
+MakeFleet = Callable[..., Fleet]
+
+
+@pytest.fixture
+def make_fleet(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeFleet]:
+    """Fleets of the simulators of this test."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    from rocket_sim_node.wire.link import LinkOptions
+    from rocket_sim_node.wire.running import make_executor
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    contexts = []
+
+    def make_one(pattern: str = '/sim_*', patience: float = 20.0) -> Fleet:
+        context = Context()
+        rclpy.init(context=context, domain_id=processes.domain)
+        contexts.append(context)
+        node = Node('tester', context=context)
+        executor = make_executor(context)
+        executor.add_node(node)
+        return Fleet(node, executor, LinkOptions(0.1, patience), 1, pattern)
+
+    yield make_one
+    for context in contexts:
+        rclpy.shutdown(context=context)
+
+
+def simulator(processes: Processes, number: int, **parameters: object) -> Process:
+    """Start a simulator in a namespace of its own."""
+    return processes.run_node(
+        'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',),
+        **{'num_envs': N, **parameters})
+
+
+def actions(seed: int) -> np.ndarray:
+    """Random actions `(STEPS, N, 3)`."""
+    return np.random.default_rng(seed).uniform(-1, 1, (STEPS, N, 3)).astype(np.float32)
+
+
+def fall(seed: int) -> Flight[tuple[np.ndarray, float, bytes]]:
+    """Fly random actions; return all observations, the sum of rewards and the end."""
+    seen, total = [(yield Reset(seed, {'level': 7}))], 0.0
+    for action in actions(seed):
+        observation, reward, _, _, _ = yield action
+        seen.append(observation)
+        total += float(reward.sum())
+    return np.stack(seen), total, (yield Snapshot())
+
+
+def go_on(state: bytes, seed: int) -> Flight[np.ndarray]:
+    """Fly on from a snapshot."""
+    observation = yield Restore(state)
+    for action in actions(seed):
+        observation, *_ = yield action
+    return observation
+
+
+def flown(fleet: Fleet | SerialFleet, seeds: range, poll: Callable[[], None]) -> list:
+    """Return what flights come to, and what those that begin where they ended come to."""
+    first = list(fleet.fly([functools.partial(fall, seed) for seed in seeds], poll))
+    second = list(fleet.fly([
+        functools.partial(go_on, state, seed)
+        for (_, _, state), seed in zip(first, seeds, strict=True)], poll))
+    return [(seen, total, end) for (seen, total, _), end in zip(first, second, strict=True)]
+
+
+def assert_same_flights(ours: list, theirs: list) -> None:
+    """Assert that two lists of `flown` are the same, bit for bit."""
+    assert len(ours) == len(theirs)
+    for one, other in zip(ours, theirs, strict=True):
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def in_process(seeds: range) -> list:
+    """Return what flights come to without ROS."""
+    return flown(SerialFleet(make('rocket', num_envs=N)), seeds, lambda: None)
+
+
+def test_flights_over_many_simulators_are_those_in_process(
+    processes: Processes, make_fleet: MakeFleet,
+) -> None:
+    for number in range(3):
+        simulator(processes, number)
+    with make_fleet() as fleet:
+        assert_same_flights(flown(fleet, range(5), lambda: None), in_process(range(5)))
+
+
+def test_simulators_come_go_and_die(processes: Processes, make_fleet: MakeFleet) -> None:
+    """One is killed, one ends in order, one is stopped and continued, one joins late."""
+    running = [simulator(processes, number) for number in range(3)]
+    timers: list[threading.Timer] = []
+
+    def later(seconds: float, act: Callable[[], object]) -> None:
+        timers.append(threading.Timer(seconds, act))
+        timers[-1].start()
+
+    polls = 0
+
+    def poll() -> None:
+        nonlocal polls
+        polls += 1
+        if polls == 200:
+            running[0].signal(signal.SIGKILL)
+            later(0.2, lambda: simulator(processes, 3))
+            later(1.0, lambda: simulator(processes, 0))
+        elif polls == 400:
+            running[1].signal(signal.SIGTERM)
+        elif polls == 800:
+            running[2].signal(signal.SIGSTOP)
+            later(1.0, lambda: running[2].signal(signal.SIGCONT))
+
+    seeds = range(24)
+    with make_fleet() as fleet:
+        fleet.connect()
+        result = flown(fleet, seeds, poll)
+        for timer in timers:
+            timer.join()
+    assert polls > 800
+    assert_same_flights(result, in_process(seeds))
+
+
+def test_a_simulator_of_another_world_is_not_flown(
+    processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
+) -> None:
+    simulator(processes, 0)
+    with make_fleet() as fleet:
+        fleet.connect()
+        simulator(processes, 1, num_envs=N + 1).wait_for('waiting for an agent', 30.0)
+        for _ in range(30):
+            list(fleet.fly([functools.partial(fall, 1)]))
+            text = capfd.readouterr().err
+            if 'is not flown' in text:
+                break
+    assert '/sim_1 is not flown: its num_envs is 5, expected 4' in text
+
+
+def test_nobody_there(make_fleet: MakeFleet) -> None:
+    fleet = make_fleet(patience=1.0)
+    with pytest.raises(WireTimeout, match=r'simulator of /sim_\*/world'):
+        fleet.connect()
