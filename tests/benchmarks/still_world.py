@@ -17,7 +17,6 @@ from rclpy.node import Node
 from rocket_msgs.msg import World
 
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
@@ -68,9 +67,7 @@ def serve(node: Node, executor: Executor) -> None:
     server = Server(node, StillWorld(int(sys.argv[1])), ServerOptions(
         mode=World.LOCKSTEP, state_rows=0))
     node.get_logger().info('waiting for an agent')
-    while not stopping.requested():
-        executor.spin_once(timeout_sec=0.2)
-    server.close()
+    server.serve(executor)
 
 
 if __name__ == '__main__':

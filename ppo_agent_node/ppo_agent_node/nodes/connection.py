@@ -11,6 +11,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from rocket_sim_node.settings import setting
+from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.fleet import Fleet
 from rocket_sim_node.wire.link import LinkOptions
@@ -32,23 +33,28 @@ class ConnectionParameters:
         0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
     patience: float = setting(
         60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
+    acknowledge: str = setting(
+        'auto', '', 'whether each observation and reward is acknowledged, so that DDS repeats '
+        'what was lost; auto: when the discovery range goes beyond this machine',
+        choices=qos.ACKNOWLEDGE)
+
+    def link_options(self) -> LinkOptions:
+        """Return them as the wire takes them."""
+        return LinkOptions(self.resend_after, self.patience, self.acknowledge)
 
 
 def make_client(
     node: Node, executor: Executor, parameters: ConnectionParameters, agent: int | None = None,
 ) -> Client:
     """Return a client of the simulator in the node's namespace."""
-    return Client(
-        node, executor, LinkOptions(parameters.resend_after, parameters.patience), agent)
+    return Client(node, executor, parameters.link_options(), agent)
 
 
 def make_fleet(
     node: Node, executor: Executor, parameters: ConnectionParameters, simulators: str, agent: int,
 ) -> Fleet:
     """Return all simulators that train one agent."""
-    return Fleet(
-        node, executor, LinkOptions(parameters.resend_after, parameters.patience), agent,
-        simulators)
+    return Fleet(node, executor, parameters.link_options(), agent, simulators)
 
 
 def require_lockstep(client: Client | Fleet) -> None:

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from dataclasses import dataclass
+from dataclasses import replace
 
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -24,7 +25,6 @@ from ppo_agent_node.pilots.keys import EXACT_OFF
 from ppo_agent_node.pilots.keys import EXACT_ON
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.waiting import WireTimeout
@@ -85,7 +85,8 @@ def pilot(node: Node, executor: Executor) -> None:
     terminal = RawTerminal(EXACT_ON, EXACT_OFF)
     client = Client(
         node, executor,
-        LinkOptions(connection.resend_after, min(_PATIENCE, connection.patience)), _agent(node))
+        replace(connection.link_options(), patience=min(_PATIENCE, connection.patience)),
+        _agent(node))
     with client:
         spec = _connect(node, client, connection.patience)
         start = Start(options.seed, options.level if 'level' in spec.settings else 0)

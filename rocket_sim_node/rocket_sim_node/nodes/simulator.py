@@ -11,7 +11,7 @@ from rocket_msgs.msg import World
 
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import run
@@ -19,8 +19,6 @@ from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
 
 _MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
-_SPIN_PERIOD = 0.2
-"""s; the events executor needs a finite time-out, and Python sees signals only in between"""
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,9 @@ class SimulatorParameters:
         0.5, 's', 'without an action for so long the engine is cut, realtime only', 0.01, 3600.0)
     agent_lease: float = setting(
         10.0, 's', 'silence of the agent after which another may take over', 0.0, 3600.0)
+    acknowledge: str = setting(
+        'auto', '', 'whether each action is acknowledged, so that DDS repeats what was lost; '
+        'auto: when the discovery range goes beyond this machine', choices=qos.ACKNOWLEDGE)
     state_rows: int = setting(4, '', 'rockets, from the first, on topic `state`', 0, 1024)
     state_batch: int = setting(
         50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
@@ -53,13 +54,12 @@ def simulate(node: Node, executor: Executor) -> None:
     server = Server(node, world, ServerOptions(
         mode=_MODES[options.mode], realtime_factor=options.realtime_factor,
         action_timeout=options.action_timeout, agent_lease=options.agent_lease,
-        state_rows=options.state_rows, state_batch=options.state_batch))
+        acknowledge=options.acknowledge, state_rows=options.state_rows,
+        state_batch=options.state_batch))
     node.get_logger().info(
         f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
         f'level {settings.get("level", "-")}: waiting for an agent')
-    while not stopping.requested():
-        executor.spin_once(timeout_sec=_SPIN_PERIOD)
-    server.close()
+    server.serve(executor)
 
 
 def main() -> None:

@@ -5,25 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rocket_msgs import msg
 
 from rocket_sim_node.wire import messages
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
 
 
 class Answers:
-    """Takes `observation`, `reward` and `episodes` of the step that is awaited; drops all else."""
+    """Collects `observation`, `reward` and `episodes` of the step awaited; drops all else."""
 
-    def __init__(self) -> None:
+    def __init__(self, observation: Mailbox, reward: Mailbox, episodes: Mailbox) -> None:
         """Await nothing."""
+        self._boxes = (observation, reward, episodes)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
         self._realtime = False
-        self._observation: msg.Observation | None = None
-        self._reward: msg.Reward | None = None
-        self._episodes: msg.Episodes | None = None
+        self._observation: Any = None
+        self._reward: Any = None
+        self._episodes: Any = None
 
     def expect(self, spec: WorldSpec) -> None:
         """Say which world answers."""
@@ -37,20 +38,43 @@ class Answers:
         self._session, self._step, self._realtime = session, step, realtime
         self._observation = self._reward = self._episodes = None
 
-    def on_observation(self, message: msg.Observation) -> None:
-        """Take a message of the topic."""
-        if self._is_awaited(message):
-            self._observation = message
+    @property
+    def missing(self) -> Mailbox | None:
+        """Where something is to come before the answer is complete; None when it is.
 
-    def on_reward(self, message: msg.Reward) -> None:
-        """Take a message of the topic."""
-        if self._is_awaited(message):
-            self._reward = message
+        The simulator sends the observation last: who has it mostly has all the rest already.
+        """
+        observation, reward, episodes = self._boxes
+        if self._observation is None:
+            return observation
+        step = self._observation.step
+        if self._reward is None or self._reward.step < step:
+            return reward
+        if self._reward.step > step:
+            return observation
+        if len(self._reward.final_rows) and (
+                self._episodes is None or self._episodes.step < step):
+            return episodes
+        return None
 
-    def on_episodes(self, message: msg.Episodes) -> None:
-        """Take a message of the topic."""
-        if self._is_awaited(message):
-            self._episodes = message
+    def collect(self) -> bool:
+        """Take what has come; tell whether the answer is complete.
+
+        :raises ValueError: for bytes that are no message.
+        """
+        while (box := self.missing) is not None:
+            message = box.take()
+            if message is None:
+                return False
+            if not self._is_awaited(message):
+                continue
+            if box is self._boxes[0]:
+                self._observation = message
+            elif box is self._boxes[1]:
+                self._reward = message
+            else:
+                self._episodes = message
+        return True
 
     def _is_awaited(self, message: Any) -> bool:
         if message.session != self._session:
@@ -58,17 +82,6 @@ class Answers:
         if self._realtime:
             return bool(message.step > self._step)
         return bool(message.step == self._step + 1)
-
-    @property
-    def complete(self) -> bool:
-        """Whether all that belongs to the step has come, the episodes that ended included."""
-        if self._observation is None or self._reward is None:
-            return False
-        step = self._reward.step
-        if self._observation.step != step:
-            return False
-        return not len(self._reward.final_rows) or (
-            self._episodes is not None and self._episodes.step == step)
 
     def take(self) -> tuple[int, tuple[Any, ...]]:
         """Return the step reached and what `VectorEnv.step` answers.
@@ -78,27 +91,25 @@ class Answers:
         spec, reward, observed = self._spec, self._reward, self._observation
         assert spec is not None and reward is not None and observed is not None
         _check(spec, observed, reward)
-        observation = messages.from_sequence(observed.data, 'f4').reshape(
-            spec.num_envs, spec.observation_size)
-        finished = messages.from_sequence(reward.final_rows, 'u4').astype(np.int64)
+        observation = observed.data.reshape(spec.num_envs, spec.observation_size)
+        finished = reward.final_rows.astype(np.int64)
         episodes: Episodes = NO_EPISODES
         if finished.size and self._episodes is not None:
             episodes = messages.episodes_from_message(self._episodes)
         info = {
             'final_rows': finished,
-            'final_observation': messages.from_sequence(reward.final_observation, 'f4').reshape(
+            'final_observation': reward.final_observation.reshape(
                 len(finished), spec.observation_size),
             'episodes': episodes,
         }
         self._observation = self._reward = self._episodes = None
         return reward.step, (
-            observation, messages.from_sequence(reward.reward, 'f4'),
-            messages.from_sequence(reward.terminated, 'u1').view(np.bool_),
-            messages.from_sequence(reward.truncated, 'u1').view(np.bool_), info,
+            observation, reward.reward, reward.terminated.view(np.bool_),
+            reward.truncated.view(np.bool_), info,
         )
 
 
-def _check(spec: WorldSpec, observation: msg.Observation, reward: msg.Reward) -> None:
+def _check(spec: WorldSpec, observation: Any, reward: Any) -> None:
     """Check what came from the far end before anything is learnt from it.
 
     :raises ValueError: naming topic, field, what came and what was expected.
@@ -119,5 +130,5 @@ def _check(spec: WorldSpec, observation: msg.Observation, reward: msg.Reward) ->
             f'reward: final_rows: {max(reward.final_rows)}, expected less than {spec.num_envs}')
     for where, values in (
             ('observation: data', observation.data), ('reward: reward', reward.reward)):
-        if not np.isfinite(messages.from_sequence(values, 'f4')).all():
+        if not np.isfinite(values).all():
             raise ValueError(f'{where}: a value that is not finite')

@@ -116,7 +116,12 @@ class Client:
         link.ask(command)
         try:
             while not link.poll():
-                self.waiter.spin(link.deadline - time.monotonic())
+                mailbox = link.mailbox
+                seconds = link.deadline - time.monotonic()
+                if mailbox is None:
+                    self.waiter.spin(seconds)
+                else:
+                    self.waiter.attend(seconds, [mailbox])
             return link.take()
         except BaseException:
             link.drop()

@@ -22,6 +22,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from rocket_sim_node.wire.client import RELEASE_TIMEOUT
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import SimulatorBusy
@@ -263,17 +264,25 @@ class Fleet:
             self._go_on(member, answer, results)
 
     def _wait(self) -> None:
-        """Serve one callback, or return when somebody has to be attended to.
+        """Return when somebody may have to be attended to.
 
         :raises WireTimeout: when nobody flies, for longer than the patience.
         """
-        now = time.monotonic()
-        due = [member.link.deadline for member in self._members.values()
-               if member.task is not None]
-        if due:
-            self._waiter.spin(min(due) - now)
-        else:
+        busy = [member.link for member in self._members.values() if member.task is not None]
+        if not busy:
             self.connect()
+            return
+        mailboxes: list[Mailbox] = []
+        entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
+        for link in busy:
+            mailbox = link.mailbox
+            if mailbox is not None:
+                mailboxes.append(mailbox)
+                continue
+            for kind, found in link.entities.items():
+                entities[kind] += found
+        self._waiter.attend(
+            min(link.deadline for link in busy) - time.monotonic(), mailboxes, **entities)
 
     # Who is there
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.task import Future
 from rocket_msgs import msg
@@ -18,6 +17,8 @@ from rocket_msgs import srv
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
+from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
@@ -28,6 +29,7 @@ from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
 
+_NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
 _CALL_TIMEOUT = 2.0
@@ -52,6 +54,8 @@ class LinkOptions:
     """s without an answer after which an action is sent again; doubled each time, up to 1.6 s"""
     patience: float = 60.0
     """s without an answer after which nobody is expected to answer any more"""
+    acknowledge: str = 'auto'
+    """one of `qos.ACKNOWLEDGE`"""
 
 
 class Link:
@@ -79,9 +83,8 @@ class Link:
         self.heard = 0.0
         """when something last came from the simulator, s of the steady clock"""
         self._spoke = 0.0
-        self._answers = Answers()
-        self._message = msg.Action(agent=agent)
-        self._view: NDArray[Any] = np.zeros(0)
+        self._action = Codec(msg.Action)
+        self._message = b''
         self._command: Command | None = None
         self._answer: Any = None
         self._silence: Silence | None = None
@@ -89,15 +92,17 @@ class Link:
         self._asked = 0.0
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
-        self._subscriptions = [
-            node.create_subscription(kind, prefix + topic, callback, profile)
-            for kind, topic, callback, profile in (
-                (msg.World, 'world', self._on_world, qos.WORLD),
-                (msg.Observation, 'observation', self._answers.on_observation, qos.STREAM),
-                (msg.Reward, 'reward', self._answers.on_reward, qos.STREAM),
-                (msg.Episodes, 'episodes', self._answers.on_episodes, qos.EVENTS))]
-        self.topic = str(self._subscriptions[0].topic_name)
+        self._world_subscription = node.create_subscription(
+            msg.World, f'{prefix}world', self._on_world, qos.WORLD)
+        self.topic = str(self._world_subscription.topic_name)
         """on which the simulator describes itself, with its namespace"""
+        stream = qos.read_stream(options.acknowledge)
+        self._mailboxes = [
+            Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
+                (msg.Observation, 'observation', stream),
+                (msg.Reward, 'reward', stream),
+                (msg.Episodes, 'episodes', qos.EVENTS))]
+        self._answers = Answers(*self._mailboxes)
         self._clients = {
             name: node.create_client(kind, prefix + name) for name, kind in (
                 ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
@@ -119,7 +124,7 @@ class Link:
         self.world, self.heard = message, time.monotonic()
 
     def adopt_spec(self) -> WorldSpec:
-        """Take the shape of the world as last described and size the action message for it.
+        """Take the shape of the world as last described.
 
         :raises ValueError: when it came back as another one.
         """
@@ -131,10 +136,6 @@ class Link:
             raise ValueError(
                 f'{self.name} came back as another world: {difference(self._spec, spec)}')
         self._spec = spec
-        field, kind = ('continuous', 'f4') if spec.continuous else ('discrete', 'i4')
-        self._message = msg.Action(agent=self.agent)
-        self._view = messages.shared_view(
-            self._message, field, spec.num_envs * spec.action_size, kind)
         self._answers.expect(spec)
         return spec
 
@@ -150,6 +151,17 @@ class Link:
         """When `poll` wants to be called at the latest, s of the steady clock."""
         return self._next
 
+    @property
+    def mailbox(self) -> Mailbox | None:
+        """Where the answer of a step is to come next; None when something else is awaited."""
+        return self._answers.missing if isinstance(self._command, np.ndarray) else None
+
+    @property
+    def entities(self) -> dict[str, list[Any]]:
+        """What of the node the answer of a service comes by."""
+        return {
+            'subscriptions': [self._world_subscription], 'clients': list(self._clients.values())}
+
     def waited(self, now: float) -> float:
         """Return for how long the far end has owed an answer, s."""
         return now - self._asked if self._command is not None else 0.0
@@ -162,8 +174,10 @@ class Link:
         now = self._asked = time.monotonic()
         self._answer = None
         if isinstance(command, np.ndarray):
-            self._view[:] = checked_action(self.spec, command).ravel()
-            self._message.session, self._message.step = self.session, self.step
+            action = checked_action(self.spec, command)
+            self._message = self._action.encode(
+                (self.session, self.step, self.agent),
+                (action, _NONE) if self.spec.continuous else (_NONE, action))
             self._answers.await_step(self.session, self.step, self.realtime)
             self._publisher.publish(self._message)
             self._pause = self._options.resend_after
@@ -212,7 +226,7 @@ class Link:
     # Steps
 
     def _poll_step(self) -> bool:
-        if self._answers.complete:
+        if self._answers.collect():
             return True
         self._check_session()
         now = time.monotonic()
@@ -343,8 +357,9 @@ class Link:
         """Withdraw from the topics and services."""
         self.drop()
         self._node.destroy_publisher(self._publisher)
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        self._node.destroy_subscription(self._world_subscription)
+        for mailbox in self._mailboxes:
+            mailbox.destroy()
         for client in self._clients.values():
             self._node.destroy_client(client)
 

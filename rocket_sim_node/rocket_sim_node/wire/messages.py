@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rocket_msgs.msg import Action
-from rocket_msgs.msg import Episodes as EpisodesMessage
 from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import Setting
 from rocket_msgs.msg import World
@@ -28,16 +26,6 @@ _CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
 def to_sequence(values: NDArray[Any], kind: str) -> array[Any]:
     """Return `values`, flattened, as what a message field holds; `kind` is a NumPy type code."""
     return array(_CODES[kind], np.ascontiguousarray(values, dtype=kind).tobytes())
-
-
-def shared_view(message: Any, field: str, size: int, kind: str) -> NDArray[Any]:
-    """Give a message's field `size` numbers and return a NumPy view of them, to be refilled.
-
-    The view is taken from the field after assignment: the setter copies what it is given.
-    It must not outlive an assignment to the field.
-    """
-    setattr(message, field, array(_CODES[kind], bytes(size * np.dtype(kind).itemsize)))
-    return np.frombuffer(getattr(message, field), dtype=kind)
 
 
 def from_sequence(sequence: array[Any], kind: str) -> NDArray[Any]:
@@ -87,8 +75,10 @@ def world_from_message(message: World) -> WorldSpec:
     )
 
 
-def action_from_message(message: Action, spec: WorldSpec) -> NDArray[Any]:
+def action_from_message(message: Any, spec: WorldSpec) -> NDArray[Any]:
     """Return the actions in a message, `(N, A)` float32 or `(N,)` int32.
+
+    :param message: of type Action, decoded (see `cdr`).
 
     :raises ValueError: when the kind or the number of values is not that of the world.
     """
@@ -98,7 +88,7 @@ def action_from_message(message: Action, spec: WorldSpec) -> NDArray[Any]:
             f'{other}: {len(getattr(message, other))} values, expected none: '
             f'the actions of world {spec.name!r} are {expected}'
         )
-    values = from_sequence(getattr(message, expected), 'f4' if spec.continuous else 'i4')
+    values: NDArray[Any] = getattr(message, expected)
     size = spec.num_envs * spec.action_size
     if len(values) != size:
         raise ValueError(
@@ -109,27 +99,21 @@ def action_from_message(message: Action, spec: WorldSpec) -> NDArray[Any]:
 
 
 _EPISODE_KINDS = {
-    'row': ('u4', np.int64), 'episode': ('u8', np.int64), 'episode_return': ('f8', np.float64),
-    'length': ('u4', np.int64), 'outcome': ('u1', np.uint8),
-    'touchdown_speed': ('f8', np.float64), 'tilt': ('f8', np.float64),
-    'distance': ('f8', np.float64), 'fuel_used': ('f8', np.float64),
+    'row': np.int64, 'episode': np.int64, 'episode_return': np.float64, 'length': np.int64,
+    'outcome': np.uint8, 'touchdown_speed': np.float64, 'tilt': np.float64,
+    'distance': np.float64, 'fuel_used': np.float64,
 }
 
 
-def episodes_to_message(episodes: Episodes, session: int, step: int) -> EpisodesMessage:
-    """Return finished episodes as they travel."""
-    return EpisodesMessage(session=session, step=step, **{
-        name: to_sequence(getattr(episodes, name), kind)
-        for name, (kind, _) in _EPISODE_KINDS.items()
-    })
+def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
+    """Return finished episodes as the fields of their message, in its order."""
+    return [getattr(episodes, name) for name in _EPISODE_KINDS]
 
 
-def episodes_from_message(message: EpisodesMessage) -> Episodes:
+def episodes_from_message(message: Any) -> Episodes:
     """Return finished episodes as arrays, of the same types as in process."""
     return Episodes(**{
-        name: from_sequence(getattr(message, name), kind).astype(dtype)
-        for name, (kind, dtype) in _EPISODE_KINDS.items()
-    })
+        name: getattr(message, name).astype(dtype) for name, dtype in _EPISODE_KINDS.items()})
 
 
 def state_to_message(

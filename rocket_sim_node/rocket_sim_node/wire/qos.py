@@ -2,6 +2,8 @@
 """Quality of service of the wire, by stream."""
 from __future__ import annotations
 
+import os
+
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import HistoryPolicy
 from rclpy.qos import QoSProfile
@@ -19,6 +21,24 @@ WORLD = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 
 STREAM = _reliable(4, DurabilityPolicy.VOLATILE)
 """Action, observation, reward: stale data is refused by session and step, not by depth."""
+
+ACKNOWLEDGE = ('auto', 'always', 'never')
+"""When those who read a stream acknowledge each message, so that DDS repeats what was lost."""
+
+
+def read_stream(acknowledge: str) -> QoSProfile:
+    """Return how to read a stream; whoever writes one offers both ways.
+
+    Within a machine messages do not get lost, but acknowledging them costs a third of an
+    exchange; and what is lost after all, the agent asks for again. So `auto` acknowledges only
+    when peers beyond this machine may be discovered.
+    """
+    beyond = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') not in ('LOCALHOST', 'OFF')
+    if acknowledge == 'always' or (acknowledge == 'auto' and beyond):
+        return STREAM
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,
+        reliability=ReliabilityPolicy.BEST_EFFORT)
 
 EVENTS = _reliable(100, DurabilityPolicy.VOLATILE)
 """Episodes, state, training status: for those who watch."""

@@ -9,20 +9,27 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
 from rocket_msgs import srv
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.control import NOBODY
 from rocket_sim_node.wire.control import ControlLease
 from rocket_sim_node.wire.health import Health
+from rocket_sim_node.wire.inbox import Inbox
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
+
+_SPIN_PERIOD = 0.2
+"""s; Python sees signals only between two waits"""
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,8 @@ class ServerOptions:
     """s without an action after which the engine is cut, real-time mode only"""
     agent_lease: float = 10.0
     """s of silence after which another agent may take over"""
+    acknowledge: str = 'auto'
+    """one of `qos.ACKNOWLEDGE`"""
     state_rows: int = 4
     """rockets, from row 0, whose state is published"""
     state_batch: int = 50
@@ -67,24 +76,43 @@ class Server:
         self._idle = np.broadcast_to(
             np.array(spec.action_idle, np.float32), (spec.num_envs, spec.action_size)
         ) if spec.continuous else np.full(spec.num_envs, int(spec.action_idle[0]))
-        self._result = ResultPublisher(node, spec)
+        self._result = ResultPublisher(node)
         self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
         self._state = StateStream(
             node, world, options.state_rows,
             options.state_batch if options.mode == msg.World.LOCKSTEP else 1)
-        node.create_subscription(msg.Action, 'action', self._on_action, qos.STREAM)
-        node.create_service(srv.Reset, 'reset', self._on_reset)
-        node.create_service(srv.Snapshot, 'snapshot', self._on_snapshot)
-        node.create_service(srv.Restore, 'restore', self._on_restore)
-        node.create_service(srv.Release, 'release', self._on_release)
+        self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
+        self._services = [
+            node.create_service(kind, name, answer) for kind, name, answer in (
+                (srv.Reset, 'reset', self._on_reset),
+                (srv.Snapshot, 'snapshot', self._on_snapshot),
+                (srv.Restore, 'restore', self._on_restore),
+                (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
-        if options.mode == msg.World.REALTIME:
-            node.create_timer(
-                world.spec.dt / options.realtime_factor, self._on_tick)
+        self._timers = [node.create_timer(
+            world.spec.dt / options.realtime_factor, self._on_tick,
+        )] if options.mode == msg.World.REALTIME else []
+
+    def serve(self, executor: Executor) -> None:
+        """Serve until this process is asked to stop.
+
+        :param executor: of the node; serves all but the actions.
+        """
+        inbox = Inbox(self._node, executor)
+        while not stopping.requested():
+            inbox.wait(
+                [self._mailbox], _SPIN_PERIOD, services=self._services, timers=self._timers)
+            try:
+                message = self._mailbox.take()
+                if message is not None:
+                    self._on_action(message)
+            except ValueError as error:
+                self._health.refuse('action', str(error))
+        self._state.flush()
 
     # Actions
 
-    def _on_action(self, message: msg.Action) -> None:
+    def _on_action(self, message: Any) -> None:
         """Step the world, repeat the last answer, or refuse."""
         refusal = self._action_refusal(message)
         if refusal:
@@ -106,7 +134,7 @@ class Server:
             return
         self._advance(action)
 
-    def _action_refusal(self, message: msg.Action) -> str:
+    def _action_refusal(self, message: Any) -> str:
         """Return why an action is not for this moment; empty when it is."""
         if self._lease.owner == NOBODY:
             return f'agent: {message.agent:016x}, but nobody has control; call reset first'
@@ -241,7 +269,3 @@ class Server:
     def _publish_world(self) -> None:
         self._world_publisher.publish(messages.world_to_message(
             self._world.spec, self._session, self._step, self._options.mode))
-
-    def close(self) -> None:
-        """Publish what was gathered."""
-        self._state.flush()

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.node import Node
 
 from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.inbox import Inbox
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.worlds import EnvironmentClosed
 
 _NOTICE_PERIOD = 5.0
@@ -28,6 +32,7 @@ class Waiter:
         """Wait with `executor`, which serves `node`, for `patience` s at most."""
         self._node = node
         self._executor = executor
+        self._inbox = Inbox(node, executor)
         self.patience = patience
 
     def spin(self, seconds: float) -> None:
@@ -39,6 +44,17 @@ class Waiter:
             raise EnvironmentClosed('asked to stop')
         # Python sees a signal only between two waits of the executor.
         self._executor.spin_once(timeout_sec=min(max(seconds, 0.0), _SIGNAL_PERIOD))
+
+    def attend(
+        self, seconds: float, mailboxes: Sequence[Mailbox], **entities: Sequence[Any],
+    ) -> None:
+        """Return when a mailbox has a message or something else was served; see `Inbox.wait`.
+
+        :raises EnvironmentClosed: when this process was asked to end.
+        """
+        if stopping.requested() or not self._node.context.ok():
+            raise EnvironmentClosed('asked to stop')
+        self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
 
     def linger(self, done: Callable[[], bool], seconds: float) -> None:
         """Spin until `done()` or the time is over, asked to end or not."""

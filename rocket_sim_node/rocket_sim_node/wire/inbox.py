@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waiting for the messages of a step with as little as possible between the network and us.
+
+An executor collects all that a node has, for each message anew, or hands events from thread to
+thread, and makes Python objects of messages: that takes longer than the way through DDS. A
+lock-step exchange waits for one topic of each far end and nothing else. So its topics have
+subscriptions that no executor knows, which hand out bytes, and a wait set for them, used as
+`rclpy.wait_for_message` does. What else the node has is served by its executor in between.
+"""
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.type_support import check_is_valid_msg_type
+
+from rocket_sim_node.wire.cdr import Codec
+
+_SERVE_PERIOD = 0.05
+"""s between two looks at what else the node has"""
+
+
+class Mailbox:
+    """A subscription whose messages are taken by whoever looks for them."""
+
+    def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
+        """Subscribe; remapping and namespaces are those of the node."""
+        check_is_valid_msg_type(kind)  # which loads what the type needs in C
+        self._kind = kind
+        self._codec = Codec(kind)
+        with node.handle:
+            self.handle = _rclpy.Subscription(
+                node.handle, kind, topic, profile.get_c_qos_profile())
+
+    def take(self) -> Any:
+        """Return the oldest message that has come, as :meth:`Codec.decode` does; None without.
+
+        :raises ValueError: when it is no message of this type.
+        """
+        with self.handle:
+            taken = self.handle.take_message(self._kind, True)
+        return None if taken is None else self._codec.decode(taken[0])
+
+    def destroy(self) -> None:
+        """Unsubscribe."""
+        self.handle.destroy_when_not_in_use()
+
+
+class Inbox:
+    """Waits for mailboxes, and has an executor serve the rest of a node."""
+
+    def __init__(self, node: Node, executor: Executor) -> None:
+        """Wait for nothing yet."""
+        self._node, self._executor = node, executor
+        self._wait_set: Any = None
+        self._size: tuple[int, ...] = (0, 0, 0, 0)
+        self._served = 0.0
+
+    def wait(
+        self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
+        clients: Sequence[Any] = (), services: Sequence[Any] = (), timers: Sequence[Any] = (),
+    ) -> None:
+        """Return when a mailbox has a message or something was served; after the time at last.
+
+        :param subscriptions: of the node, which the executor shall serve at once, as the other
+            kinds of entities that are named; those that are not wait for up to 0.05 s.
+        """
+        rest = (subscriptions, clients, services, timers)
+        size = (len(mailboxes) + len(subscriptions), *map(len, rest[1:]))
+        if any(a > b for a, b in zip(size, self._size, strict=True)):
+            self._make(size)
+        wait_set, now = self._wait_set, time.monotonic()
+        wait_set.clear_entities()
+        for mailbox in mailboxes:
+            wait_set.add_subscription(mailbox.handle)
+        first = len(mailboxes)
+        for subscription in subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for client in clients:
+            wait_set.add_client(client.handle)
+        for service in services:
+            wait_set.add_service(service.handle)
+        for timer in timers:
+            wait_set.add_timer(timer.handle)
+        until_served = max(self._served + _SERVE_PERIOD - now, 0.0)
+        wait_set.wait(int(1e9 * min(max(seconds, 0.0), until_served)))
+        ready = any(
+            wait_set.is_ready(kind, index)
+            for kind, begin, entities in (
+                ('subscription', first, subscriptions), ('client', 0, clients),
+                ('service', 0, services), ('timer', 0, timers))
+            for index in range(begin, begin + len(entities)))
+        if ready or until_served == 0.0 or time.monotonic() - self._served > _SERVE_PERIOD:
+            self._served = time.monotonic()
+            self._executor.spin_once(timeout_sec=0.0)
+
+    def _make(self, size: tuple[int, ...]) -> None:
+        subscriptions, clients, services, timers = self._size = tuple(
+            max(pair) for pair in zip(size, self._size, strict=True))
+        with self._node.context.handle:
+            self._wait_set = _rclpy.WaitSet(
+                subscriptions, 0, timers, clients, services, 0, self._node.context.handle)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training roll-outs over DDS, in one and in two simulators, beside the same loop in one process.
+
+The same policy, the same flights, the same buffers; only who moves the rockets differs. Measured
+in turns, medians are reported; what was flown is compared, bit for bit.
+"""
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+import torch
+from processes import Processes
+
+from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.policies import Policy
+from ppo_agent_node.learning.policy_file import load_policy
+from ppo_agent_node.learning.rollout import Rollout
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node import worlds
+from rocket_sim_node.wire.fleet import Fleet as WireFleet
+from rocket_sim_node.wire.link import LinkOptions
+from rocket_sim_node.wire.running import make_executor
+from rocket_sim_node.worlds.flight import Fleet
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.flight import Snapshot
+
+SIZES = (256, 512, 1024, 2048)
+_START = 60.0
+"""s that a node may take to start"""
+
+
+def start(group: int) -> Flight[bytes]:
+    """Begin episodes and return where they begin."""
+    yield Reset(group, {'level': 7})
+    state: bytes = yield Snapshot()
+    return state
+
+
+class Course:
+    """Roll-outs of T steps in a fleet, one after the other."""
+
+    def __init__(self, fleet: Fleet, groups: int, steps: int, policy: Policy) -> None:
+        """Begin the episodes."""
+        self._fleet, self._policy, self._count = fleet, policy, 0
+        spec = fleet.spec
+        self.rollout = Rollout(steps, spec.num_envs, spec.observation_size, policy, groups)
+        self._worlds = list(fleet.fly([functools.partial(start, k) for k in range(groups)]))
+
+    def __call__(self) -> float:
+        """Fly a roll-out and return rocket steps per second."""
+        self._count += 1
+
+        def begin(group: int) -> Any:
+            noise = streams.generator(1, 'roll-out', self._count, group)
+            return self.rollout.flight(group, self._worlds[group], self._policy, noise)
+
+        began = time.perf_counter()
+        self._worlds = [world for _, world in self._fleet.fly(
+            [functools.partial(begin, k) for k in range(len(self._worlds))])]
+        return self.rollout.reward.numel() / (time.perf_counter() - began)
+
+
+@contextmanager
+def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[WireFleet]:
+    """Run simulators in processes of their own and yield them as a fleet."""
+    with ExitStack() as stack:
+        processes = Processes(folder)
+        stack.callback(processes.end)
+        started = [
+            processes.run_node(
+                'rocket_sim_node', 'simulator', (f'__ns:=/sim_{k}',), num_envs=num_envs, level=7)
+            for k in range(simulators)]
+        for process in started:
+            process.wait_for('waiting for an agent', _START)
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=processes.domain)
+        stack.callback(rclpy.shutdown, context=context)
+        node = rclpy.create_node('bench_rollouts', context=context)
+        executor = make_executor(context)
+        executor.add_node(node)
+        fleet = stack.enter_context(WireFleet(node, executor, LinkOptions(), 1, '/sim_*'))
+        yield fleet
+
+
+def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, Any]:
+    """Return medians over rounds for a total of so many rockets."""
+    def in_process(groups: int) -> SerialFleet:
+        return SerialFleet(*(
+            worlds.make('rocket', rockets // groups, level=7) for _ in range(groups)))
+
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        courses: dict[str, Callable[[], float]] = {
+            'in process': Course(in_process(1), 1, steps, policy)}
+        twins = []
+        for simulators in (1, 2):
+            (Path(folder) / str(simulators)).mkdir()
+            fleet = stack.enter_context(
+                wire_fleet(Path(folder) / str(simulators), simulators, rockets // simulators))
+            twin = Course(in_process(simulators), simulators, steps, policy)
+            course = Course(fleet, simulators, steps, policy)
+            courses[f'DDS, {simulators}'] = course
+            for one in (twin, course):
+                one()
+            twins.append(all(
+                torch.equal(getattr(twin.rollout, name), getattr(course.rollout, name))
+                for name in ('observation', 'action', 'log_prob', 'reward', 'terminated')))
+        speeds: dict[str, list[float]] = {name: [] for name in courses}
+        for _ in range(rounds):
+            for name, course in courses.items():
+                speeds[name].append(course())
+    return {
+        'equal': all(twins), 'steps_per_second': {
+            name: statistics.median(values) for name, values in speeds.items()},
+        'ratio': {
+            name: statistics.median(v / w for v, w in zip(
+                values, speeds['in process'], strict=True))
+            for name, values in speeds.items()}}
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench rollouts', description=__doc__.split('\n')[0])
+    parser.add_argument('--rounds', type=int, default=9)
+    parser.add_argument('--steps', type=int, default=256, help='of a roll-out, per rocket')
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='rockets')
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    torch.set_num_threads(1)
+    spec = worlds.make('rocket', 1).spec
+    policy, _ = load_policy(find_policy('', 'rocket', Path(os.devnull)), spec)
+    print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
+          'rounds; DDS: simulators in processes of their own')
+    print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two sim.":>12}'
+          f'{"ratio":>7}  equal')
+    table = {}
+    for size in options.sizes:
+        figures = table[size] = measure(size, options.steps, options.rounds, policy)
+        speed, ratio = figures['steps_per_second'], figures['ratio']
+        print(f'{size:>8}{speed["in process"]:>12,.0f}' + ''.join(
+            f'{speed[name]:>12,.0f}{ratio[name]:>7.2f}' for name in ('DDS, 1', 'DDS, 2'))
+            + f'  {"yes" if figures["equal"] else "NO"}', flush=True)
+    if options.output:
+        write_json(options.output, {'steps': options.steps, 'rollouts': table})
+
+
+if __name__ == '__main__':
+    main()
