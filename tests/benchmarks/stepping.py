@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps per second of `lunar_lander` beside EnvPool's and Gymnasium's, on one core.
+"""Steps per second of `lunar_lander` and `rocket` beside EnvPool's and Gymnasium's, on one core.
 
 Random actions, episodes and resets included. The peers are measured in turns with ours, several
 rounds, and medians are reported: what disturbs the machine disturbs all.
@@ -23,16 +23,22 @@ from numpy.typing import NDArray
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node import worlds
 
-SIZES = (1, 4, 16, 64, 256, 1024, 4096)
-_LARGEST_GYMNASIUM = 64
-"""environments; its vector is a loop, so more are not faster"""
+SIZES = (1, 4, 16, 64, 256, 1024, 4096, 16_384)
+_LARGEST = {'lunar_lander': 4096, 'EnvPool': 4096, 'Gymnasium': 64}
+"""environments: more are not faster (Gymnasium's vector is a loop)"""
 
+OUR_WORLDS = ('lunar_lander', 'rocket')
 Stepper = Callable[[NDArray[Any]], Any]
 
 
 def ours(num_envs: int) -> Stepper:
-    """Return the step of our world."""
+    """Return the step of our lander's world."""
     return worlds.make('lunar_lander', num_envs=num_envs, seed=1).step
+
+
+def rocket(num_envs: int) -> Stepper:
+    """Return the step of world `rocket`, three-dimensional, with continuous actions."""
+    return worlds.make('rocket', num_envs=num_envs, seed=1, level=7).step
 
 
 def envpool(num_envs: int) -> Stepper:
@@ -55,15 +61,22 @@ def gymnasium_sync(num_envs: int) -> Stepper:
     return env.step
 
 
-def rate(step: Stepper, num_envs: int, seconds: float) -> float:
+def random_actions(name: str, num_envs: int) -> NDArray[Any]:
+    """Return 16 batches of actions for a world, uniform over what there is."""
+    rng = np.random.default_rng(0)
+    if name == 'rocket':
+        return rng.uniform(-1, 1, (16, num_envs, 3)).astype(np.float32)
+    return rng.integers(0, 4, (16, num_envs))
+
+
+def rate(step: Stepper, actions: NDArray[Any], seconds: float) -> float:
     """Return environment steps per second, over about so many seconds."""
-    actions = np.random.default_rng(0).integers(0, 4, (64, num_envs))
     count, start = 0, time.perf_counter()
     while (elapsed := time.perf_counter() - start) < seconds:
         for action in actions:
             step(action)
         count += len(actions)
-    return count * num_envs / elapsed
+    return count * actions.shape[1] / elapsed
 
 
 def main() -> None:
@@ -75,7 +88,7 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    peers = {'ours': ours, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
+    peers = {'lunar_lander': ours, 'rocket': rocket, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
     if importlib.util.find_spec('envpool') is None:
         print('EnvPool is not installed; ./launch_scripts/bench stepping installs it')
         del peers['EnvPool']
@@ -84,14 +97,14 @@ def main() -> None:
     print(f'{"batch":>6}' + ''.join(f'{name:>12}' for name in peers))
     for size in options.sizes:
         made = {
-            name: make(size) for name, make in peers.items()
-            if name != 'Gymnasium' or size <= _LARGEST_GYMNASIUM}
-        for step in made.values():
-            rate(step, size, 0.2 * options.seconds)
+            name: (make(size), random_actions(name, size)) for name, make in peers.items()
+            if size <= _LARGEST.get(name, size)}
+        for step, actions in made.values():
+            rate(step, actions, 0.2 * options.seconds)
         samples: dict[str, list[float]] = {name: [] for name in made}
         for _ in range(options.rounds):
-            for name, step in made.items():
-                samples[name].append(rate(step, size, options.seconds))
+            for name, (step, actions) in made.items():
+                samples[name].append(rate(step, actions, options.seconds))
         for name, rates in samples.items():
             table[name][size] = statistics.median(rates)
         print(f'{size:>6}' + ''.join(
@@ -99,8 +112,11 @@ def main() -> None:
             for name in peers), flush=True)
     best = {name: max(rates.values()) for name, rates in table.items()}
     print('  best' + ''.join(f'{best[name]:>12,.0f}' for name in peers))
-    ratios = {name: best['ours'] / best[name] for name in peers if name != 'ours'}
-    print('ours is ' + ', '.join(f'{ratio:.1f} x {name}' for name, ratio in ratios.items()))
+    ratios = {
+        world: {name: best[world] / best[name] for name in peers if name not in OUR_WORLDS}
+        for world in OUR_WORLDS}
+    for world, found in ratios.items():
+        print(f'{world} is ' + ', '.join(f'{r:.1f} x {name}' for name, r in found.items()))
     if options.output:
         write_json(
             options.output, {'steps_per_second': table, 'best': best, 'ratios': ratios})

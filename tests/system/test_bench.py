@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hosts import missing
 
 pytest.importorskip('Box2D')
 TESTS = Path(__file__).resolve().parents[1]
@@ -41,10 +42,11 @@ def test_stepping(tmp_path: Path) -> None:
     text, figures = run(
         'stepping', tmp_path / 'out.json', '--sizes', '1', '4', '--rounds', '1', '--seconds',
         '0.05')
-    assert set(figures['steps_per_second']['ours']) == {'1', '4'}
-    assert figures['best']['ours'] == max(figures['steps_per_second']['ours'].values())
-    assert figures['ratios']['Gymnasium'] == pytest.approx(
-        figures['best']['ours'] / figures['best']['Gymnasium'])
+    for world in ('lunar_lander', 'rocket'):
+        assert set(figures['steps_per_second'][world]) == {'1', '4'}
+        assert figures['best'][world] == max(figures['steps_per_second'][world].values())
+        assert figures['ratios'][world]['Gymnasium'] == pytest.approx(
+            figures['best'][world] / figures['best']['Gymnasium'])
     assert 'x Gymnasium' in text
 
 
@@ -70,3 +72,30 @@ def test_stopping(tmp_path: Path) -> None:
         'stopping', tmp_path / 'out.json', '--stages', 'starting', '--rounds', '1')
     assert set(figures) == {'starting'}
     assert '1 of 1' in text
+
+
+def test_rollouts(tmp_path: Path) -> None:
+    text, figures = run(
+        'rollouts', tmp_path / 'out.json', '--sizes', '8', '--rounds', '1', '--steps', '20')
+    one = figures['rollouts']['8']
+    assert one['equal'] is True
+    assert one['ratio']['in process'] == 1.0
+    assert 'two sim.' in text
+
+
+def test_fleet(tmp_path: Path) -> None:
+    text, figures = run(
+        'fleet', tmp_path / 'out.json', '--counts', '1', '2', '--num-envs', '2', '--steps', '20',
+        '--rounds', '1')
+    assert figures['fleet']['2']['ratio'] == pytest.approx(
+        figures['fleet']['2']['cpu_us'] / figures['fleet']['1']['cpu_us'])
+    assert 'agent CPU' in text
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_hosts(tmp_path: Path) -> None:
+    text, figures = run(
+        'hosts', tmp_path / 'out.json', '--sizes', '2', '--rounds', '1', '--count', '20')
+    two = figures['hosts']['2']
+    assert two['ratio'] == pytest.approx(two['between_median'] / two['within_median'])
+    assert 'two hosts' in text

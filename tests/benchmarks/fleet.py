@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What another simulator costs its agent: 1 to 16 small simulators that fly for one agent.
+
+Each flies the same flights. The agent does nothing with what it sees, so that its time is that
+of the wire; it is counted as processor time, all threads of the agent's process, as the
+simulators share the machine with it.
+"""
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.rollouts import wire_fleet
+from ppo_agent_node.evaluation.metrics import write_json
+from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+
+COUNTS = (1, 2, 4, 8, 16)
+
+
+def idle(num_envs: int, steps: int) -> Flight[None]:
+    """Fall, again and again."""
+    action = np.tile(np.float32([-1.0, 0.0, 0.0]), (num_envs, 1))
+    yield Reset(1, {'level': 7})
+    for _ in range(steps):
+        yield action
+
+
+def fly(fleet: Fleet, simulators: int, num_envs: int, steps: int) -> tuple[float, float]:
+    """Return seconds of wall clock and of the agent's processor time for an exchange."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    list(fleet.fly([functools.partial(idle, num_envs, steps)] * simulators))
+    exchanges = simulators * steps
+    return (time.perf_counter() - wall) / exchanges, (time.process_time() - cpu) / exchanges
+
+
+def measure(simulators: int, num_envs: int, steps: int, rounds: int) -> dict[str, Any]:
+    """Return medians over rounds for so many simulators."""
+    with tempfile.TemporaryDirectory() as folder, wire_fleet(
+            Path(folder), simulators, num_envs) as fleet:
+        fly(fleet, simulators, num_envs, steps // 4)
+        samples = [fly(fleet, simulators, num_envs, steps) for _ in range(rounds)]
+    wall, cpu = (statistics.median(values) for values in zip(*samples, strict=True))
+    return {
+        'wall_us': 1e6 * wall, 'cpu_us': 1e6 * cpu, 'exchanges_per_second': 1 / wall,
+        'all_cpu_us': [1e6 * c for _, c in samples]}
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench fleet', description=__doc__.split('\n')[0])
+    parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS))
+    parser.add_argument('--num-envs', type=int, default=16, help='rockets of a simulator')
+    parser.add_argument('--steps', type=int, default=500, help='of a flight')
+    parser.add_argument('--rounds', type=int, default=5)
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    print(f'simulators of {options.num_envs} rockets; an exchange with one of them, medians of '
+          f'{options.rounds} rounds')
+    print(f'{"simulators":>11}{"agent CPU, us":>15}{"of one":>8}{"wall, us":>10}'
+          f'{"exchanges/s":>13}')
+    table: dict[int, dict[str, Any]] = {}
+    for count in options.counts:
+        figures = table[count] = measure(
+            count, options.num_envs, options.steps, options.rounds)
+        figures['ratio'] = figures['cpu_us'] / table[options.counts[0]]['cpu_us']
+        print(f'{count:>11}{figures["cpu_us"]:>15.0f}{figures["ratio"]:>8.2f}'
+              f'{figures["wall_us"]:>10.0f}{figures["exchanges_per_second"]:>13,.0f}', flush=True)
+    if options.output:
+        write_json(options.output, {'num_envs': options.num_envs, 'fleet': table})
+
+
+if __name__ == '__main__':
+    main()
