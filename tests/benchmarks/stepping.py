@@ -88,7 +88,8 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    peers = {'lunar_lander': ours, 'rocket': rocket, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
+    peers = {
+        'lunar_lander': ours, 'rocket': rocket, 'EnvPool': envpool, 'Gymnasium': gymnasium_sync}
     if importlib.util.find_spec('envpool') is None:
         print('EnvPool is not installed; ./launch_scripts/bench stepping installs it')
         del peers['EnvPool']

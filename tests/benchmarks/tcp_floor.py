@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The floor under every exchange: the same bytes to and fro over a TCP socket on this machine.
 
-Run as a program it is the far end: `python -m benchmarks.tcp_floor N`, which prints its port.
+Run as a program it is the far end: `python -m benchmarks.tcp_floor N CORE`, which prints its port.
 """
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -32,11 +33,15 @@ def exactly(connection: socket.socket, view: memoryview) -> bool:
 class TcpFloor:
     """A far end in a process of its own, and what plays ping-pong with it."""
 
-    def __init__(self, num_envs: int) -> None:
-        """Start it and connect."""
+    def __init__(self, num_envs: int, core: int | None = None) -> None:
+        """Start it and connect.
+
+        :param core: which of the cores that there are it stays on; None: wherever it is put.
+        """
         there, back = sizes(num_envs)
         self._child = subprocess.Popen(
-            [sys.executable, '-m', 'benchmarks.tcp_floor', str(num_envs)],
+            [sys.executable, '-m', 'benchmarks.tcp_floor', str(num_envs),
+             '' if core is None else str(core)],
             stdout=subprocess.PIPE, text=True)
         assert self._child.stdout is not None
         port = int(self._child.stdout.readline())
@@ -59,6 +64,9 @@ class TcpFloor:
 def main() -> None:
     """Answer until the other end goes."""
     there, back = sizes(int(sys.argv[1]))
+    if sys.argv[2]:
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(sys.argv[2]) % len(cores)]})
     with socket.socket() as listener:
         listener.bind(('127.0.0.1', 0))
         listener.listen()

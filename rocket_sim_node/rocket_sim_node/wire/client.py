@@ -115,14 +115,15 @@ class Client:
         link.drop()
         link.ask(command)
         try:
-            while not link.poll():
+            while True:
                 mailbox = link.mailbox
                 seconds = link.deadline - time.monotonic()
                 if mailbox is None:
                     self.waiter.spin(seconds)
                 else:
                     self.waiter.attend(seconds, [mailbox])
-            return link.take()
+                if link.poll():
+                    return link.take()
         except BaseException:
             link.drop()
             raise

@@ -161,10 +161,8 @@ class Fleet:
                 poll()
                 self._look()
                 self._assign(waiting, results)
-                self._wait()
-                for member in list(self._members.values()):
-                    if member.task is not None:
-                        self._attend(member, waiting, results, report)
+                for member in self._wait():
+                    self._attend(member, waiting, results, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
@@ -263,26 +261,29 @@ class Fleet:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)
 
-    def _wait(self) -> None:
-        """Return when somebody may have to be attended to.
+    def _wait(self) -> list[_Member]:
+        """Return the members that may have to be attended to, once there are some.
 
         :raises WireTimeout: when nobody flies, for longer than the patience.
         """
-        busy = [member.link for member in self._members.values() if member.task is not None]
+        busy = [member for member in self._members.values() if member.task is not None]
         if not busy:
             self.connect()
-            return
+            return []
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
-        for link in busy:
-            mailbox = link.mailbox
+        for member in busy:
+            mailbox = member.link.mailbox
             if mailbox is not None:
                 mailboxes.append(mailbox)
                 continue
-            for kind, found in link.entities.items():
+            for kind, found in member.link.entities.items():
                 entities[kind] += found
-        self._waiter.attend(
-            min(link.deadline for link in busy) - time.monotonic(), mailboxes, **entities)
+        due = min(member.link.deadline for member in busy)
+        full, others = self._waiter.attend(due - time.monotonic(), mailboxes, **entities)
+        if others or time.monotonic() >= due:
+            return busy
+        return [member for member in busy if member.link.mailbox in full]
 
     # Who is there
 

@@ -64,11 +64,12 @@ class Inbox:
     def wait(
         self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
         clients: Sequence[Any] = (), services: Sequence[Any] = (), timers: Sequence[Any] = (),
-    ) -> None:
+    ) -> tuple[list[Mailbox], bool]:
         """Return when a mailbox has a message or something was served; after the time at last.
 
         :param subscriptions: of the node, which the executor shall serve at once, as the other
             kinds of entities that are named; those that are not wait for up to 0.05 s.
+        :return: the mailboxes that have a message, and whether something else may have happened.
         """
         rest = (subscriptions, clients, services, timers)
         size = (len(mailboxes) + len(subscriptions), *map(len, rest[1:]))
@@ -87,17 +88,23 @@ class Inbox:
             wait_set.add_service(service.handle)
         for timer in timers:
             wait_set.add_timer(timer.handle)
-        until_served = max(self._served + _SERVE_PERIOD - now, 0.0)
-        wait_set.wait(int(1e9 * min(max(seconds, 0.0), until_served)))
-        ready = any(
+        until = min(seconds, self._served + _SERVE_PERIOD - now)
+        wait_set.wait(int(1e9 * max(until, 0.0)))
+        full = [
+            mailbox for index, mailbox in enumerate(mailboxes)
+            if wait_set.is_ready('subscription', index)]
+        serve = any(
             wait_set.is_ready(kind, index)
             for kind, begin, entities in (
                 ('subscription', first, subscriptions), ('client', 0, clients),
                 ('service', 0, services), ('timer', 0, timers))
             for index in range(begin, begin + len(entities)))
-        if ready or until_served == 0.0 or time.monotonic() - self._served > _SERVE_PERIOD:
-            self._served = time.monotonic()
+        now = time.monotonic()
+        if serve or now - self._served >= _SERVE_PERIOD:
+            self._served = now
             self._executor.spin_once(timeout_sec=0.0)
+            return full, True
+        return full, False
 
     def _make(self, size: tuple[int, ...]) -> None:
         subscriptions, clients, services, timers = self._size = tuple(

@@ -47,14 +47,14 @@ class Waiter:
 
     def attend(
         self, seconds: float, mailboxes: Sequence[Mailbox], **entities: Sequence[Any],
-    ) -> None:
+    ) -> tuple[list[Mailbox], bool]:
         """Return when a mailbox has a message or something else was served; see `Inbox.wait`.
 
         :raises EnvironmentClosed: when this process was asked to end.
         """
         if stopping.requested() or not self._node.context.ok():
             raise EnvironmentClosed('asked to stop')
-        self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
+        return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
 
     def linger(self, done: Callable[[], bool], seconds: float) -> None:
         """Spin until `done()` or the time is over, asked to end or not."""

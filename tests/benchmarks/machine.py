@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a benchmark ran on: `python -m benchmarks.machine FILE` writes it down."""
+from __future__ import annotations
+
+import os
+import platform
+import re
+import subprocess
+import sys
+from datetime import UTC
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.evaluation.metrics import write_json
+
+PACKAGES = (
+    'rclpy', 'numpy', 'torch', 'pymunk', 'rerun-sdk', 'gymnasium', 'envpool', 'stable-baselines3')
+
+
+def version(package: str) -> str:
+    """Return the version of a package, or that it is missing."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return 'missing'
+
+
+def commit() -> str:
+    """Return the commit that is checked out, with a mark when files differ from it."""
+    done = subprocess.run(
+        ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, check=False)
+    return done.stdout.strip() or 'unknown'
+
+
+def describe() -> dict[str, Any]:
+    """Return date, machine and versions."""
+    information = Path('/proc/cpuinfo').read_text('utf-8')
+    model = re.search(r'^model name\s*: (.*)$', information, re.MULTILINE)
+    memory = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
+    return {
+        'date': datetime.now(UTC).strftime('%Y-%m-%d'), 'commit': commit(),
+        'processor': model.group(1) if model else platform.machine(),
+        'cores': len(os.sched_getaffinity(0)), 'memory_gib': round(memory / 2**30, 1),
+        'system': f'{platform.system()} {platform.release()}',
+        'versions': {'python': platform.python_version(), **{p: version(p) for p in PACKAGES}}}
+
+
+if __name__ == '__main__':
+    write_json(Path(sys.argv[1]), describe())

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes docs/performance.md and its plots from what the benchmarks measured.
+
+Of each part the newest figures below `runs/` are taken, with what they were measured on.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from benchmarks import performance_plots
+from benchmarks.performance_text import SECTIONS
+from ppo_agent_node.atomic_file import write_atomically
+
+_HEAD = """# Performance
+
+What the parts cost, beside their floors and beside peers. Written by
+`./launch_scripts/bench performance` from what `./launch_scripts/bench` (all parts) or
+`./launch_scripts/bench PART` measured last; the figures of a part lie in
+`runs/bench-DATE/PART.json`. Peers are measured in turns with us, in one run, so ratios stand where
+seconds do not: the machine is shared and its speed varies.
+"""
+
+
+def newest(runs: Path, part: str) -> Path | None:
+    """Return the newest file of a part's figures; None when there is none."""
+    found = sorted(runs.glob(f'bench-*/{part}.json'))
+    return found[-1] if found else None
+
+
+def machine_line(folder: Path) -> str:
+    """Return one line on what a part was measured on."""
+    path = folder / 'machine.json'
+    if not path.exists():
+        return ''
+    m: dict[str, Any] = json.loads(path.read_text('utf-8'))
+    versions = ', '.join(
+        f'{name} {text}' for name, text in m['versions'].items() if text != 'missing')
+    return (f"{m['date']}, commit {m['commit']}: {m['cores']} cores of {m['processor']}, "
+            f"{m['memory_gib']} GiB, {m['system']}; {versions}.")
+
+
+def sections(runs: Path, images: Path) -> Iterator[str]:
+    """Yield the page's sections; draw their plots into a folder."""
+    for part, (title, text) in SECTIONS.items():
+        path = newest(runs, part)
+        if path is None:
+            yield f'## {title}\n\nNot measured: `./launch_scripts/bench {part}`.\n'
+            continue
+        figures = json.loads(path.read_text('utf-8'))
+        table = path.with_suffix('.txt').read_text('utf-8').rstrip()
+        lines = [f'## {title}', '', text(figures), '', f'`./launch_scripts/bench {part}`:', '',
+                 '```', table, '```', '']
+        if performance_plots.draw(part, figures, images / f'performance_{part}.png'):
+            lines += [f'![{title}](images/performance_{part}.png)', '']
+        lines.append(machine_line(path.parent))
+        yield '\n'.join(lines).rstrip() + '\n'
+
+
+def main() -> None:
+    """Write the page."""
+    parser = argparse.ArgumentParser(
+        prog='bench performance', description=__doc__.split('\n')[0])
+    parser.add_argument('--runs', type=Path, default=Path('runs'))
+    parser.add_argument('--page', type=Path, default=Path('docs/performance.md'))
+    options = parser.parse_args()
+    images = options.page.parent / 'images'
+    images.mkdir(parents=True, exist_ok=True)
+    page = '\n'.join([_HEAD, *sections(options.runs, images)])
+    write_atomically(options.page, page.encode())
+    print(f'written: {options.page}')
+
+
+if __name__ == '__main__':
+    main()

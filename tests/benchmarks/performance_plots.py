@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plot for each table of docs/performance.md."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ppo_agent_node.reporting.style import CYCLE
+from ppo_agent_node.reporting.style import GREY
+from ppo_agent_node.reporting.style import save
+from ppo_agent_node.reporting.style import styled
+
+Figures = dict[str, Any]
+
+
+def _curves(axes: Axes, curves: dict[str, dict[str, float]], x: str, y: str) -> None:
+    """Draw curves over batch sizes, both axes logarithmic."""
+    for (name, values), colour in zip(curves.items(), CYCLE, strict=False):
+        sizes = [int(size) for size in values]
+        axes.plot(sizes, list(values.values()), 'o-', color=colour, label=name)
+    axes.set(xscale='log', yscale='log', xlabel=x, ylabel=y)
+    ticks = sorted({int(size) for values in curves.values() for size in values})
+    axes.set_xticks(ticks, [f'{tick:,}' for tick in ticks], minor=False)
+    axes.minorticks_off()
+    axes.legend()
+
+
+def _bars(axes: Axes, groups: list[str], series: dict[str, list[float]], y: str) -> None:
+    """Draw groups of bars."""
+    width = 0.8 / len(series)
+    for number, ((name, values), colour) in enumerate(zip(series.items(), CYCLE, strict=False)):
+        place = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
+        axes.bar(place, values, 0.92 * width, color=colour, label=name)
+    axes.set_xticks(np.arange(len(groups)), groups)
+    axes.set(ylabel=y)
+    axes.grid(visible=False, axis='x')
+    if len(series) > 1:
+        axes.legend()
+
+
+def _exchange(axes: Axes, f: Figures) -> None:
+    rows = f['exchange']
+    names = {'dds': 'DDS', 'tcp_apart': 'TCP, a core each', 'tcp': 'TCP, as scheduled'}
+    _curves(axes, {
+        label: {size: row[key] for size, row in rows.items()} for key, label in names.items()},
+        'rockets', 'one exchange, us (median)')
+
+
+def _budget(axes: Axes, f: Figures) -> None:
+    rows = f['budget']
+    names, values = [row['what'] for row in rows], [row['us'] for row in rows]
+    colours = [{'agent': CYCLE[0], 'simulator': CYCLE[1]}.get(row['who'], GREY) for row in rows]
+    axes.barh(np.arange(len(rows))[::-1], values, color=colours)
+    axes.set_yticks(np.arange(len(rows))[::-1], names)
+    axes.set(xlabel='us of a step (median); blue: agent, vermilion: simulator')
+    axes.grid(visible=False, axis='y')
+
+
+def _rollouts(axes: Axes, f: Figures) -> None:
+    rows = f['rollouts']
+    names = {
+        'in process': 'one process, no ROS', 'DDS, 1': 'DDS, one simulator',
+        'DDS, 2': 'DDS, two simulators'}
+    _bars(axes, list(rows), {
+        label: [row['steps_per_second'][key] / 1e3 for row in rows.values()]
+        for key, label in names.items()}, '1 000 rocket steps/s')
+    axes.set(xlabel='rockets')
+
+
+def _fleet(axes: Axes, f: Figures) -> None:
+    rows = f['fleet']
+    _bars(axes, list(rows), {'': [row['cpu_us'] for row in rows.values()]},
+          "agent's processor time for an exchange, us")
+    axes.set(xlabel='simulators')
+
+
+def _hosts(axes: Axes, f: Figures) -> None:
+    rows = f['hosts']
+    _bars(axes, list(rows), {
+        'within a host': [row['within_median'] for row in rows.values()],
+        'between two': [row['between_median'] for row in rows.values()]},
+        'one exchange, us (median)')
+    axes.set(xlabel='rockets')
+
+
+def _stepping(axes: Axes, f: Figures) -> None:
+    _curves(axes, f['steps_per_second'], 'environments in a batch', 'steps/s on one core')
+
+
+def _recorder(axes: Axes, f: Figures) -> None:
+    _bars(axes, list(f), {
+        'without': [part['without'] / 1e3 for part in f.values()],
+        'with a recorder': [part['with'] / 1e3 for part in f.values()]}, '1 000 rocket steps/s')
+
+
+_PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
+    'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
+    'hosts': _hosts, 'stepping': _stepping, 'recorder': _recorder}
+
+
+def draw(part: str, figures: Figures, path: Path) -> bool:
+    """Draw the plot of a part's figures; tell whether there is one."""
+    plot = _PLOTS.get(part)
+    if plot is None:
+        return path.exists()
+    with styled():
+        figure = Figure(figsize=(8.0, 4.2))
+        axes = figure.add_subplot()
+        plot(axes, figures)
+        axes.set_title(part.replace('_', ' '))
+        save(figure, path)
+    return True

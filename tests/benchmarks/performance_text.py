@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What docs/performance.md says of each part; every number in it comes from the figures."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+Figures = dict[str, Any]
+
+
+def _exchange(f: Figures) -> str:
+    row = f['exchange']['256']
+    return (
+        'One action out and one observation and reward back, for a whole batch, in lock-step, '
+        'with a world in which nothing '
+        'moves. The floor is a TCP ping-pong of the same bytes between two Python processes, '
+        'measured twice: as the '
+        'scheduler likes it, which puts both on one core, and on a core each, which is what '
+        'simulator and agent want when both '
+        f'have work to do. With 256 rockets: {row["dds"]:.0f} us over DDS, {row["tcp"]:.0f} us '
+        f'and {row["tcp_apart"]:.0f} us '
+        f'over TCP; that is {row["ratio"]:.1f} and {row["ratio_apart"]:.1f} times the floor.')
+
+
+def _budget(f: Figures) -> str:
+    return (
+        'Where the time of one lock-step step of a training roll-out goes, 256 rockets, one '
+        'simulator. Agent and simulator take turns '
+        'here; with two simulators or more they work at once (next table), so that only what the '
+        'agent does remains.')
+
+
+def _rollouts(f: Figures) -> str:
+    best = max(f['rollouts'].items(), key=lambda item: item[1]['ratio']['DDS, 2'])
+    return (
+        'Training roll-outs, policy, buffers and snapshots included, over DDS and in one process '
+        'without ROS. With two simulators the agent thinks '
+        'about one batch while the other moves. What was flown is compared, bit for bit, with the '
+        'same flights in process. '
+        f'Best: {best[1]["ratio"]["DDS, 2"]:.2f} of the speed in process, at {best[0]} rockets.')
+
+
+def _fleet(f: Figures) -> str:
+    rows = f['fleet']
+    last = max(rows, key=int)
+    return (
+        f'What another simulator costs its agent, in processor time of the agent for an exchange: '
+        f'{rows["1"]["cpu_us"]:.0f} us with one '
+        f'simulator, {rows[last]["cpu_us"]:.0f} us with {last} ({rows[last]["ratio"]:.2f} times). '
+        f'Wall clock grows only because all of them share '
+        'the cores of this machine.\n\n' + _saturation(f))
+
+
+def _saturation(f: Figures) -> str:
+    """Return what ends first when simulators are many, from the measured costs."""
+    wire = f['fleet'][max(f['fleet'], key=int)]['cpu_us']
+    think = f['inference_us']
+    per_second = 1e6 / (wire + think)
+    bits = 8 * f['bytes_per_exchange']
+    network = 1e9 / bits
+    simulate = f['physics_us'] + wire
+    return (
+        f'How many simulators of 256 rockets can one agent feed on? Its own work for an exchange '
+        f'is {wire:.0f} us of wire and {think:.0f} us of '
+        f'inference on one core, so it takes {per_second:,.0f} exchanges/s, '
+        f'{256 * per_second:,.0f} rocket steps/s. A simulator with a core of its own needs '
+        f'{simulate:.0f} us '
+        f'for a step, so {max(1, (wire + think) / simulate):.1f} of them keep one agent busy '
+        f'while it rolls out: inference saturates first. '
+        f'An exchange is {f["bytes_per_exchange"]:,} bytes; 1 Gbit/s carries {network:,.0f} of '
+        f'them a second, {network / per_second:.1f} times what one agent takes, '
+        "so on a real network the agent's core is full before the cable is. More simulators than "
+        "that make sense where a step is dearer "
+        'than in world `rocket`, or to train on while some of them restart.')
+
+
+def _hosts(f: Figures) -> str:
+    row = f['hosts']['256']
+    return (
+        'An exchange with a simulator on another host, 256 rockets: '
+        f'{row["ratio"]:.2f} times one within the host. The hosts are network namespaces joined '
+        f'by a virtual cable, so this is the cost of '
+        'the network stack and of acknowledging, not of a real cable.')
+
+
+def _stepping(f: Figures) -> str:
+    rocket, lander = f['ratios']['rocket'], f['ratios']['lunar_lander']
+    peer = 'EnvPool' if 'EnvPool' in rocket else 'Gymnasium'
+    return (
+        "Environment steps per second on one core, random actions, episodes and resets included, "
+        "at each one's best batch: `rocket` makes "
+        f"{rocket[peer]:.0f} times as many as {peer}'s LunarLander, our `lunar_lander` "
+        f"{lander[peer]:.1f} times.")
+
+
+def _learner(f: Figures) -> str:
+    return (
+        "A PPO update beside stable-baselines3's with equal networks, minibatches, epochs and "
+        "samples; the floor is the bare matrix "
+        'products of the same shapes. Losses and weights are compared with an autograd reference '
+        'by `tests/unit/test_ppo_reference.py`.')
+
+
+def _result(f: Figures) -> str:
+    return (
+        'Wall clock from the start of the processes until a deterministic evaluation of 100 '
+        'episodes passes, side by side in one run on the same cores: '
+        'ours over DDS in separate processes, stable-baselines3 with the settings of rl-zoo, and '
+        'a tuned PPO in one process on EnvPool.')
+
+
+def _recorder(f: Figures) -> str:
+    return (
+        'Speed of simulator and agent with a recorder beside them, in turns with none: '
+        + ' and '.join(f'{name} {part["ratio"]:.3f}' for name, part in f.items()) + '.')
+
+
+def _stopping(f: Figures) -> str:
+    return 'Seconds from Ctrl-C to the end of the last process, by stage of a training.'
+
+
+def _key_latency(f: Figures) -> str:
+    return "From a key of the keyboard's pilot to the first state that shows it, in real time."
+
+
+SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
+    'exchange': ('A lock-step exchange', _exchange),
+    'budget': ('The budget of a step', _budget),
+    'rollouts': ('Roll-outs', _rollouts),
+    'fleet': ('Many simulators', _fleet),
+    'hosts': ('Two hosts', _hosts),
+    'stepping': ('Stepping a world', _stepping),
+    'learner': ('The learner', _learner),
+    'result': ('Time to a result', _result),
+    'recorder': ('The recorder', _recorder),
+    'stopping': ('Stopping', _stopping),
+    'key_latency': ('From key to state', _key_latency),
+}
+"""Title and text of each part, in the order of the page."""
