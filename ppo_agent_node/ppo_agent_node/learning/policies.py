@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,6 +23,17 @@ from rocket_sim_node.worlds import WorldSpec
 _HALF_LOG_TAU = 0.5 * math.log(2 * math.pi)
 
 
+class Likelihood(NamedTuple):
+    """What a policy says of actions, given what its network said of the observations."""
+
+    log_prob: Tensor
+    """`(S,)`"""
+    entropy: Tensor
+    """nats, `(S,)`; a scalar where it is the same for all"""
+    kept: Tensor
+    """what the gradient needs again"""
+
+
 class Policy(nn.Module):
     """What the learner asks of a policy, whatever the kind of its actions."""
 
@@ -34,9 +46,35 @@ class Policy(nn.Module):
         """Return actions `(N, *action_shape)` and their log-probabilities `(N,)`."""
         raise NotImplementedError
 
+    @property
+    def network(self) -> nn.Sequential:
+        """The perceptron between normalised observations and the distribution."""
+        raise NotImplementedError
+
+    def output(self, observation: Tensor) -> Tensor:
+        """Return what the network says of observations, `(S, K)`."""
+        output: Tensor = self.network(self.normaliser(observation))
+        return output
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return what outputs `(S, K)` say of given actions `(S, *action_shape)`."""
+        raise NotImplementedError
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return a loss's gradient with respect to the outputs, `(S, K)`, and to each noise parameter.
+
+        :param found: what `likelihood` said of these actions.
+        :param by_log_prob: the loss's gradient with respect to each log-probability, `(S,)`.
+        :param by_entropy: and with respect to each sample's entropy.
+        """
+        raise NotImplementedError
+
     def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """Return log-probabilities `(S,)` of given actions and entropies `(S,)`, nats."""
-        raise NotImplementedError
+        found = self.likelihood(self.output(observation), action)
+        return found.log_prob, found.entropy.expand_as(found.log_prob)
 
     def mode(self, observation: Tensor) -> Tensor:
         """Return the likeliest actions `(N, *action_shape)`."""
@@ -100,20 +138,38 @@ class GaussianPolicy(Policy):
         action = mean + self.log_std.exp() * noise
         return action, self._log_prob(noise)
 
-    def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-        """Return log-probabilities and entropies `(S,)`."""
-        noise = (action - self.mode(observation)) * (-self.log_std).exp()
-        entropy = (self.log_std + 0.5 + _HALF_LOG_TAU).sum()
-        return self._log_prob(noise), entropy.expand(len(noise))
+    @property
+    def network(self) -> nn.Sequential:
+        """What gives the means."""
+        return self.mean
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities `(S,)` and the entropy, a scalar."""
+        noise = (action - output) * (-self.log_std).exp()
+        entropy = (self.log_std + (0.5 + _HALF_LOG_TAU)).sum()
+        return Likelihood(self._log_prob(noise), entropy, noise)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradients with respect to the means and the log deviation.
+
+        With z = (a - mean) / std: d log p / d mean = z / std, d log p / d log std = z^2 - 1, and
+        the entropy grows by 1 with each log deviation.
+        """
+        pull = found.kept * by_log_prob[:, None]
+        by_log_std = torch.linalg.vecdot(pull, found.kept, dim=0)
+        by_log_std += by_entropy * len(action) - by_log_prob.sum()
+        return pull.mul_((-self.log_std).exp()), [by_log_std]
 
     def _log_prob(self, noise: Tensor) -> Tensor:
         """Return the log-density `(S,)` of actions that are `noise` deviations from the mean."""
-        return (-0.5 * noise.square() - self.log_std - _HALF_LOG_TAU).sum(-1)
+        constant = (self.log_std + _HALF_LOG_TAU).sum()
+        return -0.5 * noise.square().sum(-1) - constant
 
     def mode(self, observation: Tensor) -> Tensor:
         """Return the means `(N, A)`."""
-        mean: Tensor = self.mean(self.normaliser(observation))
-        return mean
+        return self.output(observation)
 
     def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
         """Return the mean squared error; to overshoot an action that is at its bound is none."""
@@ -177,10 +233,28 @@ class CategoricalPolicy(Policy):
         action = (log_p - (-uniform.log()).log()).argmax(-1)
         return action, _picked(log_p, action)
 
-    def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    @property
+    def network(self) -> nn.Sequential:
+        """What gives the logits."""
+        return self.logits
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
         """Return log-probabilities and entropies `(S,)`."""
-        log_p = self._log_p(observation)
-        return _picked(log_p, action), -(log_p.exp() * log_p).sum(-1)
+        log_p = output.log_softmax(-1)
+        return Likelihood(_picked(log_p, action), -(log_p.exp() * log_p).sum(-1), log_p)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradient with respect to the logits; there is no noise parameter.
+
+        With H the entropy: d log p_a / d logit_k = [k = a] - p_k and
+        d H / d logit_k = -p_k (log p_k + H).
+        """
+        log_p = found.kept
+        slope = (log_p + found.entropy[:, None]).mul_(-by_entropy).sub_(by_log_prob[:, None])
+        slope.mul_(log_p.exp())
+        return slope.scatter_add_(-1, action[:, None], by_log_prob[:, None]), []
 
     def mode(self, observation: Tensor) -> Tensor:
         """Return the likeliest actions `(N,)` int64; of equally likely ones the first.
@@ -195,8 +269,7 @@ class CategoricalPolicy(Policy):
 
     def _log_p(self, observation: Tensor) -> Tensor:
         """Return the log-probabilities of all actions `(S, K)`."""
-        logits: Tensor = self.logits(self.normaliser(observation))
-        return logits.log_softmax(-1)
+        return self.output(observation).log_softmax(-1)
 
     def _finite_log_p(self, observation: Tensor) -> Tensor:
         log_p = self._log_p(observation)

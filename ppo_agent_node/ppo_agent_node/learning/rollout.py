@@ -33,9 +33,9 @@ class Batch(NamedTuple):
     value: Tensor
     """`(S,)`, what it did say"""
 
-    def take(self, index: Tensor) -> Batch:
-        """Return the chosen samples."""
-        return Batch(*(tensor[index] for tensor in self))
+    def to(self, device: torch.device) -> Batch:
+        """Return the samples on a device."""
+        return Batch(*(tensor.to(device) for tensor in self))
 
 
 class Rollout:

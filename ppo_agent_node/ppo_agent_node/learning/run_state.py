@@ -21,8 +21,9 @@ from rocket_sim_node.worlds import WorldSpec
 WORLD = 'world'
 """Name of the tensor that holds the world's snapshot, bytes."""
 _FREE_TO_CHANGE = frozenset(
-    {'threads', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
-"""Settings that do not change what is learnt, so that a resumed run may have others."""
+    {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
+"""Settings that do not change what is learnt but for rounding, so that a resumed run may have
+others."""
 
 
 @dataclass(frozen=True)
