@@ -28,7 +28,8 @@ class FlatAdam:
     """
 
     gradient: Tensor
-    """Of all parameters, flat; whoever computes them adds to the views of `gradient_of`."""
+    """Of all parameters, flat: whoever computes gradients sets it to 0 and adds those of the samples
+    to the views of `gradient_of`."""
 
     def __init__(
         self,
@@ -49,7 +50,7 @@ class FlatAdam:
         device = self._parameters[0].device
         values, self.gradient, self._mean, self._square, self._work = (
             torch.zeros(size, device=device) for _ in range(5))
-        self._steps = torch.zeros((), dtype=torch.int64)
+        self._steps = 0
         self._groups = [
             tuple(flat[start:end] for flat in (values, self._mean, self._work))
             for start, end in zip([0, *ends], ends, strict=False)]
@@ -71,32 +72,40 @@ class FlatAdam:
         """Return the place for a parameter's gradient, of its shape."""
         return self._gradients[id(parameter)]
 
-    def step(self, rates: Sequence[float], max_norm: float) -> Tensor:
-        """Improve the parameters by their gradient, which is left scaled.
+    def step(self, rates: Sequence[float], max_norm: float, count: int) -> float:
+        """Improve the parameters by the mean gradient of so many samples.
 
         :param rates: learning rate of each group.
-        :param max_norm: to which the gradient is scaled down where it is longer, as
+        :param max_norm: to which the mean gradient is scaled down where it is longer, as
             torch.nn.utils.clip_grad_norm_ does.
-        :return: the norm that it had, a scalar.
+        :param count: samples whose gradients have been added up.
+        :return: the norm before.
         """
-        norm: Tensor = torch.linalg.vector_norm(self.gradient)
-        self.gradient.mul_((norm + 1e-6).reciprocal_().mul_(max_norm).clamp_max_(1.0))
+        norm = float(torch.linalg.vector_norm(self.gradient)) / count
+        # A norm that is no number shall reach the parameters, where it is noticed.
+        scale = (max_norm / (norm + 1e-6) if not norm + 1e-6 < max_norm else 1.0) / count
         first, second = self._betas
         self._steps += 1
-        steps = int(self._steps)
-        self._mean.lerp_(self.gradient, 1 - first)
-        self._square.mul_(second).addcmul_(self.gradient, self.gradient, value=1 - second)
+        self._mean.mul_(first).add_(self.gradient, alpha=(1 - first) * scale)
+        self._square.mul_(second).addcmul_(
+            self.gradient, self.gradient, value=(1 - second) * scale**2)
         # With both divided by the bias correction of the root, one operation less.
-        correction = math.sqrt(1 - second**steps)
+        correction = math.sqrt(1 - second**self._steps)
         torch.sqrt(self._square, out=self._work)
         self._work.add_(self._epsilon * correction)
         for rate, (values, mean, root) in zip(rates, self._groups, strict=True):
-            values.addcdiv_(mean, root, value=-rate * correction / (1 - first**steps))
+            values.addcdiv_(mean, root, value=-rate * correction / (1 - first**self._steps))
         return norm
 
-    def tensors(self) -> Tensors:
-        """Return its state, by name: views, that change with it."""
-        return {'steps': self._steps} | {
+    def state_dict(self) -> Tensors:
+        """Return its state, by name; all but the number of steps are views."""
+        return {'steps': torch.tensor(self._steps)} | {
             f'{index}.{name}': tensor
             for index, pair in enumerate(self._state)
             for name, tensor in zip(('exp_avg', 'exp_avg_sq'), pair, strict=True)}
+
+    def load_state_dict(self, tensors: Tensors) -> None:
+        """Put back what `state_dict` returned, of any device."""
+        for name, tensor in self.state_dict().items():
+            tensor.copy_(tensors[name])
+        self._steps = int(tensors['steps'])

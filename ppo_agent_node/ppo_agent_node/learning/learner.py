@@ -14,6 +14,7 @@ from torch import nn
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.adam import FlatAdam
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import make_policy
@@ -115,17 +116,19 @@ class Learner:
         :param path: of the file they come from, for messages.
         :raises ValueError: when they do not fit; nothing changes.
         """
-        state = self._state()
-        sealed_file.expect_tensors(path, tensors, state)
-        with torch.no_grad():
-            for name, tensor in state.items():
-                tensor.copy_(tensors[name])
+        sealed_file.expect_tensors(path, tensors, self._state())
+        for kind, part in self._parts().items():
+            mine = {name.removeprefix(f'{kind}.'): tensor for name, tensor in tensors.items()
+                    if name.startswith(f'{kind}.')}
+            part.load_state_dict(mine)
+
+    def _parts(self) -> dict[str, nn.Module | FlatAdam]:
+        return {
+            'policy': self.policy, 'critic': self.critic,
+            'policy_optimiser': self._policy_update.optimiser,
+            'critic_optimiser': self._critic_update.optimiser}
 
     def _state(self) -> dict[str, Tensor]:
-        parts = {
-            'policy': self.policy.state_dict(), 'critic': self.critic.state_dict(),
-            'policy_optimiser': self._policy_update.optimiser.tensors(),
-            'critic_optimiser': self._critic_update.optimiser.tensors()}
         return {
-            f'{kind}.{name}': tensor for kind, part in parts.items()
-            for name, tensor in part.items()}
+            f'{kind}.{name}': tensor for kind, part in self._parts().items()
+            for name, tensor in part.state_dict().items()}

@@ -21,6 +21,8 @@ _CACHED_ROWS = 512
 class _Layer(NamedTuple):
     weight: Tensor
     """`(outputs, inputs)`"""
+    turned: Tensor
+    """the same, `(inputs, outputs)`"""
     bias: Tensor
     weight_gradient: Tensor
     bias_gradient: Tensor
@@ -52,8 +54,8 @@ class Perceptron:
         """
         linear = [layer for layer in network if isinstance(layer, nn.Linear)]
         self._layers = [
-            _Layer(layer.weight.detach(), layer.bias.detach(), gradient_of(layer.weight),
-                   gradient_of(layer.bias)) for layer in linear]
+            _Layer(layer.weight.detach(), layer.weight.detach().T, layer.bias.detach(),
+                   gradient_of(layer.weight), gradient_of(layer.bias)) for layer in linear]
         self._tanh = any(isinstance(layer, nn.Tanh) for layer in network)
         device = self._layers[0].weight.device
         rows = self.rows = min(most, _CACHED_ROWS) if device.type == 'cpu' else most
@@ -72,35 +74,40 @@ class Perceptron:
                 [tensor[:rows] for tensor in self._all.error], self._all.ones[:rows])
         return self._memories[rows]
 
-    def forward(self, x: Tensor, out: Tensor) -> None:
-        """Write the outputs `(S, K)` for inputs `(S, D)`; S up to `rows`."""
+    def forward(self, x: Tensor, out: Tensor | None = None) -> Tensor:
+        """Return the outputs `(K, S)` for inputs `(S, D)`; S up to `rows`.
+
+        A row for each output: what follows goes across a few outputs of many samples.
+
+        :param out: where to write them, instead of memory that is used again.
+        """
         self._input = x
         for layer, hidden in zip(self._layers, self._memory(len(x)).hidden, strict=False):
-            torch.addmm(layer.bias, x, layer.weight.T, out=hidden)
+            torch.addmm(layer.bias, x, layer.turned, out=hidden)
             if self._tanh:
                 hidden.tanh_()
             else:
                 hidden.relu_()
             x = hidden
         last = self._layers[-1]
-        torch.addmm(last.bias, x, last.weight.T, out=out)
+        return torch.addmm(last.bias[:, None], last.weight, x.T, out=out)
 
     def backward(self, error: Tensor) -> None:
         """Add the gradients of all parameters, for the inputs of the last `forward`.
 
-        :param error: `(S, K)`, the loss's gradient with respect to the outputs.
+        :param error: `(K, S)`, the loss's gradient with respect to the outputs.
         """
-        memory = self._memory(len(error))
+        memory = self._memory(error.shape[1])
         for index in range(len(self._layers) - 1, -1, -1):
             layer = self._layers[index]
             x = memory.hidden[index - 1] if index else self._input
-            layer.weight_gradient.addmm_(error.T, x)
-            layer.bias_gradient.addmv_(error.T, memory.ones)
+            layer.weight_gradient.addmm_(error, x)
+            layer.bias_gradient.addmv_(error, memory.ones)
             if index:
                 below = memory.error[index - 1]
-                torch.mm(error, layer.weight, out=below)
+                torch.mm(error.T, layer.weight, out=below)
                 if self._tanh:
                     torch.ops.aten.tanh_backward.grad_input(below, x, grad_input=below)
                 else:
                     below.mul_(x > 0)
-                error = below
+                error = below.T

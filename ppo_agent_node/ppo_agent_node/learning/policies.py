@@ -57,23 +57,23 @@ class Policy(nn.Module):
         return output
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
-        """Return what outputs `(S, K)` say of given actions `(S, *action_shape)`."""
+        """Return what outputs `(K, S)`, a row for each, say of actions `(S, *action_shape)`."""
         raise NotImplementedError
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
     ) -> tuple[Tensor, list[Tensor]]:
-        """Return a loss's gradient with respect to the outputs, `(S, K)`, and to each noise parameter.
+        """Return a loss's gradient by the outputs, `(K, S)`, and by each noise parameter.
 
         :param found: what `likelihood` said of these actions.
-        :param by_log_prob: the loss's gradient with respect to each log-probability, `(S,)`.
-        :param by_entropy: and with respect to each sample's entropy.
+        :param by_log_prob: the loss's gradient by each log-probability, `(S,)`.
+        :param by_entropy: its gradient by each sample's entropy.
         """
         raise NotImplementedError
 
     def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """Return log-probabilities `(S,)` of given actions and entropies `(S,)`, nats."""
-        found = self.likelihood(self.output(observation), action)
+        found = self.likelihood(self.output(observation).T, action)
         return found.log_prob, found.entropy.expand_as(found.log_prob)
 
     def mode(self, observation: Tensor) -> Tensor:
@@ -136,7 +136,7 @@ class GaussianPolicy(Policy):
         mean = self.mode(observation)
         noise = torch.randn(mean.shape, generator=generator)
         action = mean + self.log_std.exp() * noise
-        return action, self._log_prob(noise)
+        return action, self._log_prob(noise.T)
 
     @property
     def network(self) -> nn.Sequential:
@@ -145,27 +145,26 @@ class GaussianPolicy(Policy):
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
         """Return log-probabilities `(S,)` and the entropy, a scalar."""
-        noise = (action - output) * (-self.log_std).exp()
+        noise = (output - action.T) * (-self.log_std).exp()[:, None]
         entropy = (self.log_std + (0.5 + _HALF_LOG_TAU)).sum()
         return Likelihood(self._log_prob(noise), entropy, noise)
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
     ) -> tuple[Tensor, list[Tensor]]:
-        """Return the gradients with respect to the means and the log deviation.
+        """Return the gradients by the means and by the log deviation.
 
-        With z = (a - mean) / std: d log p / d mean = z / std, d log p / d log std = z^2 - 1, and
-        the entropy grows by 1 with each log deviation.
+        With z = (mean - a) / std: d log p / d mean = -z / std, d log p / d log std = z^2 - 1, and
+        the entropy grows as the sum of the log deviations.
         """
-        pull = found.kept * by_log_prob[:, None]
-        by_log_std = torch.linalg.vecdot(pull, found.kept, dim=0)
+        pull = found.kept * by_log_prob
+        by_log_std = torch.linalg.vecdot(pull, found.kept)
         by_log_std += by_entropy * len(action) - by_log_prob.sum()
-        return pull.mul_((-self.log_std).exp()), [by_log_std]
+        return pull.mul_(-(-self.log_std).exp()[:, None]), [by_log_std]
 
     def _log_prob(self, noise: Tensor) -> Tensor:
-        """Return the log-density `(S,)` of actions that are `noise` deviations from the mean."""
-        constant = (self.log_std + _HALF_LOG_TAU).sum()
-        return -0.5 * noise.square().sum(-1) - constant
+        """Return the log-density `(S,)` of actions `noise` `(A, S)` deviations from the mean."""
+        return -0.5 * noise.square().sum(0) - (self.log_std + _HALF_LOG_TAU).sum()
 
     def mode(self, observation: Tensor) -> Tensor:
         """Return the means `(N, A)`."""
@@ -240,21 +239,21 @@ class CategoricalPolicy(Policy):
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
         """Return log-probabilities and entropies `(S,)`."""
-        log_p = output.log_softmax(-1)
-        return Likelihood(_picked(log_p, action), -(log_p.exp() * log_p).sum(-1), log_p)
+        log_p = output.log_softmax(0)
+        return Likelihood(
+            log_p.gather(0, action[None])[0], -(log_p.exp() * log_p).sum(0), log_p)
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
     ) -> tuple[Tensor, list[Tensor]]:
-        """Return the gradient with respect to the logits; there is no noise parameter.
+        """Return the gradient by the logits; there is no noise parameter.
 
         With H the entropy: d log p_a / d logit_k = [k = a] - p_k and
         d H / d logit_k = -p_k (log p_k + H).
         """
         log_p = found.kept
-        slope = (log_p + found.entropy[:, None]).mul_(-by_entropy).sub_(by_log_prob[:, None])
-        slope.mul_(log_p.exp())
-        return slope.scatter_add_(-1, action[:, None], by_log_prob[:, None]), []
+        error = (log_p + found.entropy).mul_(-by_entropy).sub_(by_log_prob).mul_(log_p.exp())
+        return error.scatter_add_(0, action[None], by_log_prob[None]), []
 
     def mode(self, observation: Tensor) -> Tensor:
         """Return the likeliest actions `(N,)` int64; of equally likely ones the first.

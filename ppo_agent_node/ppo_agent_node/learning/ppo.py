@@ -129,10 +129,10 @@ class CriticUpdate:
                 poll()
                 self.optimiser.gradient.zero_()
                 for x, wanted, before, value in pieces:
-                    self._perceptron.forward(x, value[:, None])
+                    self._perceptron.forward(x, value[None])
                     error = error_gradient(value, before, wanted, config.value_clip_range)
-                    self._perceptron.backward(error.mul_(1 / (stop - start))[:, None])
-                self.optimiser.step([rate], config.max_grad_norm)
+                    self._perceptron.backward(error[None])
+                self.optimiser.step([rate], config.max_grad_norm, stop - start)
             losses.append(squared_error(values, old, target, config.value_clip_range).mean())
         return 0.5 * _sum(losses) / len(losses)
 
@@ -169,9 +169,8 @@ class PolicyUpdate:
         config = self._config
         seen = self.policy.normaliser(batch.observation)
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
-        output = seen.new_empty(len(seen), self.policy.network[-1].out_features)
         minibatches = Minibatches(
-            (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy, output),
+            (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
             config.batch_size, self._perceptron.rows)
         losses, entropies, clipped, norms = [], [], [], []
         learnt_from = judged = 0
@@ -183,11 +182,11 @@ class PolicyUpdate:
             learnt = stop = 0
             for start, stop, pieces in minibatches:
                 poll()
-                self._find_gradient(pieces, stop - start)
+                self._find_gradient(pieces)
                 if config.target_kl and config.target_kl < (kl := _divergence(
                         log_ratio[start:stop])):
                     break
-                norms.append(self.optimiser.step(rates, config.max_grad_norm))
+                norms.append(self.optimiser.step(rates, config.max_grad_norm, stop - start))
                 self.policy.constrain()
                 learnt = stop
             ratio = log_ratio[:stop].exp()
@@ -203,21 +202,19 @@ class PolicyUpdate:
             policy_loss=-_sum(losses) / learnt_from if learnt_from else NAN,
             entropy=_sum(entropies) / learnt_from if learnt_from else NAN,
             approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
-            grad_norm=_sum(norms) / len(norms) if norms else NAN, updates=len(norms))
+            grad_norm=sum(norms) / len(norms) if norms else NAN, updates=len(norms))
 
-    def _find_gradient(self, pieces: Sequence[tuple[Tensor, ...]], count: int) -> None:
-        """Set the optimiser's gradient to that of a minibatch's mean loss; fill in the results."""
+    def _find_gradient(self, pieces: Sequence[tuple[Tensor, ...]]) -> None:
+        """Set the optimiser's gradient to that of a minibatch; fill in the results."""
         config = self._config
         self.optimiser.gradient.zero_()
-        for x, action, old, advantage, log_ratio, entropy, output in pieces:
-            self._perceptron.forward(x, output)
-            found = self.policy.likelihood(output, action)
+        for x, action, old, advantage, log_ratio, entropy in pieces:
+            found = self.policy.likelihood(self._perceptron.forward(x), action)
             torch.sub(found.log_prob, old, out=log_ratio)
             entropy.copy_(found.entropy)
-            by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range)
+            by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
             error, by_noise = self.policy.likelihood_gradient(
-                found, action, by_log_prob.mul_(-1 / count),
-                -config.entropy_coefficient / count)
+                found, action, by_log_prob, -config.entropy_coefficient)
             self._perceptron.backward(error)
             for parameter, gradient in zip(self._noise, by_noise, strict=True):
                 self.optimiser.gradient_of(parameter).add_(gradient)
