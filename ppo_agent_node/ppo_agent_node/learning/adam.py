@@ -28,8 +28,8 @@ class FlatAdam:
     """
 
     gradient: Tensor
-    """Of all parameters, flat: whoever computes gradients sets it to 0 and adds those of the samples
-    to the views of `gradient_of`."""
+    """Of all parameters, flat: who computes gradients sets it to 0 and adds what samples give to
+    the views of `gradient_of`."""
 
     def __init__(
         self,

@@ -24,6 +24,8 @@ from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.sealed_file import Tensors
 from rocket_sim_node.worlds import WorldSpec
 
+_VALUED_AT_ONCE = 4096
+"""Observations; many more would leave the processor's cache between the layers."""
 M = TypeVar('M', bound=nn.Module)
 
 
@@ -64,7 +66,8 @@ class Learner:
         self._critic_update = ppo.CriticUpdate(self._there(self.critic), self._ppo)
 
     def _there(self, network: M) -> M:
-        return network if self.device.type == 'cpu' else copy.deepcopy(network).to(self.device)
+        here = torch.device('cpu')
+        return network if self.device == here else copy.deepcopy(network).to(self.device)
 
     def learn(
         self, iteration: int, rollout: Rollout, poll: Callable[[], None],
@@ -75,8 +78,15 @@ class Learner:
         :param poll: called before each minibatch; may raise, which leaves it half-done.
         """
         c = self._ppo
+        self._carry(there=True)
         return self.improve(
-            iteration, rollout.batch(self.critic, c.gamma, c.gae_lambda, c.reward_scale), poll)
+            iteration, rollout.batch(self._values, c.gamma, c.gae_lambda, c.reward_scale), poll)
+
+    def _values(self, observation: Tensor) -> Tensor:
+        """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
+        return torch.cat([
+            self._critic_update.critic(part.to(self.device)).cpu()
+            for part in observation.split(_VALUED_AT_ONCE)])
 
     def improve(
         self, iteration: int, batch: Batch, poll: Callable[[], None],
@@ -90,7 +100,7 @@ class Learner:
         self._carry(there=True)
         diagnostics = ppo.update(
             self._policy_update, self._critic_update, batch.to(self.device),
-            streams.generator(self._seed, 'minibatches', iteration), c.n_epochs, rates,
+            streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
             train_policy=iteration > c.critic_warmup_iterations, poll=poll)
         self._carry(there=False)

@@ -66,6 +66,6 @@ class Minibatches:
         """
         whole = self._count // self._size * self._size
         for part in (values[:whole].view(-1, self._size), values[None, whole:]):
-            if part.shape[1] > 1:
+            if len(part) and part.shape[1] > 1:
                 deviation = part.std(1, keepdim=True)
                 part.sub_(part.mean(1, keepdim=True)).div_(deviation + 1e-8)

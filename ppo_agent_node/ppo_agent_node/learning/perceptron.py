@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 from torch import nn
 
-
 _CACHED_ROWS = 512
 """Samples at a time on a CPU: what layers of some hundred units leave fits its second cache."""
 

@@ -106,7 +106,7 @@ class CriticUpdate:
 
     def __init__(self, critic: Critic, config: PPOConfig) -> None:
         """Take the critic's parameters over."""
-        self.critic, self._config = critic, config
+        self.critic, self.config = critic, config
         self.optimiser = FlatAdam([list(critic.value.parameters())])
         self._perceptron = Perceptron(
             critic.value, self.optimiser.gradient_of, config.batch_size)
@@ -116,7 +116,7 @@ class CriticUpdate:
         self, batch: Batch, orders: Sequence[Tensor], rate: float, poll: Poll,
     ) -> float:
         """Learn from each order of the samples; return the mean loss, half the squared error."""
-        config = self._config
+        config = self.config
         seen = self.critic.normaliser(batch.observation)
         values = torch.empty_like(batch.value)
         minibatches = Minibatches(
@@ -154,7 +154,7 @@ class PolicyUpdate:
 
     def __init__(self, policy: Policy, config: PPOConfig) -> None:
         """Take the policy's parameters over."""
-        self.policy, self._config = policy, config
+        self.policy, self.config = policy, config
         self._noise = policy.noise_parameters()
         groups = [list(policy.network.parameters())]
         self.optimiser = FlatAdam(groups + [self._noise] if self._noise else groups)
@@ -166,7 +166,7 @@ class PolicyUpdate:
         self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
     ) -> PolicyNews:
         """Learn from each order of the samples, until the policy has moved too far."""
-        config = self._config
+        config = self.config
         seen = self.policy.normaliser(batch.observation)
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
         minibatches = Minibatches(
@@ -206,7 +206,7 @@ class PolicyUpdate:
 
     def _find_gradient(self, pieces: Sequence[tuple[Tensor, ...]]) -> None:
         """Set the optimiser's gradient to that of a minibatch; fill in the results."""
-        config = self._config
+        config = self.config
         self.optimiser.gradient.zero_()
         for x, action, old, advantage, log_ratio, entropy in pieces:
             found = self.policy.likelihood(self._perceptron.forward(x), action)
@@ -234,7 +234,6 @@ def update(
     critic: CriticUpdate,
     batch: Batch,
     generator: torch.Generator,
-    n_epochs: int,
     policy_rates: Sequence[float],
     critic_rate: float,
     train_policy: bool = True,
@@ -244,6 +243,7 @@ def update(
 
     On a CPU both learn at the same time where there are threads for it.
 
+    :param policy: both have the settings; their number of epochs is that of the policy's.
     :param batch: on the device of both.
     :param generator: shuffles the samples.
     :param policy_rates: learning rates of the network and of the noise parameters, if any.
@@ -252,7 +252,7 @@ def update(
     """
     device = batch.value.device
     orders = [torch.randperm(len(batch.value), generator=generator).to(device)
-              for _ in range(n_epochs)]
+              for _ in range(policy.config.n_epochs)]
 
     def train_critic(poll: Poll) -> float:
         return critic.run(batch, orders, critic_rate, poll)

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from ppo_agent_node.learning.gae import advantages_and_returns
-from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import Policy
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import VectorEnv
@@ -93,7 +92,8 @@ class Rollout:
 
     @torch.no_grad()
     def batch(
-        self, critic: Critic, gamma: float, gae_lambda: float, reward_scale: float,
+        self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
+        reward_scale: float,
     ) -> Batch:
         """Return all samples, flat, with the critic's values and the advantages they give.
 
