@@ -207,13 +207,14 @@ class Floor:
 
 
 SIDES: dict[str, Callable[[Options], Side]] = {
-    'ours': Ours, 'SB3': StableBaselines3, 'floor': Floor,
+    'ours': Ours, 'SB3': StableBaselines3, 'SB3, threads sleep': StableBaselines3, 'floor': Floor,
     'floor, 512 rows': lambda options: Floor(options, 512)}
 
 
 def _serve(pipe: Connection, name: str, options: Options) -> None:
     if name == 'SB3':
-        # Importing our package sets it for torch's threads; it is not the other side's choice.
+        # Importing our package lets torch's threads sleep when they wait, which is good for them
+        # when others work beside them. The other side gets both: as it comes, and so.
         os.environ.pop('OMP_WAIT_POLICY', None)
         importlib.import_module('torch')
     side = SIDES[name](options)
