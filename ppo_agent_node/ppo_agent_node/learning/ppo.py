@@ -241,31 +241,32 @@ def update(
 ) -> Diagnostics:
     """Improve policy and critic in place.
 
-    On a CPU both learn at the same time where there are threads for it.
+    On a CPU both learn at the same time where there are threads for it, and each has its half
+    also when the other one rests: two threads that share every operation wait for each other all
+    the time, and on a busy machine they are slower than one.
 
     :param policy: both have the settings; their number of epochs is that of the policy's.
     :param batch: on the device of both.
     :param generator: shuffles the samples.
     :param policy_rates: learning rates of the network and of the noise parameters, if any.
     :param train_policy: False trains the critic only.
-    :param poll: called before each minibatch; may raise to end the update half-way.
+    :param poll: called before each minibatch, or while they are learnt from; may raise to end
+        the update half-way.
     """
     device = batch.value.device
     orders = [torch.randperm(len(batch.value), generator=generator).to(device)
               for _ in range(policy.config.n_epochs)]
 
-    def train_critic(poll: Poll) -> float:
+    def run_policy(poll: Poll) -> PolicyNews:
+        return policy.run(batch, orders, policy_rates, poll) if train_policy else PolicyNews()
+
+    def run_critic(poll: Poll) -> float:
         return critic.run(batch, orders, critic_rate, poll)
 
-    def run_policy(poll: Poll) -> PolicyNews:
-        return policy.run(batch, orders, policy_rates, poll)
-
-    if not train_policy:
-        news, value_loss = PolicyNews(), train_critic(poll)
-    elif device.type == 'cpu':
-        news, value_loss = both(run_policy, train_critic, poll)
+    if device.type == 'cpu':
+        news, value_loss = both(run_policy, run_critic, poll)
     else:
-        news, value_loss = run_policy(poll), train_critic(poll)
+        news, value_loss = run_policy(poll), run_critic(poll)
     return Diagnostics(
         value_loss=value_loss,
         explained_variance=explained_variance(batch.value, batch.target), **vars(news))
