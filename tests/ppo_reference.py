@@ -11,12 +11,12 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
 from ppo_agent_node.learning.config import PPOConfig
+from ppo_agent_node.learning.losses import clipped_objective
+from ppo_agent_node.learning.losses import squared_error
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.ppo import Diagnostics
-from ppo_agent_node.learning.ppo import clipped_objective
 from ppo_agent_node.learning.ppo import explained_variance
-from ppo_agent_node.learning.ppo import squared_error
 from ppo_agent_node.learning.rollout import Batch
 
 

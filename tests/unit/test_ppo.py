@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 import torch
 
+from ppo_agent_node.learning import losses
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import PPOConfig
@@ -30,7 +31,7 @@ def test_clipped_objective_and_its_gradient(
     ratio: float, advantage: float, value: float, slope: float,
 ) -> None:
     r = torch.tensor([ratio], requires_grad=True)
-    objective = ppo.clipped_objective(r, torch.tensor([advantage]), 0.2)
+    objective = losses.clipped_objective(r, torch.tensor([advantage]), 0.2)
     objective.sum().backward()
     assert float(objective.detach()) == pytest.approx(value)
     assert float(r.grad) == pytest.approx(slope)
@@ -43,7 +44,7 @@ def test_clipped_objective_and_its_gradient(
 ])
 def test_clipped_value_error_and_its_gradient(value: float, error: float, slope: float) -> None:
     v = torch.tensor([value], requires_grad=True)
-    found = ppo.squared_error(v, torch.tensor([1.0]), torch.tensor([3.0]), 0.5)
+    found = losses.squared_error(v, torch.tensor([1.0]), torch.tensor([3.0]), 0.5)
     found.sum().backward()
     assert float(found.detach()) == pytest.approx(error)
     assert float(v.grad) == pytest.approx(slope, abs=1e-6)
@@ -51,8 +52,8 @@ def test_clipped_value_error_and_its_gradient(value: float, error: float, slope:
 
 def test_unclipped_value_error_is_the_plain_one() -> None:
     v, old, target = torch.randn(3, 20)
-    assert torch.equal(ppo.squared_error(v, old, target, 0.0), (v - target).square())
-    assert bool((ppo.squared_error(v, old, target, 0.1) >= (v - target).square()).all())
+    assert torch.equal(losses.squared_error(v, old, target, 0.0), (v - target).square())
+    assert bool((losses.squared_error(v, old, target, 0.1) >= (v - target).square()).all())
 
 
 def test_policy_gradient_by_hand() -> None:
@@ -65,7 +66,7 @@ def test_policy_gradient_by_hand() -> None:
     old = policy.log_prob_entropy(x, a)[0].detach() - torch.tensor([0.0, 0.1, 0.9])
     advantage = torch.tensor([1.0, -2.0, 3.0])
     ratio = (policy.log_prob_entropy(x, a)[0] - old).exp()
-    (-ppo.clipped_objective(ratio, advantage, 0.2).mean()).backward()
+    (-losses.clipped_objective(ratio, advantage, 0.2).mean()).backward()
     expected = 0.0
     for index, weight in enumerate((1.0, math.exp(0.1), 0.0)):  # the last one is clipped away
         residual = float(a[index, 0]) - 0.3 * float(x[index, 0])

@@ -12,6 +12,7 @@ import ppo_reference
 import pytest
 import torch
 
+from ppo_agent_node.learning import losses
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import PPOConfig
@@ -129,19 +130,19 @@ def test_objective_and_error_gradients_are_those_of_autograd() -> None:
     noise = streams.generator(3, 'n')
     log_ratio, advantage, value, old, target = 0.3 * torch.randn(5, 4000, generator=noise)
     log_ratio.requires_grad_()
-    ppo.clipped_objective(log_ratio.exp(), advantage, 0.2).sum().backward()
+    losses.clipped_objective(log_ratio.exp(), advantage, 0.2).sum().backward()
     torch.testing.assert_close(
-        ppo.objective_gradient(log_ratio.detach().exp(), advantage, 0.2), log_ratio.grad)
+        losses.objective_gradient(log_ratio.detach().exp(), advantage, 0.2), log_ratio.grad)
     for clip_range in (0.0, 0.1, 0.5):
         v = value.clone().requires_grad_()
-        ppo.squared_error(v, old, target, clip_range).sum().backward()
+        losses.squared_error(v, old, target, clip_range).sum().backward()
         torch.testing.assert_close(
-            2 * ppo.error_gradient(value, old, target, clip_range), v.grad)
+            2 * losses.error_gradient(value, old, target, clip_range), v.grad)
 
 
 def test_what_is_not_a_number_is_not_hidden() -> None:
     """A clipped sample counts nothing; one that is no number must not pass for one."""
-    gradient = ppo.objective_gradient(torch.tensor([math.nan, 1.0]), torch.ones(2), 0.2)
+    gradient = losses.objective_gradient(torch.tensor([math.nan, 1.0]), torch.ones(2), 0.2)
     assert math.isnan(gradient[0])
     policy, critic = networks('gaussian', 'tanh')
     batch = fixed_batch(policy, critic)
