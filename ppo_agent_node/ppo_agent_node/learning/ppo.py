@@ -74,7 +74,7 @@ class CriticUpdate:
         self._perceptron = Perceptron(
             critic.value, self.optimiser.gradient_of, config.batch_size)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def run(
         self, batch: Batch, orders: Sequence[Tensor], rate: float, poll: Poll,
     ) -> float:
@@ -124,7 +124,7 @@ class PolicyUpdate:
         self._perceptron = Perceptron(
             policy.network, self.optimiser.gradient_of, config.batch_size)
 
-    @torch.no_grad()
+    @torch.inference_mode()
     def run(
         self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
     ) -> PolicyNews:
