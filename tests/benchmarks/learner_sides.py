@@ -166,7 +166,10 @@ class StableBaselines3:
 
 
 class Floor:
-    """The matrix products alone: forward, and backward for weights and inputs."""
+    """The matrix products alone: forward, and backward for weights and inputs.
+
+    Those of policy and critic run side by side where there are threads for it.
+    """
 
     def __init__(self, options: Options, rows: int = 0) -> None:
         """Allocate; with `rows`, minibatches are cut into so many samples."""
@@ -178,9 +181,10 @@ class Floor:
         self.samples = ours.samples
         rows = min(rows or options.case.batch_size, options.case.batch_size)
         self._times = -(-self.samples // rows)
-        self._products = []
+        self._products: list[list[tuple[Any, ...]]] = []
         self.flops = 0
         for network in (ours.learner.policy, ours.learner.critic):
+            self._products.append([])
             linear = [m for m in network.modules() if isinstance(m, torch.nn.Linear)]
             for index, layer in enumerate(linear):
                 outputs, inputs = layer.weight.shape
@@ -189,7 +193,7 @@ class Floor:
                 products = [(x, weight.T, torch.empty_like(dz)),
                             (dz.T, x, torch.empty_like(weight))]
                 products += [(dz, weight, torch.empty_like(x))] if index else []
-                self._products += products
+                self._products[-1] += products
                 self.flops += len(products) * 2 * inputs * outputs * self.samples
 
     def reset(self) -> None:
@@ -198,10 +202,16 @@ class Floor:
     def update(self) -> dict[str, float]:
         import torch
 
-        for _ in range(self._times):
-            for left, right, out in self._products:
-                torch.mm(left, right, out=out)
-        if self._products[0][2].is_cuda:
+        from ppo_agent_node.learning.side_by_side import both
+
+        def run(products: list[tuple[Any, ...]]) -> None:
+            for _ in range(self._times):
+                for left, right, out in products:
+                    torch.mm(left, right, out=out)
+
+        policy, critic = self._products
+        both(lambda poll: run(policy), lambda poll: run(critic), lambda: None)
+        if policy[0][2].is_cuda:
             torch.cuda.synchronize()
         return {'flops': float(self.flops)}
 
