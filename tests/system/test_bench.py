@@ -2,6 +2,7 @@
 """The benchmarks run and write what they measured. What they measure is not asserted here."""
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -9,6 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
+from benchmarks.learner_sides import CASES
+from benchmarks.learner_sides import Case
+from benchmarks.learner_sides import Options
+from benchmarks.learner_sides import Ours
+from benchmarks.learner_sides import StableBaselines3
 from hosts import missing
 
 pytest.importorskip('Box2D')
@@ -65,6 +72,41 @@ def test_exchange(tmp_path: Path) -> None:
     one = figures['exchange']['1']
     assert one['ratio'] == pytest.approx(one['dds'] / one['tcp'])
     assert 'TCP' in text
+
+
+def test_learner(tmp_path: Path) -> None:
+    text, figures = run(
+        'learner', tmp_path / 'out.json', '--cases', '1', '--rounds', '1', '--threads', '1',
+        '--samples', '1024')
+    one, = figures['learner']
+    rates = one['samples_per_second']
+    assert one['part_of_floor']['ours'] == pytest.approx(rates['ours'] / one['floor'])
+    assert one['floor'] == max(rates['floor'], rates['floor, 512 rows'])
+    if 'SB3' in rates:
+        assert one['ratio'] == pytest.approx(rates['ours'] / one['SB3'])
+        assert one['told']['SB3']['value_loss'] == pytest.approx(
+            one['told']['ours']['value_loss'], rel=0.2)
+    assert 'lunar_lander, minibatch 512' in text
+
+
+@pytest.mark.parametrize('case', CASES[:2], ids=str)
+def test_the_learner_loses_what_stable_baselines3_loses(case: Case) -> None:
+    """One minibatch, so that the order does not matter; one rate and no clipping, as it has."""
+    pytest.importorskip('stable_baselines3')
+    case = dataclasses.replace(case, batch_size=2048)
+    options = Options(case, threads=1, device='cpu', samples=2048)
+    before = torch.get_num_threads()
+    same = {
+        'n_epochs': 4, 'max_grad_norm': 1e9, 'actor_learning_rate': 1e-3, 'log_std_final': 20.0,
+        'critic_learning_rate': 1e-3, 'log_std_learning_rate': 1e-3}
+    ours, theirs = Ours(options, **same), StableBaselines3(options, **same)
+    assert ours.update() == pytest.approx(theirs.update(), rel=1e-5, abs=1e-6)
+    for layers, network in zip(
+            theirs.layers, (ours.learner.policy, ours.learner.critic), strict=True):
+        linear = [m for m in network.modules() if isinstance(m, torch.nn.Linear)]
+        for one, other in zip(linear, layers, strict=True):
+            torch.testing.assert_close(one.weight, other.weight, rtol=1e-4, atol=1e-5)
+    torch.set_num_threads(before)
 
 
 def test_stopping(tmp_path: Path) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import pytest
 import torch
-from torch.optim import Adam
 
+from ppo_agent_node.learning import losses
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import PPOConfig
@@ -30,7 +31,7 @@ def test_clipped_objective_and_its_gradient(
     ratio: float, advantage: float, value: float, slope: float,
 ) -> None:
     r = torch.tensor([ratio], requires_grad=True)
-    objective = ppo.clipped_objective(r, torch.tensor([advantage]), 0.2)
+    objective = losses.clipped_objective(r, torch.tensor([advantage]), 0.2)
     objective.sum().backward()
     assert float(objective.detach()) == pytest.approx(value)
     assert float(r.grad) == pytest.approx(slope)
@@ -43,7 +44,7 @@ def test_clipped_objective_and_its_gradient(
 ])
 def test_clipped_value_error_and_its_gradient(value: float, error: float, slope: float) -> None:
     v = torch.tensor([value], requires_grad=True)
-    found = ppo.squared_error(v, torch.tensor([1.0]), torch.tensor([3.0]), 0.5)
+    found = losses.squared_error(v, torch.tensor([1.0]), torch.tensor([3.0]), 0.5)
     found.sum().backward()
     assert float(found.detach()) == pytest.approx(error)
     assert float(v.grad) == pytest.approx(slope, abs=1e-6)
@@ -51,8 +52,8 @@ def test_clipped_value_error_and_its_gradient(value: float, error: float, slope:
 
 def test_unclipped_value_error_is_the_plain_one() -> None:
     v, old, target = torch.randn(3, 20)
-    assert torch.equal(ppo.squared_error(v, old, target, 0.0), (v - target).square())
-    assert bool((ppo.squared_error(v, old, target, 0.1) >= (v - target).square()).all())
+    assert torch.equal(losses.squared_error(v, old, target, 0.0), (v - target).square())
+    assert bool((losses.squared_error(v, old, target, 0.1) >= (v - target).square()).all())
 
 
 def test_policy_gradient_by_hand() -> None:
@@ -65,7 +66,7 @@ def test_policy_gradient_by_hand() -> None:
     old = policy.log_prob_entropy(x, a)[0].detach() - torch.tensor([0.0, 0.1, 0.9])
     advantage = torch.tensor([1.0, -2.0, 3.0])
     ratio = (policy.log_prob_entropy(x, a)[0] - old).exp()
-    (-ppo.clipped_objective(ratio, advantage, 0.2).mean()).backward()
+    (-losses.clipped_objective(ratio, advantage, 0.2).mean()).backward()
     expected = 0.0
     for index, weight in enumerate((1.0, math.exp(0.1), 0.0)):  # the last one is clipped away
         residual = float(a[index, 0]) - 0.3 * float(x[index, 0])
@@ -73,7 +74,7 @@ def test_policy_gradient_by_hand() -> None:
     assert float(policy.mean[0].weight.grad) == pytest.approx(expected, rel=1e-5)
 
 
-def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Adam, Adam, Batch]:
+def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
     policy = GaussianPolicy(4, 2, (16,), streams.generator(seed, 'p'), log_std_init=-1.0)
     critic = Critic(4, (16,), streams.generator(seed, 'c'))
     noise = streams.generator(seed, 'n')
@@ -81,18 +82,19 @@ def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Adam, Adam, Batch]:
     with torch.no_grad():
         action, log_prob = policy.sample(observation, noise)
         value = critic(observation)
-    batch = Batch(observation, action, log_prob, action[:, 0].clone(), value + 1, value)
-    return (policy, critic, Adam(policy.parameters(), lr=1e-3),
-            Adam(critic.parameters(), lr=1e-3), batch)
+    return policy, critic, Batch(
+        observation, action, log_prob, action[:, 0].clone(), value + 1, value)
 
 
-def run(seed: int = 1, shuffle: int = 1, **changes: object) -> tuple[
-        GaussianPolicy, Critic, ppo.Diagnostics, Batch]:
-    policy, critic, one, two, batch = setup(seed)
+def run(
+    seed: int = 1, shuffle: int = 1, train_policy: bool = True,
+    poll: Callable[[], None] = lambda: None, **changes: object,
+) -> tuple[GaussianPolicy, Critic, ppo.Diagnostics, Batch]:
+    policy, critic, batch = setup(seed)
+    config = dataclasses.replace(CONFIG, **changes)
     diagnostics = ppo.update(
-        policy, critic, one, two, batch,
-        dataclasses.replace(CONFIG, **{k: v for k, v in changes.items() if k != 'train_policy'}),
-        streams.generator(shuffle, 'm'), train_policy=bool(changes.get('train_policy', True)))
+        ppo.PolicyUpdate(policy, config), ppo.CriticUpdate(critic, config), batch,
+        streams.generator(shuffle, 'm'), (1e-3, 1e-3), 1e-3, train_policy, poll)
     return policy, critic, diagnostics, batch
 
 
@@ -132,8 +134,8 @@ def test_an_update_of_a_categorical_policy() -> None:
         before = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     batch = Batch(observation, action, log_prob, (action == 2).float(), value, value)
     told = ppo.update(
-        policy, critic, Adam(policy.parameters(), lr=1e-2), Adam(critic.parameters()), batch,
-        CONFIG, streams.generator(1, 'm'))
+        ppo.PolicyUpdate(policy, CONFIG), ppo.CriticUpdate(critic, CONFIG), batch,
+        streams.generator(1, 'm'), (1e-2,), 1e-3)
     with torch.no_grad():
         after = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     assert before == pytest.approx(1 / 3, abs=0.01)
@@ -170,15 +172,42 @@ def test_entropy_bonus_widens_the_policy() -> None:
     assert bool((bold.log_std > plain.log_std).all())
 
 
-def test_gradients_are_clipped() -> None:
-    policy, critic, _, _, batch = setup()
-    one = torch.optim.SGD(policy.parameters(), lr=1.0)
-    two = torch.optim.SGD(critic.parameters(), lr=1.0)
-    before = {n: p.detach().clone() for n, p in critic.named_parameters()}
-    config = dataclasses.replace(CONFIG, n_epochs=1, batch_size=256, max_grad_norm=0.01)
-    ppo.update(policy, critic, one, two, batch, config, streams.generator(1, 'm'))  # type: ignore[arg-type]
-    moved = torch.cat([(p.detach() - before[n]).flatten() for n, p in critic.named_parameters()])
-    assert float(moved.norm()) == pytest.approx(0.01, rel=1e-3)
+@pytest.mark.parametrize('threads', [1, 2])
+def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(threads: int) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    polls = 0
+
+    def stop() -> None:
+        nonlocal polls
+        polls += 1
+        if polls == 5:
+            raise KeyboardInterrupt
+
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run(poll=stop)
+        assert polls == 5
+        assert torch.get_num_threads() == threads
+        run(poll=stop)
+        assert polls >= 5 + 8  # at least once for each of the policy's minibatches
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize('train_policy', [True, False])
+def test_one_thread_and_two_are_equal_bit_for_bit(train_policy: bool) -> None:
+    before = torch.get_num_threads()
+    found = []
+    try:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            policy, critic, told, _ = run(train_policy=train_policy)
+            found.append((*policy.parameters(), *critic.parameters(), torch.tensor(
+                list(dataclasses.astuple(told))).nan_to_num()))
+    finally:
+        torch.set_num_threads(before)
+    assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
 
 
 def test_explained_variance() -> None:

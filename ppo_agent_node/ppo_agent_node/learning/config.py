@@ -111,6 +111,10 @@ class RunConfig:
 
     seed: int = setting(1, '', 'all randomness of the run starts here', 0, 2**31 - 1)
     threads: int = setting(2, '', 'threads of the tensor library', 1, 1024)
+    device: str = setting(
+        'auto', '', 'where updates are computed; auto: on the GPU where there is one. On another '
+        'device, also when a run is resumed there, the same seed gives other weights',
+        choices=('auto', 'cpu', 'cuda'))
     checkpoint_interval: int = setting(
         5, 'iterations', 'a checkpoint is written this often, and at a stop', 1, 1_000_000)
     selection_interval: int = setting(

@@ -2,33 +2,59 @@
 """What learns: policy, critic and their optimisers, saved and put back as one."""
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 from torch import nn
-from torch.optim import Adam
 
 from ppo_agent_node.learning import ppo
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.adam import FlatAdam
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.ppo import Diagnostics
+from ppo_agent_node.learning.rollout import Batch
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.sealed_file import Tensors
 from rocket_sim_node.worlds import WorldSpec
 
+_VALUED_AT_ONCE = 4096
+"""Observations; many more would leave the processor's cache between the layers."""
+M = TypeVar('M', bound=nn.Module)
+
+
+def find_device(name: str) -> torch.device:
+    """Return the device of a setting: `auto`, `cpu` or `cuda`.
+
+    :raises ValueError: when there is none.
+    """
+    there = torch.cuda.is_available()
+    if name == 'cuda' and not there:
+        raise ValueError(
+            "device: got 'cuda', but torch finds no GPU here, expected 'auto' or 'cpu'")
+    return torch.device('cuda' if there and name != 'cpu' else 'cpu')
+
 
 class Learner:
-    """Policy and critic for a world, and how they learn."""
+    """Policy and critic for a world, and how they learn.
+
+    Both are on the CPU, where roll-outs are flown. On another device an update works on copies
+    that stay there, and brings back what they have become.
+    """
 
     def __init__(self, spec: WorldSpec, config: Config) -> None:
-        """Make both networks, which depend on the seed alone."""
+        """Make both networks, which depend on the seed alone.
+
+        :raises ValueError: when the device of the settings is not there.
+        """
         network, self._seed = config.network, config.run.seed
-        self._ppo = config.ppo
+        self._ppo, self.device = config.ppo, find_device(config.run.device)
         self.policy = make_policy(spec, network, streams.generator(self._seed, 'policy'))
         self.critic = Critic(
             spec.observation_size, network.hidden_sizes,
@@ -36,12 +62,12 @@ class Learner:
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width
-        noise = self.policy.noise_parameters()
-        apart = {id(parameter) for parameter in noise}
-        groups = [{'params': [p for p in self.policy.parameters() if id(p) not in apart]}]
-        self.policy_optimiser = Adam(
-            groups + [{'params': noise}] if noise else groups, fused=True, eps=1e-5)
-        self.critic_optimiser = Adam(self.critic.parameters(), fused=True, eps=1e-5)
+        self._policy_update = ppo.PolicyUpdate(self._there(self.policy), self._ppo)
+        self._critic_update = ppo.CriticUpdate(self._there(self.critic), self._ppo)
+
+    def _there(self, network: M) -> M:
+        here = torch.device('cpu')
+        return network if self.device == here else copy.deepcopy(network).to(self.device)
 
     def learn(
         self, iteration: int, rollout: Rollout, poll: Callable[[], None],
@@ -52,75 +78,67 @@ class Learner:
         :param poll: called before each minibatch; may raise, which leaves it half-done.
         """
         c = self._ppo
-        done = (iteration - 1) / c.iterations
-        part = 1 - done if c.learning_rate_decay else 1.0
-        rates = (c.actor_learning_rate * part, c.log_std_learning_rate * part)
-        for group, rate in zip(self.policy_optimiser.param_groups, rates, strict=False):
-            group['lr'] = rate
-        self.critic_optimiser.param_groups[0]['lr'] = c.critic_learning_rate * part
-        batch = rollout.batch(self.critic, c.gamma, c.gae_lambda, c.reward_scale)
+        self._carry(there=True)
+        return self.improve(
+            iteration, rollout.batch(self._values, c.gamma, c.gae_lambda, c.reward_scale), poll)
+
+    def _values(self, observation: Tensor) -> Tensor:
+        """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
+        return torch.cat([
+            self._critic_update.critic(part.to(self.device)).cpu()
+            for part in observation.split(_VALUED_AT_ONCE)])
+
+    def improve(
+        self, iteration: int, batch: Batch, poll: Callable[[], None],
+    ) -> tuple[Diagnostics, float]:
+        """Improve both networks by samples, as `learn` does by those of a roll-out."""
+        c = self._ppo
+        part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
+        rates = [c.actor_learning_rate * part]
+        if self.policy.noise_parameters():
+            rates.append(c.log_std_learning_rate * part)
+        self._carry(there=True)
         diagnostics = ppo.update(
-            self.policy, self.critic, self.policy_optimiser, self.critic_optimiser, batch, c,
-            streams.generator(self._seed, 'minibatches', iteration),
+            self._policy_update, self._critic_update, batch.to(self.device),
+            streams.generator(self._seed, 'minibatches', iteration), rates,
+            c.critic_learning_rate * part,
             train_policy=iteration > c.critic_warmup_iterations, poll=poll)
+        self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)
         return diagnostics, rates[0]
 
+    def _carry(self, there: bool) -> None:
+        """Copy the networks to the device, or back, where it is another one."""
+        for here, away in (
+            (self.policy, self._policy_update.policy), (self.critic, self._critic_update.critic),
+        ):
+            if here is not away:
+                source, target = (here, away) if there else (away, here)
+                target.load_state_dict(source.state_dict())
+
     def tensors(self) -> Tensors:
-        """Return copies of all weights and of the optimisers' state."""
-        found = {name: tensor.clone() for name, tensor in self._weights().items()}
-        for name, optimiser in self._optimisers().items():
-            for index, state in optimiser.state_dict()['state'].items():
-                found |= {f'{name}.{index}.{k}': v.clone() for k, v in state.items()}
-        return found
+        """Return copies of all weights and of the optimisers' state, on the CPU."""
+        return {name: tensor.to('cpu', copy=True) for name, tensor in self._state().items()}
 
     def load(self, path: Path, tensors: Tensors) -> None:
-        """Put back what `tensors` returned.
+        """Put back what `tensors` returned, on whatever device.
 
         :param path: of the file they come from, for messages.
         :raises ValueError: when they do not fit; nothing changes.
         """
-        weights = self._weights()
-        states = {}
-        expected = dict(weights)
-        for name, optimiser in self._optimisers().items():
-            states[name] = {
-                index: _state_like(parameter)
-                for index, parameter in enumerate(
-                    p for group in optimiser.param_groups for p in group['params'])
-                if f'{name}.{index}.step' in tensors
-            }
-            for index, state in states[name].items():
-                expected |= {f'{name}.{index}.{key}': like for key, like in state.items()}
-        sealed_file.expect_tensors(path, tensors, expected)
-        with torch.no_grad():
-            for name, tensor in weights.items():
-                tensor.copy_(tensors[name])
-        for name, optimiser in self._optimisers().items():
-            optimiser.load_state_dict({
-                'param_groups': optimiser.state_dict()['param_groups'],
-                'state': {
-                    index: {key: tensors[f'{name}.{index}.{key}'].clone() for key in state}
-                    for index, state in states[name].items()
-                },
-            })
+        sealed_file.expect_tensors(path, tensors, self._state())
+        for kind, part in self._parts().items():
+            mine = {name.removeprefix(f'{kind}.'): tensor for name, tensor in tensors.items()
+                    if name.startswith(f'{kind}.')}
+            part.load_state_dict(mine)
 
-    def _weights(self) -> dict[str, Tensor]:
-        networks: dict[str, nn.Module] = {'policy': self.policy, 'critic': self.critic}
+    def _parts(self) -> dict[str, nn.Module | FlatAdam]:
         return {
-            f'{kind}.{name}': tensor
-            for kind, network in networks.items()
-            for name, tensor in network.state_dict().items()
-        }
+            'policy': self.policy, 'critic': self.critic,
+            'policy_optimiser': self._policy_update.optimiser,
+            'critic_optimiser': self._critic_update.optimiser}
 
-    def _optimisers(self) -> dict[str, Adam]:
+    def _state(self) -> dict[str, Tensor]:
         return {
-            'policy_optimiser': self.policy_optimiser, 'critic_optimiser': self.critic_optimiser}
-
-
-def _state_like(parameter: Tensor) -> dict[str, Tensor]:
-    """Return tensors of the shapes that Adam keeps for a parameter."""
-    return {
-        'step': torch.zeros(()), 'exp_avg': torch.zeros_like(parameter),
-        'exp_avg_sq': torch.zeros_like(parameter),
-    }
+            f'{kind}.{name}': tensor for kind, part in self._parts().items()
+            for name, tensor in part.state_dict().items()}

@@ -4,21 +4,32 @@
 Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (the clipped
 objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
 policy optimization', 2022.
+
+Policy and critic share the samples and their order and nothing else, so that each learns in a
+loop of its own. Gradients are written out: of the losses in `losses`, of the distributions in the
+policies, of the networks in `perceptron`.
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.utils import clip_grad_norm_
-from torch.optim import Adam
 
+from ppo_agent_node.learning.adam import FlatAdam
 from ppo_agent_node.learning.config import PPOConfig
+from ppo_agent_node.learning.losses import clipped_objective
+from ppo_agent_node.learning.losses import error_gradient
+from ppo_agent_node.learning.losses import objective_gradient
+from ppo_agent_node.learning.losses import squared_error
+from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.networks import Critic
+from ppo_agent_node.learning.perceptron import Perceptron
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.rollout import Batch
+from ppo_agent_node.learning.side_by_side import Poll
+from ppo_agent_node.learning.side_by_side import both
 
 NAN = float('nan')
 
@@ -28,7 +39,7 @@ class Diagnostics:
     """How an update went, by the names that CleanRL made usual; NaN where it did not happen."""
 
     policy_loss: float
-    """mean of minus the clipped objective, over all minibatches"""
+    """minus the clipped objective, mean over the samples learnt from"""
     value_loss: float
     """half the mean squared error of the critic, in units of (reward x reward_scale)^2"""
     entropy: float
@@ -37,7 +48,7 @@ class Diagnostics:
     """nats the policy moved by: mean of r - 1 - log r over the last minibatch (Schulman,
     'Approximating KL divergence', 2020, estimator k3)"""
     clipfrac: float
-    """part of the samples whose ratio left the clip range, mean over the minibatches"""
+    """part of the samples whose ratio left the clip range"""
     explained_variance: float
     """1 - Var(target - value) / Var(target), before the update: 1 is a perfect critic, 0 one no
     better than a constant"""
@@ -47,99 +58,178 @@ class Diagnostics:
     """minibatches that the policy learnt from"""
 
 
-def clipped_objective(ratio: Tensor, advantage: Tensor, clip_range: float) -> Tensor:
-    """Return min(r A, clip(r, 1 - eps, 1 + eps) A) for each sample (equation 7), `(S,)`."""
-    return torch.minimum(
-        ratio * advantage, ratio.clamp(1 - clip_range, 1 + clip_range) * advantage)
-
-
-def squared_error(value: Tensor, old: Tensor, target: Tensor, clip_range: float) -> Tensor:
-    """Return (V - target)^2 or, clipped, the larger of it and (clip(V, old ± eps) - target)^2.
-
-    The latter as OpenAI's baselines do it in PPO2 (implementation detail 9 of Huang et al.): a
-    value on its way to the target stops learning once it is eps from where the update began.
-
-    :param value: `(S,)` of the critic as it is.
-    :param old: `(S,)` of the critic as it was at the roll-out.
-    :param clip_range: eps, in the critic's units; 0: not clipped.
-    """
-    error = (value - target).square()
-    if not clip_range:
-        return error
-    near = old + (value - old).clamp(-clip_range, clip_range)
-    return torch.maximum(error, (near - target).square())
-
-
 def explained_variance(value: Tensor, target: Tensor) -> float:
     """Return 1 - Var(target - value) / Var(target); NaN when the targets are all equal."""
     variance = target.var()
     return float(1 - (target - value).var() / variance) if variance > 0 else NAN
 
 
+class CriticUpdate:
+    """How the critic learns; holds its optimiser."""
+
+    def __init__(self, critic: Critic, config: PPOConfig) -> None:
+        """Take the critic's parameters over."""
+        self.critic, self.config = critic, config
+        self.optimiser = FlatAdam([list(critic.value.parameters())])
+        self._perceptron = Perceptron(
+            critic.value, self.optimiser.gradient_of, config.batch_size)
+
+    @torch.inference_mode()
+    def run(
+        self, batch: Batch, orders: Sequence[Tensor], rate: float, poll: Poll,
+    ) -> float:
+        """Learn from each order of the samples; return the mean loss, half the squared error."""
+        config = self.config
+        seen = self.critic.normaliser(batch.observation)
+        values = torch.empty_like(batch.value)
+        minibatches = Minibatches(
+            (seen, batch.target, batch.value), (values,), config.batch_size,
+            self._perceptron.rows)
+        losses = []
+        for order in orders:
+            _, target, old = minibatches.shuffle(order)
+            for start, stop, pieces in minibatches:
+                poll()
+                self.optimiser.gradient.zero_()
+                for x, wanted, before, value in pieces:
+                    self._perceptron.forward(x, value[None])
+                    error = error_gradient(value, before, wanted, config.value_clip_range)
+                    self._perceptron.backward(error[None])
+                self.optimiser.step([rate], config.max_grad_norm, stop - start)
+            losses.append(squared_error(values, old, target, config.value_clip_range).mean())
+        return 0.5 * _sum(losses) / len(losses)
+
+
+@dataclass(frozen=True)
+class PolicyNews:
+    """How the policy's part of an update went; see Diagnostics."""
+
+    policy_loss: float = NAN
+    entropy: float = NAN
+    approx_kl: float = NAN
+    clipfrac: float = NAN
+    grad_norm: float = NAN
+    updates: float = 0
+
+
+class PolicyUpdate:
+    """How the policy learns; holds its optimiser."""
+
+    def __init__(self, policy: Policy, config: PPOConfig) -> None:
+        """Take the policy's parameters over."""
+        self.policy, self.config = policy, config
+        self._noise = policy.noise_parameters()
+        groups = [list(policy.network.parameters())]
+        self.optimiser = FlatAdam(groups + [self._noise] if self._noise else groups)
+        self._perceptron = Perceptron(
+            policy.network, self.optimiser.gradient_of, config.batch_size)
+
+    @torch.inference_mode()
+    def run(
+        self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
+    ) -> PolicyNews:
+        """Learn from each order of the samples, until the policy has moved too far."""
+        config = self.config
+        seen = self.policy.normaliser(batch.observation)
+        log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
+        minibatches = Minibatches(
+            (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
+            config.batch_size, self._perceptron.rows)
+        losses, entropies, clipped, norms = [], [], [], []
+        learnt_from = judged = 0
+        kl = torch.tensor(NAN)
+        for order in orders:
+            *_, advantage = minibatches.shuffle(order)
+            if config.normalise_advantages:
+                minibatches.normalise_(advantage)
+            learnt = stop = 0
+            for start, stop, pieces in minibatches:
+                poll()
+                self._find_gradient(pieces)
+                if config.target_kl and config.target_kl < (kl := _divergence(
+                        log_ratio[start:stop])):
+                    break
+                norms.append(self.optimiser.step(rates, config.max_grad_norm, stop - start))
+                self.policy.constrain()
+                learnt = stop
+            ratio = log_ratio[:stop].exp()
+            clipped.append(((ratio - 1).abs() > config.clip_range).sum())
+            losses.append(clipped_objective(
+                ratio[:learnt], advantage[:learnt], config.clip_range).sum())
+            entropies.append(entropy[:learnt].sum())
+            learnt_from, judged = learnt_from + learnt, judged + stop
+            kl = _divergence(log_ratio[start:stop])
+            if learnt < stop:
+                break
+        return PolicyNews(
+            policy_loss=-_sum(losses) / learnt_from if learnt_from else NAN,
+            entropy=_sum(entropies) / learnt_from if learnt_from else NAN,
+            approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
+            grad_norm=sum(norms) / len(norms) if norms else NAN, updates=len(norms))
+
+    def _find_gradient(self, pieces: Sequence[tuple[Tensor, ...]]) -> None:
+        """Set the optimiser's gradient to that of a minibatch; fill in the results."""
+        config = self.config
+        self.optimiser.gradient.zero_()
+        for x, action, old, advantage, log_ratio, entropy in pieces:
+            found = self.policy.likelihood(self._perceptron.forward(x), action)
+            torch.sub(found.log_prob, old, out=log_ratio)
+            entropy.copy_(found.entropy)
+            by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
+            error, by_noise = self.policy.likelihood_gradient(
+                found, action, by_log_prob, -config.entropy_coefficient)
+            self._perceptron.backward(error)
+            for parameter, gradient in zip(self._noise, by_noise, strict=True):
+                self.optimiser.gradient_of(parameter).add_(gradient)
+
+
+def _divergence(log_ratio: Tensor) -> Tensor:
+    """Return the mean of r - 1 - log r."""
+    return (log_ratio.exp() - 1 - log_ratio).mean()
+
+
+def _sum(values: list[Tensor]) -> float:
+    return float(torch.stack(values).sum())
+
+
 def update(
-    policy: Policy,
-    critic: Critic,
-    policy_optimiser: Adam,
-    critic_optimiser: Adam,
+    policy: PolicyUpdate,
+    critic: CriticUpdate,
     batch: Batch,
-    config: PPOConfig,
     generator: torch.Generator,
+    policy_rates: Sequence[float],
+    critic_rate: float,
     train_policy: bool = True,
-    poll: Callable[[], None] = lambda: None,
+    poll: Poll = lambda: None,
 ) -> Diagnostics:
     """Improve policy and critic in place.
 
+    On a CPU both learn at the same time where there are threads for it, and each has its half
+    also when the other one rests: two threads that share every operation wait for each other all
+    the time, and on a busy machine they are slower than one.
+
+    :param policy: both have the settings; their number of epochs is that of the policy's.
+    :param batch: on the device of both.
     :param generator: shuffles the samples.
+    :param policy_rates: learning rates of the network and of the noise parameters, if any.
     :param train_policy: False trains the critic only.
-    :param poll: called before each minibatch; may raise to end the update half-way.
+    :param poll: called before each minibatch, or while they are learnt from; may raise to end
+        the update half-way.
     """
-    policy_losses, value_losses, entropies, clipped, norms = [], [], [], [], []
-    kl = torch.tensor(NAN)
-    learning = train_policy
-    for _ in range(config.n_epochs):
-        for index in torch.randperm(len(batch.value), generator=generator).split(
-                config.batch_size):
-            poll()
-            part = batch.take(index)
+    device = batch.value.device
+    orders = [torch.randperm(len(batch.value), generator=generator).to(device)
+              for _ in range(policy.config.n_epochs)]
 
-            value_loss = 0.5 * squared_error(
-                critic(part.observation), part.value, part.target, config.value_clip_range).mean()
-            critic_optimiser.zero_grad()
-            value_loss.backward()
-            clip_grad_norm_(critic.parameters(), config.max_grad_norm)
-            critic_optimiser.step()
-            value_losses.append(value_loss.detach())
-            if not learning:
-                continue
+    def run_policy(poll: Poll) -> PolicyNews:
+        return policy.run(batch, orders, policy_rates, poll) if train_policy else PolicyNews()
 
-            advantage = part.advantage
-            if config.normalise_advantages and len(index) > 1:
-                advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-            log_prob, entropy = policy.log_prob_entropy(part.observation, part.action)
-            log_ratio = log_prob - part.log_prob
-            ratio = log_ratio.exp()
-            with torch.no_grad():
-                kl = (ratio - 1 - log_ratio).mean()
-                clipped.append(((ratio - 1).abs() > config.clip_range).float().mean())
-            if 0 < config.target_kl < kl:
-                learning = False
-                continue
-            policy_loss = -clipped_objective(ratio, advantage, config.clip_range).mean()
-            loss = policy_loss - config.entropy_coefficient * entropy.mean()
-            policy_optimiser.zero_grad()
-            loss.backward()
-            norms.append(clip_grad_norm_(policy.parameters(), config.max_grad_norm))
-            policy_optimiser.step()
-            policy.constrain()
-            policy_losses.append(policy_loss.detach())
-            entropies.append(entropy.detach().mean())
+    def run_critic(poll: Poll) -> float:
+        return critic.run(batch, orders, critic_rate, poll)
+
+    if device.type == 'cpu':
+        news, value_loss = both(run_policy, run_critic, poll)
+    else:
+        news, value_loss = run_policy(poll), run_critic(poll)
     return Diagnostics(
-        policy_loss=_mean(policy_losses), value_loss=_mean(value_losses),
-        entropy=_mean(entropies), approx_kl=float(kl), clipfrac=_mean(clipped),
-        explained_variance=explained_variance(batch.value, batch.target),
-        grad_norm=_mean(norms), updates=len(policy_losses),
-    )
-
-
-def _mean(values: list[Tensor]) -> float:
-    return float(torch.stack(values).mean()) if values else NAN
+        value_loss=value_loss,
+        explained_variance=explained_variance(batch.value, batch.target), **vars(news))

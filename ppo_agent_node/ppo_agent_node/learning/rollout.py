@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from ppo_agent_node.learning.gae import advantages_and_returns
-from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import Policy
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Flight
@@ -33,9 +33,9 @@ class Batch(NamedTuple):
     value: Tensor
     """`(S,)`, what it did say"""
 
-    def take(self, index: Tensor) -> Batch:
-        """Return the chosen samples."""
-        return Batch(*(tensor[index] for tensor in self))
+    def to(self, device: torch.device) -> Batch:
+        """Return the samples on a device."""
+        return Batch(*(tensor.to(device) for tensor in self))
 
 
 class Rollout:
@@ -95,7 +95,8 @@ class Rollout:
 
     @torch.no_grad()
     def batch(
-        self, critic: Critic, gamma: float, gae_lambda: float, reward_scale: float,
+        self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
+        reward_scale: float,
     ) -> Batch:
         """Return all samples, flat, with the critic's values and the advantages they give.
 

@@ -20,8 +20,9 @@ from ppo_agent_node.learning.selection import Score
 from rocket_sim_node.worlds import WorldSpec
 
 _FREE_TO_CHANGE = frozenset(
-    {'threads', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
-"""Settings that do not change what is learnt, so that a resumed run may have others."""
+    {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
+"""Settings that do not change what is learnt but for rounding, so that a resumed run may have
+others."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The policy of discrete actions: probabilities that are the softmax of what a network says."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+from torch.nn import functional
+
+from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.policy import Likelihood
+from ppo_agent_node.learning.policy import Policy
+
+
+class CategoricalPolicy(Policy):
+    """One of K actions, with probabilities that are the softmax of a network's output.
+
+    Weights that are not finite are an error wherever an action is chosen: an action is a whole
+    number, which nobody downstream could tell from a good one.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_count: int,
+        hidden_sizes: Sequence[int],
+        generator: torch.Generator,
+        activation: str = 'tanh',
+    ) -> None:
+        """Make a policy D -> hidden_sizes -> K whose first actions are nearly equally likely."""
+        super().__init__()
+        self.action_shape = ()
+        self.action_dtype = torch.int64
+        self.normaliser = Normaliser(observation_size)
+        self.logits = mlp(
+            (observation_size, *hidden_sizes, action_count), 0.01, generator, activation)
+
+    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Return actions `(N,)` int64 and their log-probabilities `(N,)`.
+
+        The Gumbel-max trick: argmax(log p - log(-log u)) has the probabilities p (Maddison,
+        Tarlow and Minka, 'A* sampling', 2014). One uniform number for each action, so that the
+        stream moves on alike whatever is drawn.
+
+        :raises ValueError: when the network's output is not finite.
+        """
+        log_p = self._finite_log_p(observation)
+        uniform = torch.rand(log_p.shape, generator=generator)
+        # A u of 0 gives minus infinity, which merely is not drawn.
+        action = (log_p - (-uniform.log()).log()).argmax(-1)
+        return action, _picked(log_p, action)
+
+    @property
+    def network(self) -> nn.Sequential:
+        """What gives the logits."""
+        return self.logits
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities and entropies `(S,)`."""
+        log_p = output.log_softmax(0)
+        return Likelihood(
+            log_p.gather(0, action[None])[0], -(log_p.exp() * log_p).sum(0), log_p)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradient by the logits; there is no noise parameter.
+
+        With H the entropy: d log p_a / d logit_k = [k = a] - p_k and
+        d H / d logit_k = -p_k (log p_k + H).
+        """
+        log_p = found.kept
+        error = (log_p + found.entropy).mul_(-by_entropy).sub_(by_log_prob).mul_(log_p.exp())
+        return error.scatter_add_(0, action[None], by_log_prob[None]), []
+
+    def mode(self, observation: Tensor) -> Tensor:
+        """Return the likeliest actions `(N,)` int64; of equally likely ones the first.
+
+        :raises ValueError: when the network's output is not finite.
+        """
+        return self._finite_log_p(observation).argmax(-1)
+
+    def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Return the cross entropy of actions `(S,)`, nats."""
+        return functional.nll_loss(self._log_p(observation), action)
+
+    def _log_p(self, observation: Tensor) -> Tensor:
+        """Return the log-probabilities of all actions `(S, K)`."""
+        return self.output(observation).log_softmax(-1)
+
+    def _finite_log_p(self, observation: Tensor) -> Tensor:
+        log_p = self._log_p(observation)
+        bad = ~log_p.isfinite().all(-1)
+        if bool(bad.any()):
+            raise ValueError(
+                f'policy: the probabilities of row {int(bad.nonzero()[0, 0])} are not finite')
+        return log_p
+
+
+def _picked(log_p: Tensor, action: Tensor) -> Tensor:
+    """Return the entries `(S,)` of `(S, K)` that belong to actions `(S,)`."""
+    return log_p.gather(-1, action[..., None])[..., 0]

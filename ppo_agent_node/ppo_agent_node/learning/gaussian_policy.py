@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The policy of continuous actions: a normal distribution about what a network says."""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+
+from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.policy import Likelihood
+from ppo_agent_node.learning.policy import Policy
+
+_HALF_LOG_TAU = 0.5 * math.log(2 * math.pi)
+
+
+class GaussianPolicy(Policy):
+    """A normal distribution about a network's output, its deviation learnt, equal everywhere.
+
+    Actions are sampled unbounded; the world clips what it flies.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_size: int,
+        hidden_sizes: Sequence[int],
+        generator: torch.Generator,
+        log_std_init: float = -2.4,
+        log_std_final: float = 2.0,
+        log_std_floor: float = -20.0,
+        activation: str = 'tanh',
+    ) -> None:
+        """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
+
+        The log standard deviation, learnt, begins at `log_std_init` and stays above its floor.
+        With a `log_std_final` below the first value it also stays below a line from that to this.
+        """
+        super().__init__()
+        self.action_shape = (action_size,)
+        self.action_dtype = torch.float32
+        self.normaliser = Normaliser(observation_size)
+        self.mean = mlp(
+            (observation_size, *hidden_sizes, action_size), 0.01, generator, activation)
+        self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
+        self.log_std_init, self.log_std_final = log_std_init, log_std_final
+        self.log_std_floor = log_std_floor
+
+    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Return actions `(N, A)` and their log-probabilities `(N,)`."""
+        mean = self.mode(observation)
+        noise = torch.randn(mean.shape, generator=generator)
+        action = mean + self.log_std.exp() * noise
+        return action, self._log_prob(noise.T)
+
+    @property
+    def network(self) -> nn.Sequential:
+        """What gives the means."""
+        return self.mean
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities `(S,)` and the entropy, a scalar."""
+        noise = (output - action.T) * (-self.log_std).exp()[:, None]
+        entropy = (self.log_std + (0.5 + _HALF_LOG_TAU)).sum()
+        return Likelihood(self._log_prob(noise), entropy, noise)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradients by the means and by the log deviation.
+
+        With z = (mean - a) / std: d log p / d mean = -z / std, d log p / d log std = z^2 - 1, and
+        the entropy grows as the sum of the log deviations.
+        """
+        pull = found.kept * by_log_prob
+        by_log_std = torch.linalg.vecdot(pull, found.kept)
+        by_log_std += by_entropy * len(action) - by_log_prob.sum()
+        return pull.mul_(-(-self.log_std).exp()[:, None]), [by_log_std]
+
+    def _log_prob(self, noise: Tensor) -> Tensor:
+        """Return the log-density `(S,)` of actions `noise` `(A, S)` deviations from the mean."""
+        return -0.5 * noise.square().sum(0) - (self.log_std + _HALF_LOG_TAU).sum()
+
+    def mode(self, observation: Tensor) -> Tensor:
+        """Return the means `(N, A)`."""
+        return self.output(observation)
+
+    def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Return the mean squared error; to overshoot an action that is at its bound is none."""
+        mean = self.mode(observation)
+        error = torch.where(action >= 1, mean.clamp_max(1), mean)
+        error = torch.where(action <= -1, mean.clamp_min(-1), error) - action
+        return error.square().mean()
+
+    @torch.no_grad()
+    def constrain(self, progress: float = 0.0) -> None:
+        """Keep the log deviation above its floor and below its falling ceiling, if it has one."""
+        self.log_std.clamp_min_(self.log_std_floor)
+        if self.log_std_final < self.log_std_init:
+            self.log_std.clamp_max_(
+                self.log_std_init + progress * (self.log_std_final - self.log_std_init))
+
+    def noise_parameters(self) -> list[nn.Parameter]:
+        """Return the log standard deviation."""
+        return [self.log_std]
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return the mean log standard deviation."""
+        return {'log_std': float(self.log_std.detach().mean())}

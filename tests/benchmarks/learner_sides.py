@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One PPO update by us, one by Stable-Baselines3, and the matrix products that both need.
+
+Each side is served by a process of its own, so that it has the threads and the environment
+variables that it would have alone.
+"""
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is learnt: a world's default preset, with its batches or others."""
+
+    world: str
+    rockets: int
+    batch_size: int
+
+    @property
+    def name(self) -> str:
+        return f'{self.world}, minibatch {self.batch_size}'
+
+
+CASES = (
+    Case('rocket', 256, 4096), Case('lunar_lander', 64, 512), Case('lunar_lander', 64, 64))
+
+
+@dataclass(frozen=True)
+class Options:
+    """How one side is run."""
+
+    case: Case
+    threads: int
+    device: str
+    samples: int
+    """in the batch; 0: as many as the preset flies"""
+
+
+class Side(Protocol):
+    """What is timed."""
+
+    samples: int
+    """times epochs"""
+
+    def reset(self) -> None: ...
+
+    def update(self) -> dict[str, float]: ...
+
+
+class Ours:
+    """Our learner and the fixed batch, from which the other side takes weights and samples."""
+
+    def __init__(self, options: Options, **changes: Any) -> None:
+        import torch
+
+        from ppo_agent_node.learning.config import load_preset
+        from ppo_agent_node.learning.learner import Learner
+        from ppo_agent_node.learning.rollout import Batch
+        from rocket_sim_node import worlds
+
+        torch.set_num_threads(options.threads)
+        case = options.case
+        self.spec = worlds.make(case.world, num_envs=case.rockets).spec
+        self.config = load_preset('default', case.world, **{
+            'batch_size': case.batch_size, 'target_kl': 0.0, 'critic_warmup_iterations': 0,
+            'threads': options.threads, 'device': options.device, **changes})
+        self.learner = Learner(self.spec, self.config)
+        count = options.samples or self.config.ppo.n_steps * case.rockets
+        noise = torch.Generator().manual_seed(1)
+        observation = torch.randn(count, self.spec.observation_size, generator=noise)
+        with torch.no_grad():
+            action, log_prob = self.learner.policy.sample(observation, noise)
+            value = self.learner.critic(observation)
+        # As if flown some updates ago: ratios on both sides of the clip range.
+        log_prob += 0.1 * torch.randn(count, generator=noise)
+        advantage, error = torch.randn(2, count, generator=noise)
+        self.batch = Batch(observation, action, log_prob, advantage, value + error, value)
+        self.samples = count * self.config.ppo.n_epochs
+        self._start = self.learner.tensors()
+
+    def reset(self) -> None:
+        self.learner.load(Path('start'), self._start)
+
+    def update(self) -> dict[str, float]:
+        told = self.learner.improve(1, self.batch, lambda: None)[0]
+        return {'policy_loss': told.policy_loss, 'value_loss': told.value_loss}
+
+
+class StableBaselines3:
+    """Stable-Baselines3's PPO with the same networks, batch and settings."""
+
+    def __init__(self, options: Options, **changes: Any) -> None:
+        import copy
+
+        import gymnasium
+        import torch
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.logger import Logger
+
+        ours = Ours(options, **changes)
+        spec, ppo, network = ours.spec, ours.config.ppo, ours.config.network
+        count = len(ours.batch.value)
+        self.samples = ours.samples
+
+        class Spaces(gymnasium.Env):  # type: ignore[type-arg]
+            observation_space = gymnasium.spaces.Box(-1e9, 1e9, (spec.observation_size,))
+            action_space = gymnasium.spaces.Box(-1, 1, (spec.action_size,)) if (
+                spec.continuous) else gymnasium.spaces.Discrete(spec.action_count)
+
+        sizes = list(network.hidden_sizes)
+        self.model = model = PPO(
+            'MlpPolicy', Spaces(), n_steps=count, batch_size=ppo.batch_size,
+            n_epochs=ppo.n_epochs, learning_rate=ppo.actor_learning_rate,
+            clip_range=ppo.clip_range, ent_coef=ppo.entropy_coefficient, vf_coef=0.5,
+            max_grad_norm=ppo.max_grad_norm, device=options.device, seed=1, policy_kwargs={
+                'net_arch': {'pi': sizes, 'vf': sizes}, 'activation_fn': torch.nn.Tanh})
+        model.set_logger(Logger(None, []))
+        layers = [
+            (*(part for part in net if isinstance(part, torch.nn.Linear)), last)
+            for net, last in (
+                (model.policy.mlp_extractor.policy_net, model.policy.action_net),
+                (model.policy.mlp_extractor.value_net, model.policy.value_net))]
+        with torch.no_grad():
+            for theirs, our_network in zip(
+                    layers, (ours.learner.policy, ours.learner.critic), strict=True):
+                linear = [m for m in our_network.modules() if isinstance(m, torch.nn.Linear)]
+                for target, source in zip(theirs, linear, strict=True):
+                    target.load_state_dict(source.state_dict())
+            if spec.continuous:
+                model.policy.log_std.copy_(ours.learner.policy.log_std)
+            batch = ours.batch
+            filled = {
+                'observations': ours.learner.policy.normaliser(batch.observation),
+                'actions': batch.action, 'values': batch.value, 'log_probs': batch.log_prob,
+                'advantages': batch.advantage, 'returns': batch.target}
+        for name, tensor in filled.items():
+            array = getattr(model.rollout_buffer, name)
+            array[:] = tensor.cpu().numpy().reshape(array.shape)
+        model.rollout_buffer.full = True
+        self.layers = layers
+        self._start = copy.deepcopy((
+            model.policy.state_dict(), model.policy.optimizer.state_dict()))
+
+    def reset(self) -> None:
+        import copy
+
+        weights, optimiser = copy.deepcopy(self._start)
+        self.model.policy.load_state_dict(weights)
+        self.model.policy.optimizer.load_state_dict(optimiser)
+
+    def update(self) -> dict[str, float]:
+        self.model.train()
+        told = self.model.logger.name_to_value
+        return {'policy_loss': float(told['train/policy_gradient_loss']),
+                'value_loss': 0.5 * float(told['train/value_loss'])}
+
+
+class Floor:
+    """The matrix products alone: forward, and backward for weights and inputs.
+
+    Those of policy and critic run side by side where there are threads for it.
+    """
+
+    def __init__(self, options: Options, rows: int = 0) -> None:
+        """Allocate; with `rows`, minibatches are cut into so many samples."""
+        import torch
+
+        ours = Ours(options)
+        where = torch.device('cuda' if torch.cuda.is_available() and options.device != 'cpu'
+                             else 'cpu')
+        self.samples = ours.samples
+        rows = min(rows or options.case.batch_size, options.case.batch_size)
+        self._times = -(-self.samples // rows)
+        self._products: list[list[tuple[Any, ...]]] = []
+        self.flops = 0
+        for network in (ours.learner.policy, ours.learner.critic):
+            self._products.append([])
+            linear = [m for m in network.modules() if isinstance(m, torch.nn.Linear)]
+            for index, layer in enumerate(linear):
+                outputs, inputs = layer.weight.shape
+                x, dz = (torch.randn(rows, n, device=where) for n in (inputs, outputs))
+                weight = torch.randn(outputs, inputs, device=where)
+                products = [(x, weight.T, torch.empty_like(dz)),
+                            (dz.T, x, torch.empty_like(weight))]
+                products += [(dz, weight, torch.empty_like(x))] if index else []
+                self._products[-1] += products
+                self.flops += len(products) * 2 * inputs * outputs * self.samples
+
+    def reset(self) -> None:
+        pass
+
+    def update(self) -> dict[str, float]:
+        import torch
+
+        from ppo_agent_node.learning.side_by_side import both
+
+        def run(products: list[tuple[Any, ...]]) -> None:
+            for _ in range(self._times):
+                for left, right, out in products:
+                    torch.mm(left, right, out=out)
+
+        policy, critic = self._products
+        both(lambda poll: run(policy), lambda poll: run(critic), lambda: None)
+        if policy[0][2].is_cuda:
+            torch.cuda.synchronize()
+        return {'flops': float(self.flops)}
+
+
+SIDES: dict[str, Callable[[Options], Side]] = {
+    'ours': Ours, 'SB3': StableBaselines3, 'SB3, threads sleep': StableBaselines3, 'floor': Floor,
+    'floor, 512 rows': lambda options: Floor(options, 512)}
+
+
+def _serve(pipe: Connection, name: str, options: Options) -> None:
+    if name == 'SB3':
+        # Importing our package lets torch's threads sleep when they wait, which is good for them
+        # when others work beside them. The other side gets both: as it comes, and so.
+        os.environ.pop('OMP_WAIT_POLICY', None)
+        importlib.import_module('torch')
+    side = SIDES[name](options)
+    pipe.send(side.samples)
+    while pipe.recv():
+        side.reset()
+        start = time.perf_counter()
+        told = side.update()
+        pipe.send((time.perf_counter() - start, told))
+
+
+class Served:
+    """A side in a process of its own."""
+
+    def __init__(self, name: str, options: Options) -> None:
+        context = multiprocessing.get_context('spawn')
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, name, options), daemon=True)
+        self._process.start()
+        theirs.close()
+        self.samples: int = self._pipe.recv()
+
+    def update(self) -> tuple[float, dict[str, float]]:
+        """Return seconds and what the update told."""
+        self._pipe.send(True)
+        answer: tuple[float, dict[str, float]] = self._pipe.recv()
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.send(False)
+        self._process.join()

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Adam, perceptrons and minibatches against torch's own; the learner's devices and checkpoints."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import nn
+from torch.nn.utils import clip_grad_norm_
+
+from ppo_agent_node.learning import learner as learner_module
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.adam import FlatAdam
+from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.learner import Learner
+from ppo_agent_node.learning.learner import find_device
+from ppo_agent_node.learning.minibatches import Minibatches
+from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.perceptron import Perceptron
+from ppo_agent_node.learning.policy_file import load_policy
+from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.rollout import Batch
+from ppo_agent_node.learning.run_state import _same
+from ppo_agent_node.learning.run_state import description
+from rocket_sim_node import worlds
+
+needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason='no GPU here')
+
+
+def test_adam_is_torchs_with_a_rate_for_each_group_and_clipped_gradients() -> None:
+    noise = streams.generator(1, 'x')
+    shapes = ((5, 3), (7,), (1, 33), (3,))
+    start = [torch.randn(shape, generator=noise) for shape in shapes]
+    ours, theirs = ([nn.Parameter(value.clone()) for value in start] for _ in range(2))
+    flat = FlatAdam([ours[:3], ours[3:]])
+    adam = torch.optim.Adam([{'params': theirs[:3]}, {'params': theirs[3:]}], eps=1e-5)
+    for step in range(20):
+        rates, count = (1e-2 / (step + 1), 1e-3), 1 + step
+        for group, rate in zip(adam.param_groups, rates, strict=True):
+            group['lr'] = rate
+        flat.gradient.zero_()
+        for mine, other in zip(ours, theirs, strict=True):
+            other.grad = (0.1 if step % 2 else 10.0) * torch.randn(
+                other.shape, generator=noise)
+            flat.gradient_of(mine).add_(other.grad, alpha=count)
+        norm = clip_grad_norm_(theirs, 2.0)
+        adam.step()
+        assert flat.step(rates, 2.0, count) == pytest.approx(float(norm), rel=1e-5)
+        for mine, other in zip(ours, theirs, strict=True):
+            torch.testing.assert_close(mine, other, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize('activation', ['tanh', 'relu'])
+@pytest.mark.parametrize('hidden', [(), (8,), (16, 8, 4)])
+def test_perceptrons_are_sequential_networks(activation: str, hidden: tuple[int, ...]) -> None:
+    noise = streams.generator(1, 'x')
+    network = mlp((5, *hidden, 2), 1.0, noise, activation)
+    for parameter in network.parameters():
+        nn.init.normal_(parameter, 0, 0.5, noise)
+    gradients = {id(p): torch.zeros_like(p) for p in network.parameters()}
+    perceptron = Perceptron(network, lambda p: gradients[id(p)], 30)
+    x, error = torch.randn(70, 5, generator=noise), torch.randn(70, 2, generator=noise)
+    expected = network(x)
+    expected.backward(error)
+    with torch.no_grad():
+        for part, its_error, wanted in zip(
+                x.split(30), error.split(30), expected.split(30), strict=True):
+            torch.testing.assert_close(perceptron.forward(part).T, wanted)
+            perceptron.backward(its_error.T)
+    for parameter in network.parameters():
+        torch.testing.assert_close(gradients[id(parameter)], parameter.grad)
+
+
+def test_minibatches_hold_each_sample_once_in_the_order_of_the_epoch() -> None:
+    field, result = torch.arange(23.0), torch.zeros(23)
+    minibatches = Minibatches((field, torch.arange(46).view(23, 2)), (result,), 10, 4)
+    order = torch.randperm(23, generator=streams.generator(1, 'x'))
+    for _ in range(2):
+        assert torch.equal(minibatches.shuffle(order)[0], order.float())
+        seen = []
+        for start, stop, pieces in minibatches:
+            assert [len(piece[0]) for piece in pieces] == (
+                [4, 4, 2] if stop - start == 10 else [3])
+            for one, two, out in pieces:
+                assert torch.equal(two[:, 0], 2 * one.long())
+                out.copy_(one)
+                seen.append(one.clone())
+        assert torch.equal(torch.cat(seen), order.float())
+        assert torch.equal(result, order.float())
+        order = order.flip(0)
+
+
+@pytest.mark.parametrize('count', [23, 20, 21, 7])
+def test_advantages_are_normalised_by_minibatch(count: int) -> None:
+    values = torch.randn(count, generator=streams.generator(1, 'x')) * 3 + 5
+    found = values.clone()
+    Minibatches((values,), (), 10, 4).normalise_(found)
+    for part, before in zip(found.split(10), values.split(10), strict=True):
+        expected = (before - before.mean()) / (before.std() + 1e-8) if len(before) > 1 else before
+        torch.testing.assert_close(part, expected)
+
+
+def learner(device: str = 'cpu', world: str = 'rocket') -> Learner:
+    spec = worlds.make(world, num_envs=4).spec
+    return Learner(spec, load_preset(
+        'default', world, hidden_sizes=(16, 16), batch_size=64, device=device, threads=1,
+        critic_warmup_iterations=0))
+
+
+def batch(one: Learner) -> Batch:
+    noise = streams.generator(1, 'n')
+    observation = torch.randn(256, len(one.policy.normaliser.mean), generator=noise)
+    with torch.no_grad():
+        action, log_prob = one.policy.sample(observation, noise)
+        value = one.critic(observation)
+    advantage, error = torch.randn(2, 256, generator=noise)
+    return Batch(observation, action, log_prob, advantage, value + error, value)
+
+
+def improved(one: Learner, iterations: int = 2) -> dict[str, torch.Tensor]:
+    samples = batch(one)
+    for iteration in range(1, iterations + 1):
+        one.improve(iteration, samples, lambda: None)
+    return one.tensors()
+
+
+@pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
+def test_networks_that_lie_elsewhere_are_brought_back(
+    world: str, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first processor by its number is no other one, but torch tells the two apart."""
+    here = learner(world=world)
+    expected = improved(here)
+    monkeypatch.setattr(learner_module, 'find_device', lambda name: torch.device('cpu', 0))
+    there = learner(world=world)
+    found = improved(there)
+    assert found.keys() == expected.keys()
+    for name, tensor in expected.items():
+        assert torch.equal(found[name], tensor), name
+    # What is done to the networks here, by cloning or a checkpoint, counts there.
+    for one in (here, there):
+        one.load(Path('x'), learner(world=world).tensors())
+        one.policy.normaliser.mean += 0.5
+        one.critic.normaliser.mean += 0.5
+    expected, found = improved(here), improved(there)
+    assert all(torch.equal(found[name], tensor) for name, tensor in expected.items())
+
+
+@needs_gpu
+@pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
+def test_the_gpu_learns_the_same_but_for_rounding(world: str) -> None:
+    expected, there = improved(learner(world=world)), learner('cuda', world)
+    found = improved(there)
+    assert all(tensor.device.type == 'cpu' for tensor in found.values())
+    for name, tensor in expected.items():
+        torch.testing.assert_close(found[name], tensor, rtol=1e-3, atol=1e-5)
+    back = learner(world=world)
+    back.load(Path('from the GPU'), found)
+    for name, tensor in back.tensors().items():
+        assert torch.equal(tensor, found[name])
+
+
+def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, 'is_available', lambda: False)
+    assert find_device('auto') == find_device('cpu') == torch.device('cpu')
+    with pytest.raises(ValueError, match="device: got 'cuda', but torch finds no GPU"):
+        learner('cuda')
+    with pytest.raises(ValueError, match="device: got 'tpu', expected one of auto, cpu, cuda"):
+        learner('tpu')
+    monkeypatch.setattr(torch.cuda, 'is_available', lambda: True)
+    assert find_device('auto') == find_device('cuda') == torch.device('cuda')
+    assert find_device('cpu') == torch.device('cpu')
+
+
+def test_a_run_may_go_on_elsewhere() -> None:
+    spec = worlds.make('rocket', num_envs=4).spec
+    found, other = (
+        json.loads(json.dumps(description(spec, load_preset('default', device=name))))
+        for name in ('cpu', 'auto'))
+    assert found['training']['device'] != other['training']['device']
+    _same(Path('checkpoint'), found, other)
+
+
+def test_what_is_saved_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> None:
+    one, other = learner(), learner()
+    saved = improved(one)
+    assert int(saved['policy_optimiser.steps']) == 16
+    other.load(Path('x'), saved)
+    expected = improved(one)
+    for name, tensor in improved(other).items():
+        assert torch.equal(tensor, expected[name]), name
+    assert not torch.equal(saved['critic.value.0.bias'], expected['critic.value.0.bias'])
+    # Parameters share a piece of memory, of which a file holds what is the policy's.
+    spec, path = worlds.make('rocket', num_envs=4).spec, tmp_path / 'policy.safetensors'
+    config = load_preset('default', hidden_sizes=(16, 16))
+    save_policy(path, one.policy, spec, config.network, 1, {})
+    for name, tensor in load_policy(path, spec)[0].state_dict().items():
+        assert torch.equal(tensor, expected[f'policy.{name}'])
+    assert path.stat().st_size < 10_000
+
+
+@pytest.mark.parametrize(('damage', 'message'), [
+    ({'policy_optimiser.steps': None}, r'x: holds tensors .*expected .*policy_optimiser\.steps'),
+    ({'critic_optimiser.0.exp_avg': torch.zeros(3)},
+     r"x: tensor 'critic_optimiser\.0\.exp_avg' is .*\(3,\), expected .*\(16, 15\)"),
+    ({'policy.log_std': torch.full((3,), torch.nan)}, r"x: tensor 'policy\.log_std' has a value"),
+])
+def test_what_does_not_fit_is_refused_and_changes_nothing(
+    damage: dict[str, Any], message: str,
+) -> None:
+    one = learner()
+    before = one.tensors()
+    broken = {name: tensor for name, tensor in {**improved(learner()), **damage}.items()
+              if tensor is not None}
+    with pytest.raises(ValueError, match=message):
+        one.load(Path('x'), broken)
+    assert all(torch.equal(tensor, before[name]) for name, tensor in one.tensors().items())
+
+
+def test_a_seed_decides_what_is_learnt() -> None:
+    first, again = improved(learner()), improved(learner())
+    assert all(torch.equal(tensor, again[name]) for name, tensor in first.items())
