@@ -2,6 +2,7 @@
 """The policy of discrete actions: probabilities that are the softmax of what a network says."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Sequence
 
 import torch
@@ -11,6 +12,7 @@ from torch.nn import functional
 
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.networks import quick
 from ppo_agent_node.learning.policy import Likelihood
 from ppo_agent_node.learning.policy import Policy
 
@@ -34,24 +36,35 @@ class CategoricalPolicy(Policy):
         super().__init__()
         self.action_shape = ()
         self.action_dtype = torch.int64
+        self._actions = action_count
         self.normaliser = Normaliser(observation_size)
         self.logits = mlp(
             (observation_size, *hidden_sizes, action_count), 0.01, generator, activation)
 
-    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Return actions `(N,)` int64 and their log-probabilities `(N,)`.
+    @torch.no_grad()
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Return what samples the actions `(N,)` int64 of a flight; see :class:`Policy`.
 
         The Gumbel-max trick: argmax(log p - log(-log u)) has the probabilities p (Maddison,
         Tarlow and Minka, 'A* sampling', 2014). One uniform number for each action, so that the
-        stream moves on alike whatever is drawn.
-
-        :raises ValueError: when the network's output is not finite.
+        stream moves on alike whatever is drawn. It raises ValueError when the network's output is
+        not finite.
         """
-        log_p = self._finite_log_p(observation)
-        uniform = torch.rand(log_p.shape, generator=generator)
         # A u of 0 gives minus infinity, which merely is not drawn.
-        action = (log_p - (-uniform.log()).log()).argmax(-1)
-        return action, _picked(log_p, action)
+        count = self._actions
+        uniform = torch.rand(*log_prob.shape, count, generator=generator)
+        gumbel = uniform.log_().neg_().log_().neg_()
+        logits = quick(self.normaliser, self.logits)
+
+        def sample(step: int, observation: Tensor) -> Tensor:
+            log_p = _finite(logits(observation).log_softmax(-1))
+            action: Tensor = (log_p + gumbel[step]).argmax(-1)
+            log_prob[step] = _picked(log_p, action)
+            return action
+
+        return sample
 
     @property
     def network(self) -> nn.Sequential:
@@ -81,7 +94,7 @@ class CategoricalPolicy(Policy):
 
         :raises ValueError: when the network's output is not finite.
         """
-        return self._finite_log_p(observation).argmax(-1)
+        return _finite(self._log_p(observation)).argmax(-1)
 
     def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
         """Return the cross entropy of actions `(S,)`, nats."""
@@ -91,13 +104,17 @@ class CategoricalPolicy(Policy):
         """Return the log-probabilities of all actions `(S, K)`."""
         return self.output(observation).log_softmax(-1)
 
-    def _finite_log_p(self, observation: Tensor) -> Tensor:
-        log_p = self._log_p(observation)
-        bad = ~log_p.isfinite().all(-1)
-        if bool(bad.any()):
-            raise ValueError(
-                f'policy: the probabilities of row {int(bad.nonzero()[0, 0])} are not finite')
-        return log_p
+
+def _finite(log_p: Tensor) -> Tensor:
+    """Return log-probabilities `(S, K)` as they are.
+
+    :raises ValueError: when one is not finite.
+    """
+    bad = ~log_p.isfinite().all(-1)
+    if bool(bad.any()):
+        raise ValueError(
+            f'policy: the probabilities of row {int(bad.nonzero()[0, 0])} are not finite')
+    return log_p
 
 
 def _picked(log_p: Tensor, action: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from collections.abc import Sequence
 
 import torch
@@ -11,6 +12,7 @@ from torch import nn
 
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.networks import quick
 from ppo_agent_node.learning.policy import Likelihood
 from ppo_agent_node.learning.policy import Policy
 
@@ -49,12 +51,16 @@ class GaussianPolicy(Policy):
         self.log_std_init, self.log_std_final = log_std_init, log_std_final
         self.log_std_floor = log_std_floor
 
-    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Return actions `(N, A)` and their log-probabilities `(N,)`."""
-        mean = self.mode(observation)
-        noise = torch.randn(mean.shape, generator=generator)
-        action = mean + self.log_std.exp() * noise
-        return action, self._log_prob(noise.T)
+    @torch.no_grad()
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Return what samples the actions `(N, A)` of a flight; see :class:`Policy`."""
+        noise = torch.randn(*log_prob.shape, len(self.log_std), generator=generator)
+        log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
+        noise *= self.log_std.exp()
+        mean = quick(self.normaliser, self.mean)
+        return lambda step, observation: mean(observation).add_(noise[step])
 
     @property
     def network(self) -> nn.Sequential:
@@ -81,7 +87,7 @@ class GaussianPolicy(Policy):
         return pull.mul_(-(-self.log_std).exp()[:, None]), [by_log_std]
 
     def _log_prob(self, noise: Tensor) -> Tensor:
-        """Return the log-density `(S,)` of actions `noise` `(A, S)` deviations from the mean."""
+        """Return the log-density `(...)` of actions `noise` `(A, ...)` deviations off the mean."""
         return -0.5 * noise.square().sum(0) - (self.log_std + _HALF_LOG_TAU).sum()
 
     def mode(self, observation: Tensor) -> Tensor:

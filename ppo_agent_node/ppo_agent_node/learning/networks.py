@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 from torch import nn
+from torch.nn import functional
 
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
+_IN_PLACE: dict[type[nn.Module], Callable[[Tensor], Tensor]] = {
+    nn.Tanh: torch.tanh_, nn.ReLU: torch.relu_}
 
 
 def mlp(
@@ -76,6 +80,33 @@ class Normaliser(nn.Module):
     def copy_from(self, other: Normaliser) -> None:
         """Take the numbers from another."""
         self.load_state_dict(other.state_dict())
+
+
+def quick(normaliser: Normaliser, network: nn.Sequential) -> Callable[[Tensor], Tensor]:
+    """Return what computes `network(normaliser(x))`, bit for bit, with less around the products.
+
+    In flight a batch is a few hundred observations, so little work that modules and their calls
+    take as long as the mathematics. It follows the weights as they are now, or later; not their
+    replacement by others. Without gradients.
+    """
+    bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
+    mean, scale = normaliser.mean, normaliser.scale
+    steps: list[tuple[Tensor, Tensor] | Callable[[Tensor], Tensor]] = [
+        (layer.weight, layer.bias) if isinstance(layer, nn.Linear) else _IN_PLACE[type(layer)]
+        for layer in network]
+
+    @torch.no_grad()
+    def output(observation: Tensor) -> Tensor:
+        x = observation.clone() if bends else observation
+        for k, width in bends:
+            x[..., k].div_(width).asinh_()
+        x = x.sub_(mean) if bends else x - mean
+        x.mul_(scale)
+        for step in steps:
+            x = functional.linear(x, *step) if isinstance(step, tuple) else step(x)
+        return x
+
+    return output
 
 
 class Critic(nn.Module):

@@ -2,6 +2,7 @@
 """What the learner asks of a policy, whatever the kind of its actions."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -30,9 +31,23 @@ class Policy(nn.Module):
     action_dtype: torch.dtype
     normaliser: Normaliser
 
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Draw all random numbers of a flight of T steps with N rockets; return what samples it.
+
+        Called with a step, from 0, and the observations `(N, D)` it returns actions
+        `(N, *action_shape)`.
+
+        :param log_prob: `(T, N)`, where the log-probabilities of what is sampled are put.
+        """
+        raise NotImplementedError
+
     def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Return actions `(N, *action_shape)` and their log-probabilities `(N,)`."""
-        raise NotImplementedError
+        log_prob = torch.empty(1, len(observation))
+        action = self.sampler(log_prob, generator)(0, observation)
+        return action, log_prob[0]
 
     @property
     def network(self) -> nn.Sequential:

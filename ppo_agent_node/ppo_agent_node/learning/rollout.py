@@ -74,11 +74,12 @@ class Rollout:
         finished: list[Episodes] = []
         finals = self._finals[group]
         finals.clear()
+        sample = policy.sampler(self.log_prob[:, columns], generator)
         observation = yield Restore(begin)
         for step in range(len(self.reward)):
             self.observation.numpy()[step, columns] = observation
-            action, log_prob = policy.sample(self.observation[step, columns], generator)
-            self.action[step, columns], self.log_prob[step, columns] = action, log_prob
+            action = sample(step, self.observation[step, columns])
+            self.action[step, columns] = action
             observation, reward, terminated, truncated, info = yield action.numpy()
             self.reward.numpy()[step, columns] = reward
             self.terminated.numpy()[step, columns] = terminated
