@@ -71,26 +71,28 @@ class Rollout:
         """
         first = group * self._rockets
         columns = slice(first, first + self._rockets)
+        seen = self.observation[:, columns].unbind()
+        observations, actions, rewards, terminations, truncations = (
+            buffer.numpy()[:, columns] for buffer in (
+                self.observation, self.action, self.reward, self.terminated, self.truncated))
         finished: list[Episodes] = []
         finals = self._finals[group]
         finals.clear()
         sample = policy.sampler(self.log_prob[:, columns], generator)
         observation = yield Restore(begin)
         for step in range(len(self.reward)):
-            self.observation.numpy()[step, columns] = observation
-            action = sample(step, self.observation[step, columns])
-            self.action[step, columns] = action
-            observation, reward, terminated, truncated, info = yield action.numpy()
-            self.reward.numpy()[step, columns] = reward
-            self.terminated.numpy()[step, columns] = terminated
-            self.truncated.numpy()[step, columns] = truncated
-            if len(info['episodes']):
+            observations[step] = observation
+            actions[step] = action = sample(step, seen[step]).numpy()
+            observation, rewards[step], terminations[step], truncated, info = yield action
+            truncations[step] = truncated
+            rows = info['final_rows']
+            if len(rows):
                 finished.append(info['episodes'])
-            if truncated.any():
-                rows = torch.tensor(info['final_rows'], dtype=torch.int64)
-                cut = torch.from_numpy(truncated[info['final_rows']])
-                finals.append((
-                    step, first + rows[cut], torch.tensor(info['final_observation'])[cut]))
+                cut = truncated[rows]
+                if cut.any():
+                    finals.append((
+                        step, first + torch.tensor(rows[cut], dtype=torch.int64),
+                        torch.tensor(info['final_observation'][cut])))
         self._last.numpy()[columns] = observation
         return Episodes.concatenate(finished), (yield Snapshot())
 
