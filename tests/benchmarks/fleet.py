@@ -17,14 +17,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
+from benchmarks.exchange import microseconds
 from benchmarks.rollouts import wire_fleet
+from benchmarks.tcp_floor import sizes
 from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.policy_file import load_policy
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node import worlds
 from rocket_sim_node.wire.fleet import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
 
 COUNTS = (1, 2, 4, 8, 16)
+BATCH = 256
+"""rockets of a simulator for which the costs are worked out"""
 
 
 def idle(num_envs: int, steps: int) -> Flight[None]:
@@ -55,6 +64,20 @@ def measure(simulators: int, num_envs: int, steps: int, rounds: int) -> dict[str
         'all_cpu_us': [1e6 * c for _, c in samples]}
 
 
+def other_costs() -> dict[str, float]:
+    """Return what else bears on how many simulators an agent can feed on: a batch's costs."""
+    torch.set_num_threads(1)
+    world = worlds.make('rocket', BATCH, level=7)
+    policy, _ = load_policy(find_policy('', 'rocket', Path(os.devnull)), world.spec)
+    observation = torch.from_numpy(world.reset(1))
+    sample = policy.sampler(torch.zeros(200, BATCH), streams.generator(1, 'bench'))
+    command = np.zeros((BATCH, 3), np.float32)
+    return {
+        'inference_us': microseconds(lambda: sample(0, observation), 200)[0],
+        'physics_us': microseconds(lambda: world.step(command), 200)[0],
+        'bytes_per_exchange': sum(sizes(BATCH))}
+
+
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench fleet', description=__doc__.split('\n')[0])
@@ -76,8 +99,12 @@ def main() -> None:
         figures['ratio'] = figures['cpu_us'] / table[options.counts[0]]['cpu_us']
         print(f'{count:>11}{figures["cpu_us"]:>15.0f}{figures["ratio"]:>8.2f}'
               f'{figures["wall_us"]:>10.0f}{figures["exchanges_per_second"]:>13,.0f}', flush=True)
+    costs = other_costs()
+    print(f'a batch of {BATCH} rockets: {costs["inference_us"]:.0f} us of inference, '
+          f'{costs["physics_us"]:.0f} us of physics, {costs["bytes_per_exchange"]:,} bytes')
     if options.output:
-        write_json(options.output, {'num_envs': options.num_envs, 'fleet': table})
+        write_json(
+            options.output, {'num_envs': options.num_envs, 'fleet': table, **costs})
 
 
 if __name__ == '__main__':

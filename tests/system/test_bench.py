@@ -141,3 +141,11 @@ def test_hosts(tmp_path: Path) -> None:
     two = figures['hosts']['2']
     assert two['ratio'] == pytest.approx(two['between_median'] / two['within_median'])
     assert 'two hosts' in text
+
+
+def test_budget(tmp_path: Path) -> None:
+    text, figures = run(
+        'budget', tmp_path / 'out.json', '--num-envs', '8', '--rounds', '2', '--steps', '20')
+    rows = {row['what']: row['us'] for row in figures['budget']}
+    assert {'inference', 'physics', 'whole step'} <= rows.keys()
+    assert 'TCP, a core each' in text
