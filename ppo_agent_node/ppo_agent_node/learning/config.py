@@ -118,6 +118,9 @@ class RunConfig:
     training_episodes: int = setting(
         0, 'episodes', 'fine-tuning also ends with the iteration in which so many have ended; '
         '0: after its iterations', 0, 1_000_000_000)
+    target_return: float = setting(
+        1e9, '', 'fine-tuning also ends with the iteration whose flight without noise returns so '
+        'much on average; by default more than there is', -1e9, 1e9)
     episode_lines: bool = setting(
         False, '', 'tell of each episode of fine-tuning, its score and the average of the last '
         '50; keeps the scores in train.jsonl and draws them')

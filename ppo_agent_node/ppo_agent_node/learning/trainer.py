@@ -7,6 +7,7 @@ simulator restarts, and whether or not the run was stopped and resumed.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import asdict
 from dataclasses import dataclass
@@ -95,7 +96,8 @@ class Trainer:
         torch.set_num_threads(config.run.threads)
         self._env, self._config, self._folder = env, config, folder
         self._expert, self._stop_requested, self._say = expert, stop_requested, say
-        self._ending = Ending(config.ppo.iterations, config.run.training_episodes)
+        self._ending = Ending(
+            config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
         self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(env.spec, config)
@@ -214,7 +216,9 @@ class Trainer:
                 raise
 
     def _done(self) -> bool:
-        return self._ending.reached(self._state.iteration, self._state.episodes)
+        state = self._state
+        best = state.best.mean_return if state.best else -math.inf
+        return self._ending.reached(state.iteration, state.episodes, best)
 
     def _progress(self) -> Progress:
         return self._ending.progress(self._state.iteration, self._state.episodes)
