@@ -113,6 +113,9 @@ class RunConfig:
     selection_interval: int = setting(
         5, 'iterations', 'the policy is flown without noise this often, to keep the best',
         1, 1_000_000)
+    selection_from_landing_rate: float = setting(
+        0.0, '', 'but only if so much of the last curriculum_window episodes of roll-outs landed',
+        0.0, 1.0)
     selection_episodes: int = setting(
         512, '', 'episodes of such a flight, at least one per rocket', 1, 1_000_000)
     training_episodes: int = setting(

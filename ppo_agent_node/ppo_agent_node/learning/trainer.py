@@ -246,7 +246,7 @@ class Trainer:
             self._reset_world()
         best: Score | None = None
         numbers: dict[str, Any] = {}
-        if self._done() or iteration % self._config.run.selection_interval == 0:
+        if self._done() or self._selects():
             best, numbers = self._select()
         if self._config.run.episode_lines:
             numbers['scores'] = episodes.episode_return.tolist()
@@ -271,6 +271,12 @@ class Trainer:
         self._anchor.cast(begin)
         self._state = replace(self._state, steps=self._state.steps + (
             self._config.ppo.scatter_steps * self._env.spec.num_envs))
+
+    def _selects(self) -> bool:
+        """Tell whether the policy is due for a flight without noise, and worth one."""
+        config, least = self._config.run, self._config.run.selection_from_landing_rate
+        return self._state.iteration % config.selection_interval == 0 and (
+            least == 0 or self._state.curriculum.landing_rate >= least)
 
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
