@@ -26,8 +26,8 @@ from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
 
-LANDERS = 100
-"""flown at once by our preset, so that an evaluation is one flight of all"""
+LANDERS = 64
+"""flown at once, what the preset is made for; an evaluation is two flights of all, 128 episodes"""
 _POLL = 0.01
 """s between two looks at a log"""
 _AFTERWARDS = 600.0
@@ -166,15 +166,15 @@ def ours(seed: int, options: Options) -> Run:
             learning += line['seconds']
             if 'selection_return' not in line:
                 continue
-            training = read_config(folder / 'config.yaml')['training']
+            run.settings = training = read_config(folder / 'config.yaml')['training']
             run.evaluations.append(Point(
                 time.monotonic() - began, line['iteration'] * training['n_steps'] * LANDERS,
                 line['selection_return'], line['selection_landing_rate']))
             if line['selection_return'] >= options.target:
                 run.passed = True
                 run.seconds, run.learning_seconds = run.evaluations[-1].seconds, learning
+            if run.passed or line['iteration'] >= training['iterations']:
                 break
-        run.settings = read_config(folder / 'config.yaml')['training']
         if run.passed:
             path = folder / 'policy.safetensors'
             iteration = line['iteration']
