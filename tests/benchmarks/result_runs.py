@@ -28,6 +28,8 @@ from rocket_sim_node import worlds
 
 LANDERS = 64
 """flown at once, what the preset is made for; an evaluation is two flights of all, 128 episodes"""
+NEEDED_RATE = 0.99
+"""of the rockets have to land"""
 _POLL = 0.01
 """s between two looks at a log"""
 _AFTERWARDS = 600.0
@@ -67,10 +69,10 @@ class Run:
     contestant: str
     seed: int
     passed: bool = False
-    seconds: float = math.nan
+    seconds: float = 0.0
     """from the start of the processes to the evaluation that passed, or to the cap"""
-    learning_seconds: float = math.nan
-    """the same from the first step"""
+    learning_seconds: float | None = None
+    """the same from the first step, where it is known"""
     evaluations: list[Point] = field(default_factory=list)
     gymnasium: dict[str, float] = field(default_factory=dict)
     """flights of the policy that passed in Gymnasium's lander: mean return, deviation, episodes"""
@@ -122,15 +124,38 @@ def started() -> Iterator[tuple[Processes, float]]:
             processes.end()
 
 
+Start = Callable[[Processes], tuple[Process, Path]]
+"""Starts the processes of a run; returns the one that learns, and where it writes lines."""
+
+
+@contextmanager
+def begun(start: Start) -> Iterator[tuple[Process, Path, float]]:
+    """Yield a run that has just been started, and when it was; end it at last.
+
+    It is started once before, until its first line: how long a disk takes to deliver libraries
+    that are not in memory, up to half a minute, says nothing of who needs them.
+    """
+    with started() as (processes, now):
+        process, log = start(processes)
+        next(follow(log, process, now + _AFTERWARDS), None)
+    with started() as (processes, now):
+        process, log = start(processes)
+        yield process, log, now
+
+
 def peer(module: str, seed: int, options: Options) -> Run:
     """Run a peer that learns in one process."""
     run = Run(module, seed)
-    with started() as (processes, began):
+
+    def start(processes: Processes) -> tuple[Process, Path]:
         process = processes.start(
             'python', '-m', f'benchmarks.{module}', '--seed', str(seed), '--target',
             str(options.target), '--verify', str(options.verify))
+        return process, process.log
+
+    with begun(start) as (process, log, began):
         first = math.nan
-        for line in follow(process.log, process, began + options.cap):
+        for line in follow(log, process, began + options.cap):
             if line['event'] == 'first_step':
                 first = line['at']
             elif line['event'] == 'evaluation':
@@ -143,7 +168,7 @@ def peer(module: str, seed: int, options: Options) -> Run:
         if not run.passed:
             run.seconds = run.learning_seconds = options.cap
         elif options.verify:
-            for line in follow(process.log, process, time.monotonic() + _AFTERWARDS):
+            for line in follow(log, process, time.monotonic() + _AFTERWARDS):
                 if line['event'] == 'verified':
                     run.gymnasium = {
                         name: line[name] for name in ('mean_return', 'deviation', 'episodes')}
@@ -151,18 +176,26 @@ def peer(module: str, seed: int, options: Options) -> Run:
     return run
 
 
+def nodes(simulator: dict[str, object], agent: dict[str, object]) -> Start:
+    """Return what starts our two nodes with these parameters, preset `quick`."""
+    def start(processes: Processes) -> tuple[Process, Path]:
+        folder = processes.folder / 'run'
+        processes.run_node('rocket_sim_node', 'simulator', **simulator)
+        return processes.run_node(
+            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', **agent,
+        ), folder / 'train.jsonl'
+
+    return start
+
+
 def ours(seed: int, options: Options) -> Run:
     """Run our simulator and our agent, as nodes that talk over DDS."""
     run = Run('ours', seed)
-    with started() as (processes, began):
-        folder = processes.folder / 'run'
-        processes.run_node(
-            'rocket_sim_node', 'simulator', world='lunar_lander', num_envs=LANDERS)
-        agent = processes.run_node(
-            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', seed=seed,
-            target_return=options.target, **options.extra)
-        learning = 0.0
-        for line in follow(folder / 'train.jsonl', agent, began + options.cap):
+    start = nodes({'world': 'lunar_lander', 'num_envs': LANDERS}, {
+        'seed': seed, 'target_return': options.target, **options.extra})
+    with begun(start) as (agent, log, began):
+        folder, learning = log.parent, 0.0
+        for line in follow(log, agent, began + options.cap):
             learning += line['seconds']
             if 'selection_return' not in line:
                 continue
@@ -210,29 +243,24 @@ CONTESTANTS: dict[str, Callable[[int, Options], Run]] = {
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> Run:
     """Run the rocket's quick preset from nothing to its evaluation of 2 000 fresh starts."""
     run = Run('rocket', seed)
-    with started() as (processes, began):
-        folder = processes.folder / 'run'
-        processes.run_node('rocket_sim_node', 'simulator')
-        agent = processes.run_node(
-            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', seed=seed, **extra)
+    with begun(nodes({}, {'seed': seed, **extra})) as (agent, log, began):
+        folder, end = log.parent, began + cap
         found = folder / 'evaluation.json'
-        end = began + cap
-        for line in follow(folder / 'train.jsonl', agent, end):
+        for line in follow(log, agent, end):
             if 'selection_return' in line:
                 run.evaluations.append(Point(
                     time.monotonic() - began, line['steps'], line['selection_return'],
                     line['selection_landing_rate']))
-                training = read_config(folder / 'config.yaml')['training']
-                if line['iteration'] >= training['iterations']:
+                run.settings = read_config(folder / 'config.yaml')['training']
+                if line['iteration'] >= run.settings['iterations']:
                     break
         while not found.exists() and agent.running and time.monotonic() < end:
             time.sleep(_POLL)
         run.seconds = time.monotonic() - began
-        run.settings = read_config(folder / 'config.yaml')['training']
         if found.exists():
             figures = json.loads(found.read_text('utf-8'))
             run.evaluations.append(Point(
                 run.seconds, run.evaluations[-1].steps, figures['mean_return'],
                 figures['landing_rate']))
-            run.passed = figures['landing_rate'] >= 0.99
+            run.passed = figures['landing_rate'] >= NEEDED_RATE
     return run
