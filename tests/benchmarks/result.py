@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import result_plot
+from benchmarks.result_records import Options
+from benchmarks.result_records import Run
 from benchmarks.result_runs import CONTESTANTS
 from benchmarks.result_runs import LANDERS
 from benchmarks.result_runs import NEEDED_RATE
-from benchmarks.result_runs import Options
-from benchmarks.result_runs import Run
 from benchmarks.result_runs import rocket
 from ppo_agent_node.evaluation.metrics import write_json
 

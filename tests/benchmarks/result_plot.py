@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.result_runs import Run
+from benchmarks.result_records import Run
 from ppo_agent_node.reporting import style
 
 
