@@ -149,3 +149,22 @@ def test_budget(tmp_path: Path) -> None:
     rows = {row['what']: row['us'] for row in figures['budget']}
     assert {'inference', 'physics', 'whole step'} <= rows.keys()
     assert 'TCP, a core each' in text
+
+
+def test_result(tmp_path: Path) -> None:
+    pytest.importorskip('envpool')
+    # Any policy returns so much.
+    text, figures = run(
+        'result', tmp_path / 'out.json', '--worlds', 'lunar_lander', '--contestants', 'ours',
+        'envpool_ppo', '--seeds', '3', '--target', '-100000', '--verify', '20')
+    lander = figures['lunar_lander']
+    assert [run['contestant'] for run in lander['runs']] == ['ours', 'envpool_ppo']
+    for flown in lander['runs']:
+        assert flown['passed']
+        assert flown['seconds'] > flown['learning_seconds'] > 0
+        assert flown['gymnasium']['episodes'] == 20
+        assert flown['evaluations'][-1]['seconds'] == pytest.approx(flown['seconds'])
+    ours, peer = (lander['summary'][name]['seconds'] for name in ('ours', 'envpool_ppo'))
+    assert lander['ratios'] == {'envpool_ppo': pytest.approx(peer / ours)}
+    assert 'PPO on EnvPool takes' in text
+    assert (tmp_path / 'out_lunar_lander.png').stat().st_size > 10_000

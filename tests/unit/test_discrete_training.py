@@ -158,6 +158,23 @@ def test_so_many_episodes_end_a_run(straight: tuple[Path, list[str]], tmp_path: 
     assert train(path, resume=True, training_episodes=200).iterations == result.iterations
 
 
+def test_a_return_that_is_good_enough_ends_a_run(
+        straight: tuple[Path, list[str]], tmp_path: Path) -> None:
+    path = tmp_path / 'run'
+    result = train(path, target_return=9.0, selection_interval=2)
+    assert result.finished and result.best is not None
+    assert result.best.iteration == result.iterations < SMALL['iterations']
+    returns = [line['selection_return'] for line in RunFolder(path, resume=True).lines()
+               if 'selection_return' in line]
+    assert max(returns[:-1]) < 9 <= returns[-1] == result.best.mean_return
+    # As far as it went, it was the same run.
+    ours, other = (RunFolder(p, resume=True).lines() for p in (path, straight[0]))
+    assert [line.get('scores') for line in ours] == [
+        line.get('scores') for line in other[:len(ours)]]
+    assert train(path, resume=True, target_return=9.0, selection_interval=2).iterations == (
+        result.iterations)
+
+
 def test_nobody_says_a_word_unless_asked(tmp_path: Path) -> None:
     said: list[str] = []
     train(tmp_path / 'run', said=said, iterations=2, episode_lines=False)

@@ -120,11 +120,17 @@ class RunConfig:
     selection_interval: int = setting(
         5, 'iterations', 'the policy is flown without noise this often, to keep the best',
         1, 1_000_000)
+    selection_from_landing_rate: float = setting(
+        0.0, '', 'but only if so much of the last curriculum_window episodes of roll-outs landed',
+        0.0, 1.0)
     selection_episodes: int = setting(
         512, '', 'episodes of such a flight, at least one per rocket', 1, 1_000_000)
     training_episodes: int = setting(
         0, 'episodes', 'fine-tuning also ends with the iteration in which so many have ended; '
         '0: after its iterations', 0, 1_000_000_000)
+    target_return: float = setting(
+        1e9, '', 'fine-tuning also ends with the iteration whose flight without noise returns so '
+        'much on average; by default more than there is', -1e9, 1e9)
     episode_lines: bool = setting(
         False, '', 'tell of each episode of fine-tuning, its score and the average of the last '
         '50; keeps the scores in train.jsonl and draws them')

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When fine-tuning ends: after its iterations, or its episodes, whichever come first."""
+"""When fine-tuning ends: after its iterations or episodes, or once it is good enough."""
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ppo_agent_node.learning.journal import Progress
@@ -14,10 +15,21 @@ class Ending:
     iterations: int
     episodes: int
     """0: as many as there are"""
+    target_return: float = math.inf
+    """mean return of a flight without noise"""
 
-    def reached(self, iteration: int, episodes: int) -> bool:
-        """Tell whether a run that did so many iterations and saw so many episodes is done."""
-        return iteration >= self.iterations or 0 < self.episodes <= episodes
+    def reached(
+        self, iteration: int, episodes: int, best_return: float = -math.inf,
+    ) -> bool:
+        """Tell whether a run is done.
+
+        :param iteration: iterations it did.
+        :param episodes: episodes it saw.
+        :param best_return: most that a flight without noise returned on average so far.
+        """
+        return (
+            iteration >= self.iterations or 0 < self.episodes <= episodes
+            or best_return >= self.target_return)
 
     def progress(self, iteration: int, episodes: int) -> Progress:
         """Return how far it is, counted in what will end it if it goes on as so far."""

@@ -7,6 +7,7 @@ simulators, however often they restart, and whether or not the run was stopped a
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
@@ -101,7 +102,8 @@ class Trainer:
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(spec, config.demonstration)
         self._expert, self._stop_requested, self._say = expert, stop_requested, say
-        self._ending = Ending(config.ppo.iterations, config.run.training_episodes)
+        self._ending = Ending(
+            config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
         self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(spec, config)
@@ -227,7 +229,9 @@ class Trainer:
                 raise
 
     def _done(self) -> bool:
-        return self._ending.reached(self._state.iteration, self._state.episodes)
+        state = self._state
+        best = state.best.mean_return if state.best else -math.inf
+        return self._ending.reached(state.iteration, state.episodes, best)
 
     def _progress(self) -> Progress:
         return self._ending.progress(self._state.iteration, self._state.episodes)
@@ -260,7 +264,7 @@ class Trainer:
             self._reset_world()
         best: Score | None = None
         numbers: dict[str, Any] = {}
-        if self._done() or iteration % self._config.run.selection_interval == 0:
+        if self._done() or self._selects():
             best, numbers = self._select()
         if self._config.run.episode_lines:
             numbers['scores'] = episodes.episode_return.tolist()
@@ -290,6 +294,12 @@ class Trainer:
             functools.partial(begin, group) for group in range(len(self._worlds))]))
         self._state = replace(self._state, steps=self._state.steps + (
             config.ppo.scatter_steps * self._spec.num_envs * len(self._worlds)))
+
+    def _selects(self) -> bool:
+        """Tell whether the policy is due for a flight without noise, and worth one."""
+        config, least = self._config.run, self._config.run.selection_from_landing_rate
+        return self._state.iteration % config.selection_interval == 0 and (
+            least == 0 or self._state.curriculum.landing_rate >= least)
 
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""

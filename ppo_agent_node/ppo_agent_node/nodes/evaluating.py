@@ -14,7 +14,6 @@ from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.reporting.report import write_report
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds.flight import Fleet
 
@@ -63,6 +62,9 @@ def fly_and_write(
         if folder is not None:
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
+            # It draws, and what draws takes its time to import: not before a run can begin.
+            from ppo_agent_node.reporting.report import write_report
+
             write_report(folder)
         return summary
 
