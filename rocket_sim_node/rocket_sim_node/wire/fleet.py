@@ -26,6 +26,7 @@ from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import SimulatorBusy
+from rocket_sim_node.wire.link import WorldChanged
 from rocket_sim_node.wire.link import difference
 from rocket_sim_node.wire.waiting import Waiter
 from rocket_sim_node.wire.waiting import WireTimeout
@@ -42,6 +43,8 @@ _LOOK_PERIOD = 1.0
 """s between two looks at who has joined and who has left"""
 _SILENT = 2.0
 """s without an answer after which a flight is given to a simulator that has nothing to do"""
+_RETRY = 10.0
+"""s after which one that was lost is tried again, though nothing has been heard of it"""
 _WORLD_TYPE = 'rocket_msgs/msg/World'
 
 
@@ -67,12 +70,13 @@ class _Member:
         self.mooring = Mooring()
         self.task: _Task[Any] | None = None
         self.lost_at = 0.0
-        self.vetted = self.fits = False
+        self.vetted = self.fits = self.gone = False
 
     @property
     def free(self) -> bool:
         """Whether it can be given something: it fits, is idle, and was heard since it was lost."""
-        return self.task is None and self.fits and self.link.heard >= self.lost_at
+        return self.task is None and self.fits and not self.gone and (
+            self.link.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
 
     def drop(self) -> None:
         """Forget what it was doing and where it is."""
@@ -198,8 +202,11 @@ class Fleet:
             return
         now = time.monotonic()
         for member in self._members.values():
-            if member.task is not None and member.link.waited(now) > _SILENT:
-                self._lose(member, waiting, f'silent for {_SILENT:g} s')
+            if member.task is None:
+                continue
+            if member.gone or member.link.waited(now) > _SILENT:
+                why = 'gone' if member.gone else f'silent for {_SILENT:g} s'
+                self._lose(member, waiting, why)
                 return
 
     def _lose(self, member: _Member, waiting: deque[_Task[T]], why: str) -> None:
@@ -252,11 +259,12 @@ class Fleet:
             if task.attempts == MAX_ATTEMPTS:
                 raise
             self._give_back(member, waiting)
-        except (WireTimeout, SimulatorBusy) as error:
+        except (WireTimeout, SimulatorBusy, WorldChanged) as error:
             if not any(other.free or other.task for other in self._members.values()
                        if other is not member):
                 raise
             self._lose(member, waiting, str(error))
+            member.fits = not isinstance(error, WorldChanged)
         else:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)
@@ -306,8 +314,11 @@ class Fleet:
         for namespace in sorted(there - self._members.keys()):
             self._members[namespace] = _Member(
                 Link(self._node, self._options, self._agent, namespace))
-        for namespace in self._members.keys() - there:
-            if self._members[namespace].task is None:
+        for namespace, member in list(self._members.items()):
+            member.gone = namespace not in there
+            if member.task is None:
+                member.link.listen()
+            if member.gone and member.task is None:
                 self._members.pop(namespace).link.destroy()
                 self._tell(f'{namespace} has left')
 

@@ -42,6 +42,10 @@ _KEEP_PERIOD = 2.0
 """s of silence after which `keep` speaks"""
 
 
+class WorldChanged(ValueError):
+    """A simulator came back as another world."""
+
+
 class SimulatorBusy(RuntimeError):
     """Another agent flies the simulator and does not let go."""
 
@@ -126,14 +130,14 @@ class Link:
     def adopt_spec(self) -> WorldSpec:
         """Take the shape of the world as last described.
 
-        :raises ValueError: when it came back as another one.
+        :raises WorldChanged: when it came back as another one.
         """
         assert self.world is not None
         spec = messages.world_from_message(self.world)
         if spec == self._spec:
             return self._spec
         if self._spec is not None:
-            raise ValueError(
+            raise WorldChanged(
                 f'{self.name} came back as another world: {difference(self._spec, spec)}')
         self._spec = spec
         self._answers.expect(spec)
@@ -222,6 +226,11 @@ class Link:
             self._clients[_name(self._command)].remove_pending_request(self._future)
         self._command = self._future = self._silence = None
         self._described_by = 0.0
+
+    def listen(self) -> None:
+        """Take note of whether the simulator says anything while nothing is asked of it."""
+        while self._mailboxes[0].take() is not None:
+            self.heard = time.monotonic()
 
     # Steps
 
