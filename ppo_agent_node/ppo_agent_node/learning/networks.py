@@ -33,9 +33,9 @@ def mlp(
     layers: list[nn.Module] = []
     for index, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
         last = index == len(sizes) - 2
-        # Made without memory first: nn.Linear's own initialisation draws from torch's global
-        # generator.
-        linear = nn.Linear(inputs, outputs, device='meta').to_empty(device='cpu')
+        # nn.Linear's own initialisation draws from torch's global generator, which is others'.
+        with torch.random.fork_rng(devices=[]):
+            linear = nn.Linear(inputs, outputs)
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
         nn.init.zeros_(linear.bias)
         layers += [linear] if last else [linear, between()]
