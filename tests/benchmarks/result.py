@@ -24,6 +24,7 @@ from benchmarks.result_records import Run
 from benchmarks.result_runs import CONTESTANTS
 from benchmarks.result_runs import LANDERS
 from benchmarks.result_runs import NEEDED_RATE
+from benchmarks.result_runs import SIMULATORS
 from benchmarks.result_runs import rocket
 from ppo_agent_node.evaluation.metrics import write_json
 
@@ -97,7 +98,8 @@ def ratios(summary: dict[str, dict[str, float]]) -> dict[str, float]:
 
 def settings(contestants: Sequence[str]) -> dict[str, Any]:
     """Return what each contestant was run with, as far as it does not depend on the run."""
-    found: dict[str, Any] = {'ours': {'preset': 'quick', 'num_envs': LANDERS}}
+    found: dict[str, Any] = {'ours': {
+        'preset': 'quick', 'num_envs': LANDERS // SIMULATORS, 'simulators': SIMULATORS}}
     if 'envpool_ppo' in contestants:
         from benchmarks import envpool_ppo
 

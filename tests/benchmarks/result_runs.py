@@ -29,6 +29,8 @@ from rocket_sim_node import worlds
 
 LANDERS = 64
 """flown at once, what the preset is made for; an evaluation is two flights of all, 128 episodes"""
+SIMULATORS = 1
+"""among which they are shared; two are no faster, as the agent is what is busy"""
 NEEDED_RATE = 0.99
 """of the rockets have to land"""
 _POLL = 0.01
@@ -123,13 +125,18 @@ def peer(module: str, seed: int, options: Options) -> Run:
     return run
 
 
-def nodes(simulator: dict[str, object], agent: dict[str, object]) -> Start:
-    """Return what starts our two nodes with these parameters, preset `quick`."""
+def nodes(
+    simulators: int, simulator: dict[str, object], agent: dict[str, object],
+) -> Start:
+    """Return what starts our nodes with these parameters, preset `quick`."""
     def start(processes: Processes) -> tuple[Process, Path]:
         folder = processes.folder / 'run'
-        processes.run_node('rocket_sim_node', 'simulator', **simulator)
+        for number in range(simulators):
+            processes.run_node(
+                'rocket_sim_node', 'simulator', (f'__ns:=/sim_{number}',), **simulator)
         return processes.run_node(
-            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', **agent,
+            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', simulators='/sim_*',
+            num_groups=simulators, **agent,
         ), folder / 'train.jsonl'
 
     return start
@@ -138,7 +145,7 @@ def nodes(simulator: dict[str, object], agent: dict[str, object]) -> Start:
 def ours(seed: int, options: Options) -> Run:
     """Run our simulator and our agent, as nodes that talk over DDS."""
     run = Run('ours', seed)
-    start = nodes({'world': 'lunar_lander', 'num_envs': LANDERS}, {
+    start = nodes(SIMULATORS, {'world': 'lunar_lander', 'num_envs': LANDERS // SIMULATORS}, {
         'seed': seed, 'target_return': options.target, **options.extra})
     with begun(start) as (agent, log, began):
         folder, learning = log.parent, 0.0
@@ -190,7 +197,7 @@ CONTESTANTS: dict[str, Callable[[int, Options], Run]] = {
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> Run:
     """Run the rocket's quick preset from nothing to its evaluation of 2 000 fresh starts."""
     run = Run('rocket', seed)
-    with begun(nodes({}, {'seed': seed, **extra})) as (agent, log, began):
+    with begun(nodes(1, {}, {'seed': seed, **extra})) as (agent, log, began):
         folder, end = log.parent, began + cap
         found = folder / 'evaluation.json'
         for line in follow(log, agent, end):

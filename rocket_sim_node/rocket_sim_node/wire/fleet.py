@@ -41,6 +41,8 @@ from rocket_sim_node.worlds.flight import Restore
 T = TypeVar('T')
 _LOOK_PERIOD = 1.0
 """s between two looks at who has joined and who has left"""
+_FIRST_LOOK_PERIOD = 0.1
+"""s, while nobody has joined"""
 _SILENT = 2.0
 """s without an answer after which a flight is given to a simulator that has nothing to do"""
 _RETRY = 10.0
@@ -301,7 +303,8 @@ class Fleet:
             if not member.vetted and member.link.world is not None:
                 self._vet(member)
         now = time.monotonic()
-        if not self._pattern or now - self._looked < _LOOK_PERIOD:
+        period = _LOOK_PERIOD if self._spec else _FIRST_LOOK_PERIOD
+        if not self._pattern or now - self._looked < period:
             return
         self._looked = now
         suffix = '/world'
