@@ -15,8 +15,12 @@ def missing() -> str:
     """Return why there can be no hosts here; empty when there can."""
     if shutil.which('ip') is None:
         return 'no command ip (package iproute2)'
-    if os.geteuid() != 0:
-        return 'network namespaces need root'
+    name = f'hoverslam-{os.getpid()}-probe'
+    try:
+        _ip('netns', 'add', name)
+        _ip('netns', 'del', name)
+    except subprocess.CalledProcessError as error:
+        return f'no network namespaces: {error.stderr.strip()}'
     return ''
 
 

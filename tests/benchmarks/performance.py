@@ -43,6 +43,18 @@ def machine_line(folder: Path) -> str:
             f"{m['memory_gib']} GiB, {m['system']}; {versions}.")
 
 
+def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
+    """Put the plots of a part into a folder: those it drew itself, or ours."""
+    part = path.stem
+    drawn = []
+    for own in sorted(path.parent.glob(f'{part}_*.png')):
+        drawn.append(images / f'performance_{own.name}')
+        write_atomically(drawn[-1], own.read_bytes())
+    if not drawn and performance_plots.draw(part, figures, images / f'performance_{part}.png'):
+        drawn.append(images / f'performance_{part}.png')
+    return drawn
+
+
 def sections(runs: Path, images: Path) -> Iterator[str]:
     """Yield the page's sections; draw their plots into a folder."""
     for part, (title, text) in SECTIONS.items():
@@ -54,8 +66,8 @@ def sections(runs: Path, images: Path) -> Iterator[str]:
         table = path.with_suffix('.txt').read_text('utf-8').rstrip()
         lines = [f'## {title}', '', text(figures), '', f'`./launch_scripts/bench {part}`:', '',
                  '```', table, '```', '']
-        if performance_plots.draw(part, figures, images / f'performance_{part}.png'):
-            lines += [f'![{title}](images/performance_{part}.png)', '']
+        for plot in plots(path, figures, images):
+            lines += [f'![{title}](images/{plot.name})', '']
         lines.append(machine_line(path.parent))
         yield '\n'.join(lines).rstrip() + '\n'
 

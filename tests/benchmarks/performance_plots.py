@@ -92,6 +92,17 @@ def _stepping(axes: Axes, f: Figures) -> None:
     _curves(axes, f['steps_per_second'], 'environments in a batch', 'steps/s on one core')
 
 
+def _learner(axes: Axes, f: Figures) -> None:
+    rows = f['learner']
+    names = [f'{row["case"]["name"]},\n{row["threads"]} thread'
+             + ('s' if row['threads'] > 1 else '') for row in rows]
+    _bars(axes, names, {
+        'ours': [row['samples_per_second']['ours'] / row['floor'] for row in rows],
+        'stable-baselines3': [row.get('SB3', np.nan) / row['floor'] for row in rows]},
+        'samples/s, as a share of the floor')
+    axes.tick_params(axis='x', labelsize=8)
+
+
 def _recorder(axes: Axes, f: Figures) -> None:
     _bars(axes, list(f), {
         'without': [part['without'] / 1e3 for part in f.values()],
@@ -100,14 +111,14 @@ def _recorder(axes: Axes, f: Figures) -> None:
 
 _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
-    'hosts': _hosts, 'stepping': _stepping, 'recorder': _recorder}
+    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'recorder': _recorder}
 
 
 def draw(part: str, figures: Figures, path: Path) -> bool:
     """Draw the plot of a part's figures; tell whether there is one."""
     plot = _PLOTS.get(part)
     if plot is None:
-        return path.exists()
+        return False
     with styled():
         figure = Figure(figsize=(8.0, 4.2))
         axes = figure.add_subplot()
