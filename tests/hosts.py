@@ -18,9 +18,11 @@ def missing() -> str:
     name = f'hoverslam-{os.getpid()}-probe'
     try:
         _ip('netns', 'add', name)
-        _ip('netns', 'del', name)
+        _ip('-n', name, 'link', 'add', 'a', 'type', 'veth', 'peer', 'name', 'b')
     except subprocess.CalledProcessError as error:
         return f'no network namespaces: {error.stderr.strip()}'
+    finally:
+        subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
     return ''
 
 

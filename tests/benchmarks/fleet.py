@@ -100,8 +100,10 @@ def main() -> None:
         print(f'{count:>11}{figures["cpu_us"]:>15.0f}{figures["ratio"]:>8.2f}'
               f'{figures["wall_us"]:>10.0f}{figures["exchanges_per_second"]:>13,.0f}', flush=True)
     costs = other_costs()
-    print(f'a batch of {BATCH} rockets: {costs["inference_us"]:.0f} us of inference, '
-          f'{costs["physics_us"]:.0f} us of physics, {costs["bytes_per_exchange"]:,} bytes')
+    costs['wire_us'] = measure(1, BATCH, options.steps, options.rounds)['cpu_us']
+    print(f'a batch of {BATCH} rockets: {costs["wire_us"]:.0f} us of agent CPU for an exchange, '
+          f'{costs["inference_us"]:.0f} us of inference, {costs["physics_us"]:.0f} us of physics, '
+          f'{costs["bytes_per_exchange"]:,} bytes')
     if options.output:
         write_json(
             options.output, {'num_envs': options.num_envs, 'fleet': table, **costs})

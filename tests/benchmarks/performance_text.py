@@ -8,8 +8,14 @@ from typing import Any
 Figures = dict[str, Any]
 
 
+def _batch(rows: dict[str, Figures]) -> Figures:
+    """Return the row of 256 rockets, or the last."""
+    found: Figures = rows.get('256') or rows[max(rows, key=int)]
+    return found
+
+
 def _exchange(f: Figures) -> str:
-    row = f['exchange']['256']
+    row = _batch(f['exchange'])
     return (
         'One action out and one observation and reward back, for a whole batch, in lock-step, '
         'with a world in which nothing '
@@ -42,40 +48,35 @@ def _rollouts(f: Figures) -> str:
 
 def _fleet(f: Figures) -> str:
     rows = f['fleet']
-    last = max(rows, key=int)
+    first, last = min(rows, key=int), max(rows, key=int)
     return (
-        f'What another simulator costs its agent, in processor time of the agent for an exchange: '
-        f'{rows["1"]["cpu_us"]:.0f} us with one '
-        f'simulator, {rows[last]["cpu_us"]:.0f} us with {last} ({rows[last]["ratio"]:.2f} times). '
-        f'Wall clock grows only because all of them share '
-        'the cores of this machine.\n\n' + _saturation(f))
+        'What another simulator costs its agent, in processor time of the agent for an exchange: '
+        f'{rows[first]["cpu_us"]:.0f} us with {first}, {rows[last]["cpu_us"]:.0f} us with {last} '
+        f'({rows[last]["ratio"]:.2f} times). Wall clock grows only because all of them share the '
+        'cores of this machine.\n\n' + _saturation(f))
 
 
 def _saturation(f: Figures) -> str:
     """Return what ends first when simulators are many, from the measured costs."""
-    wire = f['fleet'][max(f['fleet'], key=int)]['cpu_us']
-    think = f['inference_us']
-    per_second = 1e6 / (wire + think)
-    bits = 8 * f['bytes_per_exchange']
-    network = 1e9 / bits
-    simulate = f['physics_us'] + wire
+    wire, think = f['wire_us'], f['inference_us']
+    agent = 1e6 / (wire + think)
+    network = 1e9 / (8 * f['bytes_per_exchange'])
+    simulator = f['physics_us'] + wire
+    first = ('the agent, before the cable' if agent < network else 'the cable, before the agent')
     return (
-        f'How many simulators of 256 rockets can one agent feed on? Its own work for an exchange '
-        f'is {wire:.0f} us of wire and {think:.0f} us of '
-        f'inference on one core, so it takes {per_second:,.0f} exchanges/s, '
-        f'{256 * per_second:,.0f} rocket steps/s. A simulator with a core of its own needs '
-        f'{simulate:.0f} us '
-        f'for a step, so {max(1, (wire + think) / simulate):.1f} of them keep one agent busy '
-        f'while it rolls out: inference saturates first. '
-        f'An exchange is {f["bytes_per_exchange"]:,} bytes; 1 Gbit/s carries {network:,.0f} of '
-        f'them a second, {network / per_second:.1f} times what one agent takes, '
-        "so on a real network the agent's core is full before the cable is. More simulators than "
-        "that make sense where a step is dearer "
-        'than in world `rocket`, or to train on while some of them restart.')
+        'How many simulators of 256 rockets can one agent feed on while it rolls out? Its work for '
+        f'an exchange is {wire:.0f} us of wire and {think:.0f} us of inference on one core, so it '
+        f'takes {agent:,.0f} exchanges/s, {256 * agent:,.0f} rocket steps/s. A simulator with a '
+        f'core of its own needs about {simulator:.0f} us for a step, so '
+        f'{(wire + think) / simulator:.1f} of them keep one agent busy. An exchange is '
+        f'{f["bytes_per_exchange"]:,} bytes; 1 Gbit/s carries {network:,.0f} of them a second, '
+        f'{network / agent:.1f} times what the agent takes. So what saturates first is {first}. '
+        'More simulators than that make sense where a step is dearer than in world `rocket`, or to go '
+        'on while some of them restart.')
 
 
 def _hosts(f: Figures) -> str:
-    row = f['hosts']['256']
+    row = _batch(f['hosts'])
     return (
         'An exchange with a simulator on another host, 256 rockets: '
         f'{row["ratio"]:.2f} times one within the host. The hosts are network namespaces joined '

@@ -136,7 +136,7 @@ def test_simulators_come_go_and_die(processes: Processes, make_fleet: MakeFleet)
             running[1].signal(signal.SIGTERM)
         elif polls == 800:
             running[2].signal(signal.SIGSTOP)
-            later(1.0, lambda: running[2].signal(signal.SIGCONT))
+            later(3.0, lambda: running[2].signal(signal.SIGCONT))
 
     seeds = range(24)
     with make_fleet() as fleet:
@@ -161,6 +161,49 @@ def test_a_simulator_of_another_world_is_not_flown(
             if 'is not flown' in text:
                 break
     assert '/sim_1 is not flown: its num_envs is 5, expected 4' in text
+
+
+def test_one_that_comes_back_as_another_world_is_flown_no_more(
+    processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
+) -> None:
+    first = simulator(processes, 0)
+    simulator(processes, 1)
+    polls = 0
+
+    def poll() -> None:
+        nonlocal polls
+        polls += 1
+        if polls == 200:
+            first.signal(signal.SIGKILL)
+            simulator(processes, 0, num_envs=N + 1)
+
+    seeds = range(16)
+    with make_fleet() as fleet:
+        result = flown(fleet, seeds, poll)
+        for _ in range(30):
+            if 'is not flown' in (text := capfd.readouterr().err):
+                break
+            list(fleet.fly([functools.partial(fall, 1)]))
+    assert_same_flights(result, in_process(seeds))
+    assert '/sim_0 is not flown: its num_envs is 5, expected 4' in text
+
+
+def test_one_that_goes_by_the_clock_is_not_flown(
+    processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
+) -> None:
+    simulator(processes, 0)
+    simulator(processes, 1, mode='realtime').wait_for('waiting for an agent', 30.0)
+    with make_fleet() as fleet:
+        for _ in range(30):
+            list(fleet.fly([functools.partial(fall, 1)]))
+            if 'is not flown' in (text := capfd.readouterr().err):
+                break
+    assert '/sim_1 is not flown: its mode is realtime, expected lockstep' in text
+
+
+def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:
+    with pytest.raises(ValueError, match="simulators: got 'sim_\\*', expected .* begin with /"):
+        make_fleet(pattern='sim_*')
 
 
 def test_nobody_there(make_fleet: MakeFleet) -> None:

@@ -143,7 +143,8 @@ class Trainer:
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
 
     def _fly(self, flights: Sequence[Callable[[], Flight[T]]]) -> Iterator[T]:
-        return self._fleet.fly(flights, self._poll, self._journal.message)
+        with tensor_threads(1):
+            yield from self._fleet.fly(flights, self._poll, self._journal.message)
 
     def _poll(self) -> None:
         if self._stop_requested():

@@ -23,13 +23,15 @@ _REPORTS = 20
 
 def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
-    report: Callable[[Status], None], run: str = '', **extra: Any,
+    report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
+    **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
 
     :param level: curriculum level, 0: the simulator's own.
     :param folder: where `evaluation.json`, `episodes.csv`, `plots/` and `report.html` go, the
         last two with what else the folder holds of a run; None: nowhere.
+    :param poll: called before each step.
     :param extra: facts to be kept with the figures.
     """
     start = time.monotonic()
@@ -52,7 +54,7 @@ def fly_and_write(
 
     (result,) = fleet.fly([functools.partial(
         evaluation_flight, fleet.spec, pilot, episodes, seed, progress, **level_setting(level))],
-        report=anew)
+        poll=poll, report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
         message='flown; working out figures and plots'))

@@ -2,6 +2,7 @@
 """A training run as a node: settings from parameters, reports to the terminal and `training`."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,9 +61,12 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         make_fleet(
             node, executor, connection, options.simulators, agent_of_run(folder.path)) as fleet,
     ):
-        def stop_requested() -> bool:
+        def tick() -> None:
             fleet.keep()
             terminal.tick()
+
+        def stop_requested() -> bool:
+            tick()
             return stopping.requested()
 
         folder.mark_unfinished()
@@ -75,7 +79,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
                 say=terminal.say).run()
             if result.finished:
                 try:
-                    _evaluate(fleet, config, folder, teller, terminal)
+                    _evaluate(fleet, config, folder, teller, terminal, tick)
                 except EnvironmentClosed:
                     teller.report_evaluation(Status(
                         stage='evaluate', message='stopped; a resumed run evaluates anew'))
@@ -142,13 +146,14 @@ def _config(
 
 def _evaluate(
     fleet: Fleet, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
+    tick: Callable[[], None],
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
-        training_seed=config.run.seed)
+        tick, training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
     teller.report_evaluation(Status(

@@ -21,6 +21,7 @@ from typing import TypeVar
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.client import RELEASE_TIMEOUT
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.link import Link
@@ -28,6 +29,7 @@ from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.link import WorldChanged
 from rocket_sim_node.wire.link import difference
+from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.wire.waiting import Waiter
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds.base import EnvironmentRestarted
@@ -44,7 +46,8 @@ _LOOK_PERIOD = 1.0
 _FIRST_LOOK_PERIOD = 0.1
 """s, while nobody has joined"""
 _SILENT = 2.0
-"""s without an answer after which a flight is given to a simulator that has nothing to do"""
+"""s without an answer after which a flight is given to a simulator that has nothing to do; more
+each time, as a step may just take long"""
 _RETRY = 10.0
 """s after which one that was lost is tried again, though nothing has been heard of it"""
 _WORLD_TYPE = 'rocket_msgs/msg/World'
@@ -72,7 +75,9 @@ class _Member:
         self.mooring = Mooring()
         self.task: _Task[Any] | None = None
         self.lost_at = 0.0
-        self.vetted = self.fits = self.gone = False
+        self.vetted: Any = None
+        """the description that was looked at last"""
+        self.fits = self.gone = False
 
     @property
     def free(self) -> bool:
@@ -99,11 +104,17 @@ class Fleet:
         :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
             matches is taken in when it appears. Empty: the one of the node's own namespace.
         """
+        if pattern and not pattern.startswith('/'):
+            raise ValueError(
+                f'simulators: got {pattern!r}, expected namespaces that begin with /, '
+                'such as /sim_*')
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
         self._waiter = Waiter(node, executor, options.patience)
         self._members: dict[str, _Member] = {}
         self._spec: WorldSpec | None = None
         self._looked = 0.0
+        self._idle: Silence | None = None
+        """since nobody flies"""
         if not pattern:
             self._members[''] = _Member(Link(node, options, agent))
 
@@ -169,6 +180,8 @@ class Fleet:
                 self._assign(waiting, results)
                 for member in self._wait():
                     self._attend(member, waiting, results, report)
+                if not waiting:
+                    self._relieve(waiting, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
@@ -182,10 +195,6 @@ class Fleet:
 
     def _assign(self, waiting: deque[_Task[T]], results: dict[int, T]) -> None:
         """Give flights to those that have none: first to whom they would begin where it is."""
-        if not waiting:
-            self._relieve(waiting)
-        if not waiting:
-            return
         free = [member for member in self._members.values() if member.free]
         for member in free:
             for task in waiting:
@@ -198,7 +207,7 @@ class Fleet:
             if waiting and member.free:
                 self._start(member, waiting.popleft(), results)
 
-    def _relieve(self, waiting: deque[_Task[T]]) -> None:
+    def _relieve(self, waiting: deque[_Task[T]], report: Callable[[str], None]) -> None:
         """Take a flight from whom nothing is heard of, when somebody else is free to fly it."""
         if not any(member.free for member in self._members.values()):
             return
@@ -206,15 +215,19 @@ class Fleet:
         for member in self._members.values():
             if member.task is None:
                 continue
-            if member.gone or member.link.waited(now) > _SILENT:
-                why = 'gone' if member.gone else f'silent for {_SILENT:g} s'
-                self._lose(member, waiting, why)
+            patience = _SILENT * member.task.attempts
+            if member.gone or member.link.waited(now) > patience:
+                why = 'gone' if member.gone else f'silent for {patience:g} s'
+                self._lose(member, waiting, why, report)
                 return
 
-    def _lose(self, member: _Member, waiting: deque[_Task[T]], why: str) -> None:
+    def _lose(
+        self, member: _Member, waiting: deque[_Task[T]], why: str, report: Callable[[str], None],
+    ) -> None:
         """Give a member's flight back, and expect nothing of it before it is heard again."""
-        self._node.get_logger().warning(f'{member.link.name}: {why}; its flight begins anew')
+        report(f'{member.link.name}: {why}; its flight begins anew')
         self._give_back(member, waiting)
+        member.link.step = 0  # so that nothing is sent to keep it
         member.lost_at = time.monotonic()
 
     @staticmethod
@@ -258,14 +271,14 @@ class Fleet:
             answer = link.take()
         except EnvironmentRestarted as error:
             report(f'simulator restarted, work begins again: {error}')
-            if task.attempts == MAX_ATTEMPTS:
+            if task.attempts >= MAX_ATTEMPTS:
                 raise
             self._give_back(member, waiting)
         except (WireTimeout, SimulatorBusy, WorldChanged) as error:
             if not any(other.free or other.task for other in self._members.values()
                        if other is not member):
                 raise
-            self._lose(member, waiting, str(error))
+            self._lose(member, waiting, str(error), report)
             member.fits = not isinstance(error, WorldChanged)
         else:
             member.mooring.note(task.command, answer)
@@ -278,8 +291,12 @@ class Fleet:
         """
         busy = [member for member in self._members.values() if member.task is not None]
         if not busy:
-            self.connect()
+            self._idle = self._idle or Silence(
+                self._node, 'somebody who flies', self._options.patience, self._where)
+            self._idle.check()
+            self._waiter.spin(0.1)
             return []
+        self._idle = None
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
         for member in busy:
@@ -300,7 +317,7 @@ class Fleet:
     def _look(self) -> None:
         """Take in who has joined, part with who has left, now and then."""
         for member in self._members.values():
-            if not member.vetted and member.link.world is not None:
+            if member.link.world is not member.vetted:
                 self._vet(member)
         now = time.monotonic()
         period = _LOOK_PERIOD if self._spec else _FIRST_LOOK_PERIOD
@@ -327,16 +344,19 @@ class Fleet:
 
     def _vet(self, member: _Member) -> None:
         """Take the world of the first simulator for that of all; refuse another one."""
-        spec = member.link.spec
+        member.vetted, fitted = member.link.world, member.fits
+        spec = messages.world_from_message(member.vetted)
         if self._spec is None:
             self._spec = spec
-        member.vetted = True
-        if spec != self._spec:
-            self._node.get_logger().error(
-                f'{member.link.name} is not flown: its {difference(self._spec, spec)}')
-            return
-        member.fits = True
-        if self._pattern:
+        reason = '' if spec == self._spec else f'its {difference(self._spec, spec)}'
+        if self._pattern and member.link.realtime:
+            reason = 'its mode is realtime, expected lockstep'
+        if reason and not self._pattern:
+            raise WorldChanged(f'{member.link.name} came back as another world: {reason}')
+        member.fits = not reason
+        if reason and member.task is None:
+            self._node.get_logger().error(f'{member.link.name} is not flown: {reason}')
+        elif self._pattern and not fitted:
             self._tell(f'{member.link.name} has joined')
 
     def _tell(self, text: str) -> None:

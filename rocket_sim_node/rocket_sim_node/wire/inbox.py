@@ -23,6 +23,8 @@ from rocket_sim_node.wire.cdr import Codec
 
 _SERVE_PERIOD = 0.05
 """s between two looks at what else the node has"""
+_SERVED_AT_ONCE = 16
+"""callbacks, at most: an executor serves one at a time and does not say whether there was any"""
 
 
 class Mailbox:
@@ -31,7 +33,7 @@ class Mailbox:
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
         """Subscribe; remapping and namespaces are those of the node."""
         check_is_valid_msg_type(kind)  # which loads what the type needs in C
-        self._kind = kind
+        self._kind, self._topic = kind, topic
         self._codec = Codec(kind)
         with node.handle:
             self.handle = _rclpy.Subscription(
@@ -40,11 +42,16 @@ class Mailbox:
     def take(self) -> Any:
         """Return the oldest message that has come, as :meth:`Codec.decode` does; None without.
 
-        :raises ValueError: when it is no message of this type.
+        :raises ValueError: when it is no message of this type; names the topic.
         """
         with self.handle:
             taken = self.handle.take_message(self._kind, True)
-        return None if taken is None else self._codec.decode(taken[0])
+        if taken is None:
+            return None
+        try:
+            return self._codec.decode(taken[0])
+        except ValueError as error:
+            raise ValueError(f'{self._topic}: {error}') from error
 
     def destroy(self) -> None:
         """Unsubscribe."""
@@ -102,7 +109,8 @@ class Inbox:
         now = time.monotonic()
         if serve or now - self._served >= _SERVE_PERIOD:
             self._served = now
-            self._executor.spin_once(timeout_sec=0.0)
+            for _ in range(_SERVED_AT_ONCE):
+                self._executor.spin_once(timeout_sec=0.0)
             return full, True
         return full, False
 

@@ -33,7 +33,7 @@ _NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
 _CALL_TIMEOUT = 2.0
-"""s after which a service call is made anew"""
+"""s after which a service call is made anew; doubled each time, as it may just take long"""
 _READY_PERIOD = 0.05
 """s between two looks at whether a service is there"""
 _DESCRIPTION_TIMEOUT = 5.0
@@ -93,7 +93,9 @@ class Link:
         self._answer: Any = None
         self._silence: Silence | None = None
         self._future: Future[Any] | None = None
-        self._asked = 0.0
+        self._asked, self._call_timeout = 0.0, _CALL_TIMEOUT
+        self._claimed = False
+        """whether the simulator may believe that it is ours"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -121,7 +123,7 @@ class Link:
 
     @property
     def spec(self) -> WorldSpec:
-        """The world at the far end, once described."""
+        """The world that is flown at the far end, once described."""
         return self._spec or self.adopt_spec()
 
     def _on_world(self, message: msg.World) -> None:
@@ -190,6 +192,7 @@ class Link:
                 self._node, 'an observation', self._options.patience, self.topic)
         else:
             self._future, self._described_by, self._warned = None, 0.0, False
+            self._call_timeout = _CALL_TIMEOUT
             self._next = now
             self._silence = self._await_service(command)
         self._command = command
@@ -228,9 +231,10 @@ class Link:
         self._described_by = 0.0
 
     def listen(self) -> None:
-        """Take note of whether the simulator says anything while nothing is asked of it."""
-        while self._mailboxes[0].take() is not None:
-            self.heard = time.monotonic()
+        """Take note of whether the simulator answers us, late, while nothing is asked of it."""
+        while (message := self._mailboxes[0].take()) is not None:
+            if message.session == self.session:
+                self.heard = time.monotonic()
 
     # Steps
 
@@ -282,7 +286,9 @@ class Link:
             self._future = None
         if client.service_is_ready():
             self._future = client.call_async(self._request(command))
-            self._next = now + _CALL_TIMEOUT
+            self._next = now + self._call_timeout
+            self._call_timeout *= 2
+            self._claimed |= not isinstance(command, Snapshot)
         else:
             self._next = now + _READY_PERIOD
         self._silence.check()
@@ -313,13 +319,15 @@ class Link:
             # Refused for the session: the simulator is not where we believe it to be.
             raise EnvironmentRestarted(f'snapshot: {response.message}')
         if response.code != response.BUSY:
-            raise ValueError(f'{name}: {response.message}')
+            self.adopt_spec()  # the better reason, if it is another world now
+            raise ValueError(f'{self.name}: {name}: {response.message}')
         left = self._asked + self._options.patience - now
         if left <= 0:
-            raise SimulatorBusy(f'{name}: {response.message}')
+            raise SimulatorBusy(f'{self.name}: {name}: {response.message}')
         if not self._warned:
             self._warned = True
-            self._node.get_logger().warning(f'{name}: {response.message}; waiting')
+            self._node.get_logger().warning(
+                f'{self.name}: {name}: {response.message}; waiting')
         self._next = now + min(_BUSY_RETRY, left)
         self._silence = self._await_service(command)
         return False
@@ -356,10 +364,10 @@ class Link:
     def release(self) -> Callable[[], bool]:
         """Let go of the simulator, so that another agent need not wait; tells when it is done."""
         client = self._clients['release']
-        if not (self.session and self._node.context.ok() and client.service_is_ready()):
+        if not (self._claimed and self._node.context.ok() and client.service_is_ready()):
             return lambda: True
         future = client.call_async(srv.Release.Request(agent=self.agent))
-        self.session = 0
+        self.session, self._claimed = 0, False
         return future.done
 
     def destroy(self) -> None:

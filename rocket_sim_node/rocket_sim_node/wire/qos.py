@@ -31,9 +31,10 @@ def read_stream(acknowledge: str) -> QoSProfile:
 
     Within a machine messages do not get lost, but acknowledging them costs a third of an
     exchange; and what is lost after all, the agent asks for again. So `auto` acknowledges only
-    when peers beyond this machine may be discovered.
+    when peers beyond this machine may be discovered, by range or by name.
     """
-    beyond = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') not in ('LOCALHOST', 'OFF')
+    beyond = bool(os.environ.get('ROS_STATIC_PEERS')) or (
+        os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') not in ('LOCALHOST', 'OFF'))
     if acknowledge == 'always' or (acknowledge == 'auto' and beyond):
         return STREAM
     return QoSProfile(

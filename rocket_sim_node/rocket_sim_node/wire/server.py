@@ -104,10 +104,11 @@ class Server:
                 [self._mailbox], _SPIN_PERIOD, services=self._services, timers=self._timers)
             try:
                 message = self._mailbox.take()
-                if message is not None:
-                    self._on_action(message)
             except ValueError as error:
                 self._health.refuse('action', str(error))
+                continue
+            if message is not None:
+                self._on_action(message)
         self._state.flush()
 
     # Actions

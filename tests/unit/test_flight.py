@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flights in environments of this process: order, ways back that are not gone, ends."""
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.flight import MAX_ATTEMPTS
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.flight import fly
+
+ACTION = np.zeros((2, 3), np.float32)
+
+
+class Counting:
+    """A world that counts what it is asked for, and fails when told to."""
+
+    def __init__(self, failures: int = 0) -> None:
+        self._world = make('rocket', num_envs=2)
+        self.spec, self.calls, self._failures = self._world.spec, Counter[str](), failures
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def call(*args: Any, **options: Any) -> Any:
+            self.calls[name] += 1
+            if name == 'step' and self._failures:
+                self._failures -= 1
+                raise EnvironmentRestarted('new session')
+            return getattr(self._world, name)(*args, **options)
+
+        return call
+
+
+def begin(seed: int) -> Flight[bytes]:
+    """Reset, step and return the state."""
+    yield Reset(seed, {'level': 7})
+    yield ACTION
+    state: bytes = yield Snapshot()
+    return state
+
+
+def go_on(state: bytes) -> Flight[tuple[np.ndarray, bytes]]:
+    """Step from a state; return what was seen at first, and the state."""
+    first = yield Restore(state)
+    yield ACTION
+    return first, (yield Snapshot())
+
+
+def test_where_a_flight_ended_the_next_one_begins_without_a_way_back() -> None:
+    world = Counting()
+    fleet = SerialFleet(world)
+    (state,) = fleet.fly([lambda: begin(1)])
+    ((first, later),) = fleet.fly([lambda: go_on(state)])
+    assert world.calls['restore'] == 0
+    other = Counting()
+    again, later_again = fly(other, go_on(state))
+    assert other.calls['restore'] == 1
+    np.testing.assert_array_equal(first, again)
+    assert later == later_again
+    # It has moved on since.
+    ((_, repeated),) = fleet.fly([lambda: go_on(state)])
+    assert world.calls['restore'] == 1
+    assert repeated == later
+
+
+def test_results_come_in_the_order_of_the_flights() -> None:
+    one, two = SerialFleet(Counting()), SerialFleet(Counting(), Counting())
+    flights = [lambda seed=seed: begin(seed) for seed in range(5)]
+    assert list(one.fly(flights)) == list(two.fly(flights))
+
+
+def test_a_flight_that_was_lost_begins_anew_and_says_so() -> None:
+    told: list[str] = []
+    fleet = SerialFleet(Counting(failures=2))
+    assert list(fleet.fly([lambda: begin(3)], report=told.append)) == [
+        fly(make('rocket', num_envs=2), begin(3))]
+    assert len(told) == 2
+    with pytest.raises(EnvironmentRestarted):
+        list(SerialFleet(Counting(failures=MAX_ATTEMPTS)).fly([lambda: begin(3)]))
+
+
+def test_a_poll_that_raises_ends_the_flight() -> None:
+    ended = []
+
+    def watched() -> Flight[None]:
+        try:
+            yield Reset(1)
+            yield ACTION
+        finally:
+            ended.append(True)
+
+    polls = iter((None, EnvironmentClosed('asked to stop')))
+
+    def poll() -> None:
+        if (error := next(polls)) is not None:
+            raise error
+
+    with pytest.raises(EnvironmentClosed):
+        list(SerialFleet(Counting()).fly([watched], poll))
+    assert ended == [True]
