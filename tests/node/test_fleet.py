@@ -202,7 +202,7 @@ def test_one_that_goes_by_the_clock_is_not_flown(
 
 
 def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:
-    with pytest.raises(ValueError, match="simulators: got 'sim_\\*', expected .* begin with /"):
+    with pytest.raises(ValueError, match=r"simulators: got 'sim_\*', expected .* begin with /"):
         make_fleet(pattern='sim_*')
 
 
