@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -63,7 +64,7 @@ def evaluation(node: Node, executor: Executor) -> None:
             terminal.say(f'evaluation.json and plots are in {output}')
 
 
-def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[str, str]]:
+def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[str, Any]]:
     """Return who flies, and what the figures shall say about a policy's file."""
     if options.pilot == 'expert':
         return scripted_pilot(spec), {}
