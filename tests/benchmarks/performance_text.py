@@ -66,8 +66,8 @@ def _saturation(f: Figures) -> str:
     return (
         'How many simulators of 256 rockets can one agent feed on while it rolls out? Its work '
         f'for an exchange is {wire:.0f} us of wire and {think:.0f} us of inference on one core, '
-        f'so it takes {agent:,.0f} exchanges/s, {256 * agent:,.0f} rocket steps/s. A simulator with '
-        f'a core of its own needs about {simulator:.0f} us for a step, so '
+        f'so it takes {agent:,.0f} exchanges/s, {256 * agent:,.0f} rocket steps/s. A simulator '
+        f'with a core of its own needs about {simulator:.0f} us for a step, so '
         f'{(wire + think) / simulator:.1f} of them keep one agent busy. An exchange is '
         f'{f["bytes_per_exchange"]:,} bytes; 1 Gbit/s carries {network:,.0f} of them a second, '
         f'{network / agent:.1f} times what the agent takes. So what saturates first is {first}. '
