@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import signal
 import threading
+import time
 from collections.abc import Callable
 from collections.abc import Iterator
 
@@ -105,6 +106,15 @@ def in_process(seeds: range) -> list:
     return flown(SerialFleet(make('rocket', num_envs=N)), seeds, lambda: None)
 
 
+def fly_until(words: str, fleet: Fleet, capfd: pytest.CaptureFixture[str]) -> str:
+    """Fly until the log says so, and return it."""
+    text, end = '', time.monotonic() + 20.0
+    while words not in text and time.monotonic() < end:
+        list(fleet.fly([functools.partial(fall, 1)]))
+        text += capfd.readouterr().err
+    return text
+
+
 def test_flights_over_many_simulators_are_those_in_process(
     processes: Processes, make_fleet: MakeFleet,
 ) -> None:
@@ -155,11 +165,7 @@ def test_a_simulator_of_another_world_is_not_flown(
     with make_fleet() as fleet:
         fleet.connect()
         simulator(processes, 1, num_envs=N + 1).wait_for('waiting for an agent', 30.0)
-        for _ in range(30):
-            list(fleet.fly([functools.partial(fall, 1)]))
-            text = capfd.readouterr().err
-            if 'is not flown' in text:
-                break
+        text = fly_until('is not flown', fleet, capfd)
     assert '/sim_1 is not flown: its num_envs is 5, expected 4' in text
 
 
@@ -180,10 +186,7 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
     seeds = range(16)
     with make_fleet() as fleet:
         result = flown(fleet, seeds, poll)
-        for _ in range(30):
-            if 'is not flown' in (text := capfd.readouterr().err):
-                break
-            list(fleet.fly([functools.partial(fall, 1)]))
+        text = fly_until('is not flown', fleet, capfd)
     assert_same_flights(result, in_process(seeds))
     assert '/sim_0 is not flown: its num_envs is 5, expected 4' in text
 
@@ -194,10 +197,7 @@ def test_one_that_goes_by_the_clock_is_not_flown(
     simulator(processes, 0)
     simulator(processes, 1, mode='realtime').wait_for('waiting for an agent', 30.0)
     with make_fleet() as fleet:
-        for _ in range(30):
-            list(fleet.fly([functools.partial(fall, 1)]))
-            if 'is not flown' in (text := capfd.readouterr().err):
-                break
+        text = fly_until('is not flown', fleet, capfd)
     assert '/sim_1 is not flown: its mode is realtime, expected lockstep' in text
 
 
