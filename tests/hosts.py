@@ -18,7 +18,7 @@ def missing() -> str:
     name = f'hoverslam-{os.getpid()}-probe'
     try:
         _ip('netns', 'add', name)
-        _ip('-n', name, 'link', 'add', 'a', 'type', 'veth', 'peer', 'name', 'b')
+        _ip('-n', name, 'link', 'add', 'probe0', 'type', 'veth', 'peer', 'name', 'probe1')
     except subprocess.CalledProcessError as error:
         return f'no network namespaces: {error.stderr.strip()}'
     finally:

@@ -43,14 +43,15 @@ def machine_line(folder: Path) -> str:
             f"{m['memory_gib']} GiB, {m['system']}; {versions}.")
 
 
-def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
+def plots(path: Path, title: str, figures: dict[str, Any], images: Path) -> list[Path]:
     """Put the plots of a part into a folder: those it drew itself, or ours."""
     part = path.stem
     drawn = []
     for own in sorted(path.parent.glob(f'{part}_*.png')):
         drawn.append(images / f'performance_{own.name}')
         write_atomically(drawn[-1], own.read_bytes())
-    if not drawn and performance_plots.draw(part, figures, images / f'performance_{part}.png'):
+    if not drawn and performance_plots.draw(
+            part, title, figures, images / f'performance_{part}.png'):
         drawn.append(images / f'performance_{part}.png')
     return drawn
 
@@ -64,9 +65,10 @@ def sections(runs: Path, images: Path) -> Iterator[str]:
             continue
         figures = json.loads(path.read_text('utf-8'))
         table = path.with_suffix('.txt').read_text('utf-8').rstrip()
-        lines = [f'## {title}', '', text(figures), '', f'`./launch_scripts/bench {part}`:', '',
+        command = path.with_suffix('.command').read_text('utf-8').strip()
+        lines = [f'## {title}', '', text(figures), '', f'`{command}`:', '',
                  '```', table, '```', '']
-        for plot in plots(path, figures, images):
+        for plot in plots(path, title, figures, images):
             lines += [f'![{title}](images/{plot.name})', '']
         lines.append(machine_line(path.parent))
         yield '\n'.join(lines).rstrip() + '\n'

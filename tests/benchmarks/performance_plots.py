@@ -94,7 +94,7 @@ def _stepping(axes: Axes, f: Figures) -> None:
 
 def _learner(axes: Axes, f: Figures) -> None:
     rows = f['learner']
-    names = [f'{row["case"]["name"]},\n{row["threads"]} thread'
+    names = [f'{row["case"]["world"]}, {row["case"]["batch_size"]},\n{row["threads"]} thread'
              + ('s' if row['threads'] > 1 else '') for row in rows]
     _bars(axes, names, {
         'ours': [row['samples_per_second']['ours'] / row['floor'] for row in rows],
@@ -114,7 +114,7 @@ _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'recorder': _recorder}
 
 
-def draw(part: str, figures: Figures, path: Path) -> bool:
+def draw(part: str, title: str, figures: Figures, path: Path) -> bool:
     """Draw the plot of a part's figures; tell whether there is one."""
     plot = _PLOTS.get(part)
     if plot is None:
@@ -123,6 +123,6 @@ def draw(part: str, figures: Figures, path: Path) -> bool:
         figure = Figure(figsize=(8.0, 4.2))
         axes = figure.add_subplot()
         plot(axes, figures)
-        axes.set_title(part.replace('_', ' '))
+        axes.set_title(title)
         save(figure, path)
     return True

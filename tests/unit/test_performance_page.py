@@ -19,6 +19,7 @@ def write(runs: Path, name: str, part: str, figures: dict, table: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f'{part}.json').write_text(json.dumps(figures))
     (folder / f'{part}.txt').write_text(table)
+    (folder / f'{part}.command').write_text(f'./launch_scripts/bench {part} --rounds 3\n')
     return folder
 
 
@@ -32,6 +33,7 @@ def test_the_newest_figures_are_taken_and_drawn(tmp_path: Path) -> None:
     page = '\n'.join(performance.sections(tmp_path, tmp_path))
     assert 'a new table' in page
     assert 'an old table' not in page
+    assert '`./launch_scripts/bench hosts --rounds 3`' in page
     assert '1.50 times one within the host' in page
     assert '2026-01-02, commit abc: 2 cores of P' in page
     assert 'envpool' not in page.split('## Two hosts')[1].split('##')[0]
