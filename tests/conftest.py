@@ -39,31 +39,42 @@ def cabin() -> Iterator[Cabin]:
 
 
 @pytest.fixture
-def make_client(
+def make_node(
     processes: Processes, monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Callable[..., Any]]:
-    """Clients of the simulators of this test, each with a node and a context of its own."""
+    """Nodes in the domain of this test and their executors, each in a context of its own."""
     import rclpy
     from rclpy.context import Context
+    from rclpy.executors import Executor
     from rclpy.node import Node
 
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.link import LinkOptions
     from rocket_sim_node.wire.running import make_executor
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     contexts = []
 
-    def make(agent: int | None = None, namespace: str = '', **options: float) -> Client:
+    def make(namespace: str = '') -> tuple[Node, Executor]:
         context = Context()
         rclpy.init(context=context, domain_id=processes.domain)
         contexts.append(context)
         node = Node('tester', context=context, namespace=namespace)
         executor = make_executor(context)
         executor.add_node(node)
-        options = {'resend_after': 0.1, 'patience': 15.0, **options}
-        return Client(node, executor, LinkOptions(**options), agent)
+        return node, executor
 
     yield make
     for context in contexts:
         rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def make_client(make_node: Callable[..., Any]) -> Callable[..., Any]:
+    """Clients of the simulators of this test."""
+    from rocket_sim_node.wire.client import Client
+    from rocket_sim_node.wire.link import LinkOptions
+
+    def make(agent: int | None = None, namespace: str = '', **options: float) -> Client:
+        options = {'resend_after': 0.1, 'patience': 15.0, **options}
+        return Client(*make_node(namespace), LinkOptions(**options), agent)
+
+    return make

@@ -19,18 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from rocket_msgs import msg
 
 from benchmarks.exchange import microseconds
 from benchmarks.exchange import on_core
 from benchmarks.rollouts import Course
+from benchmarks.rollouts import shipped_policy
 from benchmarks.rollouts import wire_fleet
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.learning.policies import Policy
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.cdr import Codec
@@ -165,10 +163,7 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    torch.set_num_threads(1)
-    spec = worlds.make('rocket', 1).spec
-    policy, _ = load_policy(find_policy('', 'rocket', Path(os.devnull)), spec)
-    rows = measure(options.num_envs, options.steps, options.rounds, policy)
+    rows = measure(options.num_envs, options.steps, options.rounds, shipped_policy())
     whole = next(row['us'] for row in rows if row['what'] == 'whole step')
     print(f'a step of {options.num_envs} rockets, us, medians of {options.rounds} roll-outs')
     for row in rows:

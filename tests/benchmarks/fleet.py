@@ -20,12 +20,11 @@ import numpy as np
 import torch
 
 from benchmarks.exchange import microseconds
+from benchmarks.rollouts import shipped_policy
 from benchmarks.rollouts import wire_fleet
 from benchmarks.tcp_floor import sizes
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.fleet import Fleet
 from rocket_sim_node.worlds.flight import Flight
@@ -66,11 +65,9 @@ def measure(simulators: int, num_envs: int, steps: int, rounds: int) -> dict[str
 
 def other_costs() -> dict[str, float]:
     """Return what else bears on how many simulators an agent can feed on: a batch's costs."""
-    torch.set_num_threads(1)
     world = worlds.make('rocket', BATCH, level=7)
-    policy, _ = load_policy(find_policy('', 'rocket', Path(os.devnull)), world.spec)
     observation = torch.from_numpy(world.reset(1))
-    sample = policy.sampler(torch.zeros(200, BATCH), streams.generator(1, 'bench'))
+    sample = shipped_policy().sampler(torch.zeros(200, BATCH), streams.generator(1, 'bench'))
     command = np.zeros((BATCH, 3), np.float32)
     return {
         'inference_us': microseconds(lambda: sample(0, observation), 200)[0],

@@ -51,6 +51,14 @@ def start(group: int) -> Flight[bytes]:
     return state
 
 
+def shipped_policy() -> Policy:
+    """Return the rocket's policy that ships, and have torch use one thread, as in flight."""
+    torch.set_num_threads(1)
+    policy, _ = load_policy(
+        find_policy('', 'rocket', Path(os.devnull)), worlds.make('rocket', 1).spec)
+    return policy
+
+
 class Course:
     """Roll-outs of T steps in a fleet, one after the other."""
 
@@ -141,9 +149,7 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    torch.set_num_threads(1)
-    spec = worlds.make('rocket', 1).spec
-    policy, _ = load_policy(find_policy('', 'rocket', Path(os.devnull)), spec)
+    policy = shipped_policy()
     print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
           'rounds; DDS: simulators in processes of their own')
     print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two sim.":>12}'

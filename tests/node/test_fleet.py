@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from processes import Process
 from processes import Processes
 
 from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.flight import Flight
@@ -28,30 +29,12 @@ MakeFleet = Callable[..., Fleet]
 
 
 @pytest.fixture
-def make_fleet(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeFleet]:
+def make_fleet(make_node: Callable[..., Any]) -> MakeFleet:
     """Fleets of the simulators of this test."""
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.node import Node
-
-    from rocket_sim_node.wire.link import LinkOptions
-    from rocket_sim_node.wire.running import make_executor
-
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    contexts = []
-
     def make_one(pattern: str = '/sim_*', patience: float = 20.0) -> Fleet:
-        context = Context()
-        rclpy.init(context=context, domain_id=processes.domain)
-        contexts.append(context)
-        node = Node('tester', context=context)
-        executor = make_executor(context)
-        executor.add_node(node)
-        return Fleet(node, executor, LinkOptions(0.1, patience), 1, pattern)
+        return Fleet(*make_node(), LinkOptions(0.1, patience), 1, pattern)
 
-    yield make_one
-    for context in contexts:
-        rclpy.shutdown(context=context)
+    return make_one
 
 
 def simulator(processes: Processes, number: int, **parameters: object) -> Process:

@@ -240,7 +240,7 @@ def test_computing_agent_keeps_control(
     rival = threading.Thread(target=take_over)
     rival.start()
     while rival.is_alive():
-        first.keep()
+        first.link.keep()
         rival.join(0.05)
     assert refused
     world = make('rocket', num_envs=N)

@@ -79,7 +79,7 @@ class Learner:
         """
         c = self._ppo
         self._carry(there=True)
-        return self.improve(
+        return self._improve(
             iteration, rollout.batch(self._values, c.gamma, c.gae_lambda, c.reward_scale), poll)
 
     def _values(self, observation: Tensor) -> Tensor:
@@ -92,12 +92,17 @@ class Learner:
         self, iteration: int, batch: Batch, poll: Callable[[], None],
     ) -> tuple[Diagnostics, float]:
         """Improve both networks by samples, as `learn` does by those of a roll-out."""
+        self._carry(there=True)
+        return self._improve(iteration, batch, poll)
+
+    def _improve(
+        self, iteration: int, batch: Batch, poll: Callable[[], None],
+    ) -> tuple[Diagnostics, float]:
         c = self._ppo
         part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
         rates = [c.actor_learning_rate * part]
         if self.policy.noise_parameters():
             rates.append(c.log_std_learning_rate * part)
-        self._carry(there=True)
         diagnostics = ppo.update(
             self._policy_update, self._critic_update, batch.to(self.device),
             streams.generator(self._seed, 'minibatches', iteration), rates,

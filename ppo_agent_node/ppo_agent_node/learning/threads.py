@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How many threads the tensor library uses: one in flight, several to learn.
 
-A batch of 256 observations is so little work that two threads take twice as long for it as one.
+A batch of 256 observations is so little work that two threads wait for each other longer than
+they compute.
 """
 from __future__ import annotations
 

@@ -143,10 +143,6 @@ class Client:
         """How many actions were sent again."""
         return self.link.resent
 
-    def keep(self) -> None:
-        """Remind the simulator of its agent while that one computes; call it often."""
-        self.link.keep()
-
     def close(self) -> None:
         """Let go of the simulator, so that another agent need not wait."""
         self.waiter.linger(self.link.release(), RELEASE_TIMEOUT)

@@ -148,11 +148,6 @@ class Link:
     # Asking
 
     @property
-    def asked(self) -> bool:
-        """Whether something was asked for that has not been taken."""
-        return self._command is not None
-
-    @property
     def deadline(self) -> float:
         """When `poll` wants to be called at the latest, s of the steady clock."""
         return self._next

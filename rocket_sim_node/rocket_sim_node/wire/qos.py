@@ -29,9 +29,9 @@ ACKNOWLEDGE = ('auto', 'always', 'never')
 def read_stream(acknowledge: str) -> QoSProfile:
     """Return how to read a stream; whoever writes one offers both ways.
 
-    Within a machine messages do not get lost, but acknowledging them costs a third of an
-    exchange; and what is lost after all, the agent asks for again. So `auto` acknowledges only
-    when peers beyond this machine may be discovered, by range or by name.
+    Within a machine messages do not get lost, but acknowledging them takes time and wakes threads;
+    and what is lost after all, the agent asks for again. So `auto` acknowledges only when peers
+    beyond this machine may be discovered, by range or by name.
     """
     beyond = bool(os.environ.get('ROS_STATIC_PEERS')) or (
         os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') not in ('LOCALHOST', 'OFF'))

@@ -40,8 +40,7 @@ class Waiter:
 
         :raises EnvironmentClosed: when this process was asked to end.
         """
-        if stopping.requested() or not self._node.context.ok():
-            raise EnvironmentClosed('asked to stop')
+        self._go_on()
         # Python sees a signal only between two waits of the executor.
         self._executor.spin_once(timeout_sec=min(max(seconds, 0.0), _SIGNAL_PERIOD))
 
@@ -52,9 +51,12 @@ class Waiter:
 
         :raises EnvironmentClosed: when this process was asked to end.
         """
+        self._go_on()
+        return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
+
+    def _go_on(self) -> None:
         if stopping.requested() or not self._node.context.ok():
             raise EnvironmentClosed('asked to stop')
-        return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
 
     def linger(self, done: Callable[[], bool], seconds: float) -> None:
         """Spin until `done()` or the time is over, asked to end or not."""
@@ -87,9 +89,7 @@ class Waiter:
 class Silence:
     """Time without an answer: told on the log every few seconds, and at the end an error."""
 
-    def __init__(
-        self, node: Node, what: str, patience: float, topic: str = '',
-    ) -> None:
+    def __init__(self, node: Node, what: str, patience: float, topic: str = '') -> None:
         """Begin to wait for `what` from the simulator that describes itself on a topic."""
         self._node = node
         self._what = what
