@@ -12,6 +12,18 @@ from cabin import Cabin
 from processes import Processes
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Know the nightly mode."""
+    parser.addoption(
+        '--nightly', action='store_true', help='faults at least 50 times each, and long runs')
+
+
+@pytest.fixture
+def nightly(request: pytest.FixtureRequest) -> bool:
+    """Whether there is time for many rounds."""
+    return bool(request.config.getoption('--nightly'))
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Any:
     """Keep the outcome where fixtures can see it, and show the nodes' logs when a test fails."""
