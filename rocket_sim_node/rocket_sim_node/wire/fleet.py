@@ -297,6 +297,8 @@ class Fleet:
             self._waiter.spin(0.1)
             return []
         self._idle = None
+        if not self._waiter.overdue and (ready := [m for m in busy if m.link.arrived]):
+            return ready  # while one was thought about, others have answered: no need to wait
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
         for member in busy:

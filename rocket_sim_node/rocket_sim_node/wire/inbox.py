@@ -68,6 +68,11 @@ class Inbox:
         self._size: tuple[int, ...] = (0, 0, 0, 0)
         self._served = 0.0
 
+    @property
+    def overdue(self) -> bool:
+        """Whether it is time to look at what else the node has."""
+        return time.monotonic() - self._served >= _SERVE_PERIOD
+
     def wait(
         self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
         clients: Sequence[Any] = (), services: Sequence[Any] = (), timers: Sequence[Any] = (),
@@ -107,7 +112,7 @@ class Inbox:
                 ('service', 0, services), ('timer', 0, timers))
             for index in range(begin, begin + len(entities)))
         now = time.monotonic()
-        if serve or now - self._served >= _SERVE_PERIOD:
+        if serve or self.overdue:
             self._served = now
             for _ in range(_SERVED_AT_ONCE):
                 self._executor.spin_once(timeout_sec=0.0)

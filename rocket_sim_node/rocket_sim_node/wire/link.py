@@ -158,6 +158,14 @@ class Link:
         return self._answers.missing if isinstance(self._command, np.ndarray) else None
 
     @property
+    def arrived(self) -> bool:
+        """Whether the answer of a step is here already.
+
+        :raises ValueError: for bytes that are no message.
+        """
+        return isinstance(self._command, np.ndarray) and self._answers.collect()
+
+    @property
     def entities(self) -> dict[str, list[Any]]:
         """What of the node the answer of a service comes by."""
         return {

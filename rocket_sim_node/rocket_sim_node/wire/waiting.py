@@ -54,6 +54,11 @@ class Waiter:
         self._go_on()
         return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
 
+    @property
+    def overdue(self) -> bool:
+        """Whether the node wants to be served, and this process to see signals: now `attend`."""
+        return self._inbox.overdue
+
     def _go_on(self) -> None:
         if stopping.requested() or not self._node.context.ok():
             raise EnvironmentClosed('asked to stop')
