@@ -27,8 +27,8 @@ from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
 
-LANDERS = 64
-"""flown at once, what the preset is made for; an evaluation is two flights of all, 128 episodes"""
+LANDERS = 128
+"""flown at once, what the preset is made for; an evaluation is one flight of all"""
 SIMULATORS = 1
 """among which they are shared; two are no faster, as the agent is what is busy"""
 NEEDED_RATE = 0.99

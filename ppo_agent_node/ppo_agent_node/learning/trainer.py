@@ -208,10 +208,16 @@ class Trainer:
         return Demonstrations.join(parts)
 
     def _begin_finetuning(self) -> None:
-        """Score the clone, put the world at the first level and save: iteration 0."""
+        """Score the clone, put the world at the first level and save: iteration 0.
+
+        Where there is no clone, there is nothing worth a flight yet.
+        """
         self._begin_stage_finetune()
         self._reset_world()
-        best, numbers = self._select()
+        best: Score | None = None
+        numbers: dict[str, Any] = {}
+        if self._config.demonstration.demonstration_episodes:
+            best, numbers = self._select()
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 
     def _begin_stage_finetune(self) -> None:

@@ -103,7 +103,7 @@ def _trail(
         (flight.throttle[end] > 0.0).astype(np.int64)]
     stream.send_columns(
         scene.TRAIL, place.times(end, stage.dt), rr.LineStrips3D.columns(
-            strips=list(lines), colors=colours))
+            strips=lines, colors=colours))
 
 
 def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
