@@ -59,7 +59,7 @@ def knock(host: str, ports: range) -> int:
 
 
 def pilot(go: Path) -> int:
-    """Fly, wait until a file is there, fly on; print whether all was as in a world of one's own."""
+    """Fly, wait until a file is there, fly on; print whether all was as in a world here."""
     import numpy as np
 
     from rocket_sim_node.wire.client import Client

@@ -169,13 +169,22 @@ def test_nothing_starts_with_a_bad_profile(
 
 def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(('127.0.0.1', 0))
+        with transport.prepared(RMW):
+            probe.bind(('127.0.0.1', 0))
         assert not transport.open_ports()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(('', 0))
-        port = probe.getsockname()[1]
-        with pytest.raises(transport.TransportError, match=f'udp port {port} .*machine.xml'):
-            inside()
+        with (pytest.raises(transport.TransportError, match=r'udp port .*machine\.xml'),
+              transport.prepared(RMW)):
+            probe.bind(('', 0))
+        assert f'port {probe.getsockname()[1]} ' in transport.open_ports()[0]
+        with transport.prepared(RMW):  # which was there before
+            pass
+
+
+def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(transport.RANGE, 'localhost')
+    with pytest.raises(transport.TransportError, match=f"{transport.RANGE}: got 'localhost'"):
+        inside()
 
 
 def test_ids_in_use_and_left_behind_are_passed_over() -> None:

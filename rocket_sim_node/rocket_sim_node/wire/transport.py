@@ -23,6 +23,7 @@ from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 _PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
 _DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
@@ -59,8 +60,12 @@ def prepared(rmw: str) -> Iterator[None]:
 
     :param rmw: name of the implementation of ROS 2's middleware.
     :raises ProfileError: for a profile of the user's that Fast DDS would not take.
-    :raises TransportError: when the node could be heard beyond this machine and must not.
+    :raises TransportError: for a range that is none; when the node could be heard beyond this
+        machine and must not.
     """
+    if discovery_range() not in _RANGES:
+        raise TransportError(
+            f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
     settings: dict[str, str | None] = {RANGE: discovery_range()}
     closed = False
     schema = schema_path()
@@ -74,19 +79,20 @@ def prepared(rmw: str) -> Iterator[None]:
             # With its own name for it ROS 2 would add sockets that hear the network.
             settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
     before = {name: os.environ.get(name) for name in settings}
+    opened = open_ports()
     _set(settings)
     try:
         yield
     finally:
         _set(before)
-    if closed and (found := open_ports()):
+    if closed and (found := sorted(set(open_ports()) - set(opened))):
         raise TransportError(
             f'Fast DDS listens on {", ".join(found)}, expected 127.0.0.1 only: it did not take '
             f'{settings[_PROFILES[0]]}')
 
 
 def _own_setup(schema: Path) -> bool:
-    """Return whether the user has set up Fast DDS; check the profiles he wrote."""
+    """Return whether Fast DDS is set up by its user; check what profiles there are."""
     paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
     if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
         paths.append(_DEFAULT_PROFILE.absolute())
@@ -124,7 +130,7 @@ def _ports(domain: int, number: int) -> tuple[int, int]:
 def _is_free(port: int) -> bool:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.bind(('', port))
+            probe.bind(('127.0.0.1', port))
         except (OSError, OverflowError):
             return False
     return True
