@@ -17,6 +17,7 @@ from benchmarks.learner_sides import Options
 from benchmarks.learner_sides import Ours
 from benchmarks.learner_sides import StableBaselines3
 from hosts import missing
+from hosts import missing_loss
 
 pytest.importorskip('Box2D')
 TESTS = Path(__file__).resolve().parents[1]
@@ -141,6 +142,16 @@ def test_hosts(tmp_path: Path) -> None:
     two = figures['hosts']['2']
     assert two['ratio'] == pytest.approx(two['between_median'] / two['within_median'])
     assert 'two hosts' in text
+
+
+@pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())
+def test_loss(tmp_path: Path) -> None:
+    text, figures = run(
+        'loss', tmp_path / 'out.json', '--shares', '0.05', '--num-envs', '2', '--rounds', '1',
+        '--count', '200')
+    assert figures['loss']['0.05']['steps'] == 200
+    assert figures['loss']['0.05']['equal']
+    assert 'packets lost' in text
 
 
 def test_budget(tmp_path: Path) -> None:

@@ -2,12 +2,12 @@
 """Quality of service of the wire, by stream."""
 from __future__ import annotations
 
-import os
-
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import HistoryPolicy
 from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
+
+from rocket_sim_node.wire.transport import beyond_machine
 
 
 def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
@@ -33,9 +33,7 @@ def read_stream(acknowledge: str) -> QoSProfile:
     and what is lost after all, the agent asks for again. So `auto` acknowledges only when peers
     beyond this machine may be discovered, by range or by name.
     """
-    beyond = bool(os.environ.get('ROS_STATIC_PEERS')) or (
-        os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') not in ('LOCALHOST', 'OFF'))
-    if acknowledge == 'always' or (acknowledge == 'auto' and beyond):
+    if acknowledge == 'always' or (acknowledge == 'auto' and beyond_machine()):
         return STREAM
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from contextlib import suppress
 from typing import Any
 from typing import NoReturn
@@ -16,9 +17,13 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.utilities import remove_ros_args
 
 from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.dds_profile import ProfileError
+from rocket_sim_node.wire.transport import TransportError
+from rocket_sim_node.wire.transport import prepared
 from rocket_sim_node.worlds import EnvironmentClosed
 
 USAGE_ERROR = 2
@@ -71,15 +76,19 @@ def run(
         return USAGE_ERROR
 
     node = None
-    caught: tuple[type[Exception], ...] = (UsageError, *expected)
+    caught: tuple[type[Exception], ...] = (
+        UsageError, ProfileError, TransportError, *expected)
     stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
     if stray:
         return fail(None, ValueError(
             f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
     try:
-        with rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO):
-            node = _make_node(name)
+        with ExitStack() as stack:
+            with prepared(get_rmw_implementation_identifier()):
+                stack.enter_context(
+                    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
+                node = _make_node(name)
             executor = make_executor()
             executor.add_node(node)
             try:

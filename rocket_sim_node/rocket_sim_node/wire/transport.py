@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What carries the wire: how far it reaches, and Fast DDS as lock-step needs it.
+
+Fast DDS takes some of its settings from nothing but an XML profile, which it finds by an
+environment variable while the first node is made. The profiles here, `profiles/machine.xml` and
+`profiles/network.xml`, are for nodes that reach this machine only, and for those that may have
+peers beyond. Who sets up Fast DDS otherwise (a profile of one's own, a discovery server) has the
+word: then there are none of ours, and a profile is checked before the node starts.
+
+Each start takes another participant id, from which Fast DDS derives its ports. With the id of a
+process that was killed a moment ago, as it would be by default, its peers find it at once but
+write into the shared memory of the dead one for some seconds more.
+"""
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rocket_sim_node.wire.dds_profile import check_profile
+from rocket_sim_node.wire.dds_profile import schema_path
+
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
+_PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+_SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
+_DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
+"""which Fast DDS takes from the folder it is started in, without a word"""
+_OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
+_PARTICIPANT_ID = 'HOVERSLAM_PARTICIPANT_ID'
+_IDS = 64
+"""participant ids that peers without multicast look for; 120 would still lie within the ports of a
+domain (RTPS 2.2, 9.6.1.1), but each announcement goes to all of them"""
+
+
+class TransportError(ValueError):
+    """Fast DDS cannot be set up, or did not do as it was told."""
+
+
+def discovery_range() -> str:
+    """Return how far peers are looked for: this machine only, unless the environment says."""
+    if os.environ.get('ROS_LOCALHOST_ONLY') == '1':
+        return 'LOCALHOST'
+    return os.environ.get(RANGE) or 'LOCALHOST'
+
+
+def beyond_machine() -> bool:
+    """Return whether peers beyond this machine may be discovered, by range or by name."""
+    return bool(os.environ.get('ROS_STATIC_PEERS')) or (
+        discovery_range() not in ('LOCALHOST', 'OFF'))
+
+
+@contextmanager
+def prepared(rmw: str) -> Iterator[None]:
+    """Have what is made inside, a context and its first node, use the right transport.
+
+    The environment is as it was afterwards.
+
+    :param rmw: name of the implementation of ROS 2's middleware.
+    :raises ProfileError: for a profile of the user's that Fast DDS would not take.
+    :raises TransportError: for a range that is none; when the node could be heard beyond this
+        machine and must not.
+    """
+    if discovery_range() not in _RANGES:
+        raise TransportError(
+            f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
+    settings: dict[str, str | None] = {RANGE: discovery_range()}
+    closed = False
+    schema = schema_path()
+    if rmw.startswith('rmw_fastrtps') and schema is not None and not _own_setup(schema):
+        closed = not beyond_machine()
+        folder = Path(__file__).parent / 'profiles'
+        settings |= {
+            _PROFILES[0]: str(folder / ('machine.xml' if closed else 'network.xml')),
+            _SKIP_DEFAULT: '1', _PARTICIPANT_ID: str(free_participant_id(_domain()))}
+        if closed and discovery_range() == 'LOCALHOST':
+            # With its own name for it ROS 2 would add sockets that hear the network.
+            settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
+    before = {name: os.environ.get(name) for name in settings}
+    opened = open_ports()
+    _set(settings)
+    try:
+        yield
+    finally:
+        _set(before)
+    if closed and (found := sorted(set(open_ports()) - set(opened))):
+        raise TransportError(
+            f'Fast DDS listens on {", ".join(found)}, expected 127.0.0.1 only: it did not take '
+            f'{settings[_PROFILES[0]]}')
+
+
+def _own_setup(schema: Path) -> bool:
+    """Return whether Fast DDS is set up by its user; check what profiles there are."""
+    paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
+    if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
+        paths.append(_DEFAULT_PROFILE.absolute())
+    for path in paths:
+        check_profile(path, schema)
+    return bool(paths) or any(os.environ.get(name) for name in _OWN_SETUP)
+
+
+def _domain() -> int:
+    """Return the ROS domain; 0 for what is no number: ROS will say so."""
+    text = os.environ.get('ROS_DOMAIN_ID', '')
+    return int(text) if text.isdecimal() else 0
+
+
+def free_participant_id(domain: int) -> int:
+    """Return a participant id that no other process of a domain has, nor had a moment ago.
+
+    Process ids grow, so that those of two starts on end are seldom the same modulo `_IDS`. Ids
+    of which a killed process left shared memory behind come last.
+    """
+    start = os.getpid()
+    free = [
+        number % _IDS for number in range(start, start + _IDS)
+        if all(_is_free(port) for port in _ports(domain, number % _IDS))] or [start % _IDS]
+    return min(free, key=lambda number: any(
+        Path(f'/dev/shm/fastdds_port{port}').exists() for port in _ports(domain, number)))
+
+
+def _ports(domain: int, number: int) -> tuple[int, int]:
+    """Return the unicast ports of a participant, for discovery and for data."""
+    first = 7400 + 250 * domain + 10 + 2 * number
+    return first, first + 1
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('127.0.0.1', port))
+        except (OSError, OverflowError):
+            return False
+    return True
+
+
+def open_ports() -> list[str]:
+    """Return the UDP ports of this process that are bound to more than 127.0.0.0/8."""
+    inodes = set()
+    for link in Path('/proc/self/fd').iterdir():
+        try:
+            inodes.add(os.readlink(link))
+        except OSError:  # closed meanwhile
+            continue
+    found = []
+    for name in ('udp', 'udp6'):
+        table = Path('/proc/self/net', name)
+        for line in table.read_text('ascii').splitlines()[1:] if table.exists() else []:
+            fields = line.split()
+            address, port = fields[1].split(':')
+            if f'socket:[{fields[9]}]' in inodes and not (name == 'udp' and address[6:] == '7F'):
+                found.append(f'{name} port {int(port, 16)} of address {address}')
+    return found
+
+
+def _set(values: dict[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value

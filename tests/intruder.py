@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Programs for two hosts: one looks for what it can see and move, one flies and compares.
+
+As a program: `intruder SECONDS`, `pilot FILE`, each writes what it found as JSON on its last line.
+"""
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+N = 4
+_STEPS = 20
+
+
+def intrude(seconds: float) -> dict[str, Any]:
+    """Look for nodes and topics and, there or not, take control, act, and send what is no RTPS."""
+    import rclpy
+    from rocket_msgs import msg
+    from rocket_msgs import srv
+
+    from rocket_sim_node.wire import qos
+
+    with rclpy.init():
+        node = rclpy.create_node('intruder')
+        publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
+        heard: list[Any] = []
+        subscriptions = [
+            node.create_subscription(kind, name, heard.append, profile)
+            for kind, name, profile in (
+                (msg.World, 'world', qos.WORLD), (msg.Observation, 'observation', qos.STREAM))]
+        reset = node.create_client(srv.Reset, 'reset')
+        answers, nodes, publishers = [], set(), 0
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            publisher.publish(msg.Action(agent=1, continuous=[0.0] * (3 * N)))
+            future = reset.call_async(srv.Reset.Request(agent=1, seed=5))
+            rclpy.spin_until_future_complete(node, future, timeout_sec=0.2)
+            if future.done():
+                answers.append(future.result().code)
+            nodes |= set(node.get_node_names()) - {'intruder'}
+            publishers = max(publishers, node.count_publishers('/observation'))
+        assert subscriptions
+    return {
+        'nodes': sorted(nodes), 'publishers': publishers, 'heard': len(heard),
+        'answers': len(answers)}
+
+
+def knock(host: str, ports: range) -> int:
+    """Send what is no RTPS to each UDP port of a host; return how many were sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for port in ports:
+            sender.sendto(b'RTPS' + os.urandom(60), (host, port))
+    return len(ports)
+
+
+def pilot(go: Path) -> int:
+    """Fly, wait until a file is there, fly on; print whether all was as in a world here."""
+    import numpy as np
+
+    from rocket_sim_node.wire.client import Client
+    from rocket_sim_node.wire.running import run
+    from rocket_sim_node.worlds import make
+
+    def body(node: Any, executor: Any) -> None:
+        world = make('rocket', N)
+        actions = np.random.default_rng(3).uniform(-1, 1, (2 * _STEPS, N, 3)).astype(np.float32)
+        with Client(node, executor) as client:
+            equal = np.array_equal(client.reset(3), world.reset(3))
+            for number, action in enumerate(actions):
+                if number == _STEPS:
+                    print('flying', flush=True)
+                    client.waiter.until(go.exists, 60.0)
+                equal &= np.array_equal(client.step(action)[0], world.step(action)[0])
+            equal &= client.snapshot() == world.snapshot()
+            print(json.dumps({'steps': client.link.step, 'equal': bool(equal)}), flush=True)
+
+    return run('pilot', body, args=[])
+
+
+if __name__ == '__main__':
+    if sys.argv[1] == 'pilot':
+        sys.exit(pilot(Path(sys.argv[2])))
+    first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID'])
+    if peers := os.environ.get('ROS_STATIC_PEERS'):
+        knock(peers, range(first, first + 250))
+    print(json.dumps(intrude(float(sys.argv[2]))), flush=True)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages dropped, doubled, delayed and reordered: no step is lost, none is taken twice."""
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import interposer
+import numpy as np
+import pytest
+from processes import Processes
+from rollouts import assert_same
+from training_runs import agent
+from training_runs import assert_same_run
+from training_runs import train_in_process
+
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.worlds import make
+
+N = 8
+SHARE = 0.04
+"""of messages that suffer each of the four faults"""
+
+
+def tell(counts: Counter[str]) -> None:
+    """Print what was suffered; all kinds of it were."""
+    print(', '.join(f'{counts[name]} {name}' for name in ('messages', *interposer.FAULTS)))
+    assert all(counts[name] > 0 for name in interposer.FAULTS), counts
+
+
+def fly_through(client: Client, world: Any, seed: int, steps: int) -> None:
+    """Fly both alike, and compare each answer and where they are in the end."""
+    np.testing.assert_array_equal(client.reset(seed), world.reset(seed))
+    actions = np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
+    for number, action in enumerate(actions):
+        try:
+            assert_same(client.step(action), world.step(action))
+        except AssertionError as error:
+            raise AssertionError(f'seed {seed}, step {number}: {error}') from error
+    assert client.link.step == steps, f'seed {seed}'
+    # With all counters and random streams: one step more or less would show.
+    assert client.snapshot() == world.snapshot(), f'seed {seed}'
+
+
+def test_each_step_is_taken_once(
+        processes: Processes, make_client: Callable[..., Client], nightly: bool) -> None:
+    rounds, steps = (50, 600) if nightly else (2, 250)
+    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
+    client = make_client(resend_after=0.02)
+    world = make('rocket', num_envs=N)
+    counts: Counter[str] = Counter()
+    for seed in range(1, rounds + 1):
+        node, output = interposer.start(processes, seed, SHARE)
+        fly_through(client, world, seed, steps)
+        counts += interposer.stop(node, output)
+    tell(counts)
+    print(f'{rounds * steps} steps, {client.resent} actions sent again')
+    assert client.resent > 0
+
+
+@pytest.fixture(scope='module')
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run in one process, without ROS."""
+    return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run')
+
+
+def test_training_learns_the_same(
+        processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
+    counts: Counter[str] = Counter()
+    for seed in range(1, 51 if nightly else 2):
+        run = tmp_path / f'run_{seed}'
+        node, output = interposer.start(processes, seed, SHARE / 4)
+        trainer = agent(processes, run, resend_after=0.02, evaluation_episodes=8)
+        assert trainer.wait(120.0) == 0, f'seed {seed}'
+        counts += interposer.stop(node, output)
+        assert_same_run(run, undisturbed)
+    tell(counts)

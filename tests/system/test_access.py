@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who gets in: nobody from another machine, unless a range says so; the same test sees it then."""
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import intruder
+import pytest
+import yaml
+from hosts import Hosts
+from hosts import missing
+from processes import Process
+from processes import Processes
+from processes import wait_until
+
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+ROOT = Path(__file__).parents[2]
+LOOK = 4.0
+"""s that the intruder looks and tries; where it may see something it takes a second"""
+NODES = [
+    ('rocket_sim_node', 'simulator'), ('rocket_sim_node', 'rerun_recorder'),
+    ('ppo_agent_node', 'random_pilot'), ('ppo_agent_node', 'watch')]
+
+
+@pytest.fixture
+def hosts(tmp_path: Path) -> Iterator[Hosts]:
+    """Two hosts, where there can be some."""
+    if why := missing():
+        pytest.skip(why)
+    made = Hosts(tmp_path)
+    yield made
+    made.end()
+
+
+def listening(process: Process) -> list[tuple[str, str]]:
+    """Return protocol and address of all UDP ports and waiting TCP ports of a process.
+
+    All those of its host are returned: on the hosts of a test there is nobody else.
+    """
+    def host(pid: object) -> str:
+        return os.readlink(f'/proc/{pid}/ns/net')
+
+    wait_until(lambda: host(process.pid) != host('self'), 10.0, process.output)
+    found = []
+    for name in ('udp', 'udp6', 'tcp', 'tcp6'):
+        table = Path(f'/proc/{process.pid}/net/{name}')
+        for line in table.read_text().splitlines()[1:] if table.exists() else []:
+            fields = line.split()
+            if name.startswith('udp') or fields[3] == '0A':
+                address = fields[1].split(':')[0]
+                if len(address) == 8:
+                    address = socket.inet_ntoa(bytes.fromhex(address)[::-1])
+                found.append((name[:3], address))
+    return found
+
+
+def result(process: Process) -> dict[str, Any]:
+    """Return what a program found, its last line."""
+    assert process.wait(90.0) == 0, process.output()
+    return json.loads(process.output().splitlines()[-1])
+
+
+def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, list]:
+    """Fly on host 0 in a range, None: not set; intrude from host 1.
+
+    :return: what the intruder found, what the pilot did, and what the simulator's host listens on.
+    """
+    one = {RANGE: spoken_to, 'FASTDDS_DEFAULT_PROFILES_FILE': None}
+    simulator = hosts.on(0, **one).run_node('rocket_sim_node', 'simulator', num_envs=intruder.N)
+    go = hosts.folder / 'go'
+    flown = hosts.on(0, **one).start('python', intruder.__file__, 'pilot', str(go))
+    flown.wait_for('flying', 60.0)
+    ports = listening(simulator)
+    program = hosts.on(1, ROS_STATIC_PEERS=hosts.address(0)).start(
+        'python', intruder.__file__, 'intruder', str(LOOK))
+    seen = result(program)
+    go.touch()
+    return seen, result(flown), ports
+
+
+def test_another_host_sees_and_moves_nothing(hosts: Hosts) -> None:
+    seen, flown, ports = intrude(hosts, None)
+    assert seen == {'nodes': [], 'publishers': 0, 'heard': 0, 'answers': 0}, hosts.logs()
+    assert flown == {'steps': 40, 'equal': True}, hosts.logs()
+    assert set(ports) == {('udp', '127.0.0.1')}
+
+
+def test_with_a_wider_range_it_sees_and_is_answered(hosts: Hosts) -> None:
+    """Else the test above would pass whatever happens; control stays with who has it."""
+    seen, flown, ports = intrude(hosts, 'SUBNET')
+    assert {'simulator', 'pilot'} <= set(seen['nodes']), hosts.logs()
+    assert min(seen['publishers'], seen['heard'], seen['answers']) > 0, hosts.logs()
+    assert flown == {'steps': 40, 'equal': True}, hosts.logs()
+    assert ('udp', '0.0.0.0') in ports
+
+
+@pytest.mark.parametrize(('package', 'executable'), NODES)
+def test_nodes_started_without_a_range_are_bound_to_this_machine(
+        hosts: Hosts, package: str, executable: str) -> None:
+    node = hosts.on(0, **{RANGE: None}).run_node(package, executable)
+    # One for discovery and one for data; what looks for free ports has one at a time.
+    wait_until(lambda: len(listening(node)) > 1 or not node.running, 30.0, node.output)
+    assert set(listening(node)) == {('udp', '127.0.0.1')}, hosts.logs()
+
+
+def test_every_command_has_this_machine_as_its_default() -> None:
+    """All commands get their environment from one place, and no launch file sets another."""
+    folder = ROOT / 'launch_scripts'
+    env = {name: value for name, value in os.environ.items() if name != RANGE}
+    told = subprocess.run(
+        ['bash', '-c', f'. {folder}/env.sh && echo "${RANGE}"'], env=env, check=True,
+        capture_output=True, text=True, timeout=60)
+    assert told.stdout.split() == ['LOCALHOST']
+    commands = [
+        path for path in folder.iterdir() if path.is_file() and os.access(path, os.X_OK)]
+    assert len(commands) > 5
+    for path in commands:
+        if path.name != 'setup':
+            assert '. "$here/env.sh"' in path.read_text(), path
+    texts = {path: path.read_text() for path in folder.rglob('*') if path.suffix in (
+        '.yaml', '.sh', '.py', '') and path.is_file()}
+    assert [path.name for path, text in texts.items() if RANGE in text] == ['env.sh']
+    for path in folder.glob('*.launch.yaml'):
+        for entry in yaml.safe_load(path.read_text())['launch']:
+            assert 'set_env' not in entry, path
+
+
+def test_a_bad_profile_stops_every_node_before_it_starts(
+        processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    profile = tmp_path / 'mine.xml'
+    profile.write_text('<dds xmlns="http://www.eprosima.com">\n<profile/>\n</dds>\n')
+    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', str(profile))
+    for package, executable in NODES[:2]:
+        node = processes.run_node(package, executable)
+        assert node.wait(30.0) == 2, node.output()
+        assert f"{profile}:2: Element 'profile'" in node.output()
+        assert 'Traceback' not in node.output()

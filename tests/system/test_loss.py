@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Packets lost between two hosts cost a little time and no step."""
+from __future__ import annotations
+
+import pytest
+from benchmarks.loss import HEAD
+from benchmarks.loss import line
+from benchmarks.loss import measure
+from hosts import missing_loss
+
+N = 64
+P99 = 20.0
+"""ms that a step may take, 99 times in 100, while one packet in a hundred is lost: the median of
+stretches of a flight"""
+FLIGHTS = 4
+"""at most: a machine that has much else to do may be too busy in one or the other"""
+
+
+@pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())
+@pytest.mark.parametrize('share', [0.01, 0.05])
+def test_no_step_is_lost_or_taken_twice(share: float, nightly: bool) -> None:
+    for flight in range(1, FLIGHTS + 1):
+        figures = measure(share, N, 1500, 50 if nightly else 1)
+        print(f'{HEAD}\n{line(share, figures)}')
+        assert figures['lost'] == pytest.approx(share * figures['packets'], rel=0.5)
+        assert figures['steps'] == figures['asked']
+        assert figures['equal']
+        if share != 0.01 or figures['typical_p99'] <= P99:
+            break
+        assert flight < FLIGHTS, figures

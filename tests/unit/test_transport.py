@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What Fast DDS is told: our profiles, a user's, and the environment while a node starts."""
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from rocket_sim_node.wire import transport
+from rocket_sim_node.wire.dds_profile import ProfileError
+from rocket_sim_node.wire.dds_profile import check_profile
+from rocket_sim_node.wire.dds_profile import schema_path
+
+OURS = Path(transport.__file__).parent / 'profiles'
+RMW = 'rmw_fastrtps_cpp'
+GOOD = """<?xml version="1.0"?>
+<dds xmlns="http://www.eprosima.com">
+  <profiles>
+    <participant profile_name="mine" is_default_profile="true">
+      <rtps>
+        <participantID>3</participantID>
+      </rtps>
+    </participant>
+  </profiles>
+</dds>
+"""
+
+
+@pytest.fixture(autouse=True)
+def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No settings of the machine's, in a folder without a profile."""
+    for name in (
+            transport.RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER',
+            'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE',
+            'FASTDDS_BUILTIN_TRANSPORTS', 'SKIP_DEFAULT_XML_FILE', 'ROS2_EASY_MODE'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def schema() -> Path:
+    """The schema that came with Fast DDS."""
+    path = schema_path()
+    if path is None:
+        pytest.skip('no schema of profiles: not Fast DDS 3')
+    return path
+
+
+def inside(rmw: str = RMW) -> dict[str, str]:
+    """Return the environment that a first node is made in."""
+    before = dict(os.environ)
+    with transport.prepared(rmw):
+        found = dict(os.environ)
+    assert dict(os.environ) == before
+    return found
+
+
+@pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
+def test_our_profiles_are_right(
+        name: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('HOVERSLAM_PARTICIPANT_ID', '7')
+    check_profile(OURS / name, schema)
+    assert f'<maxInitialPeersRange>{transport._IDS}<' in (OURS / name).read_text()
+
+
+@pytest.mark.parametrize('namespace', [
+    'http://www.eprosima.com', 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles', None])
+def test_good_profiles_pass(namespace: str | None, schema: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'mine.xml'
+    declared = f' xmlns="{namespace}"' if namespace else ''
+    path.write_text(GOOD.replace(' xmlns="http://www.eprosima.com"', declared))
+    check_profile(path, schema)
+
+
+@pytest.mark.parametrize(('old', 'new', 'words'), [
+    ('</rtps>', '</rtsp>', (':7: no XML', 'rtps', 'rtsp')),
+    (GOOD, '', (':1: no XML',)),
+    (GOOD, 'participant: 3\n', (':1: no XML',)),
+    ('<dds xmlns="http://www.eprosima.com">', '<dds xmlns="http://www.omg.org/dds">',
+     (':2: namespace', 'omg', 'http://www.eprosima.com')),
+    ('dds', 'fastdds', (':2: ', 'fastdds', 'No matching global declaration')),
+    ('<participantID>3</participantID>', '<participantId>3</participantId>',
+     (":6: Element 'participantId'", 'Expected is', 'fastdds_profiles.xsd')),
+    ('>3<', '>three<', (":6: Element 'participantID'", "'three'", 'int32')),
+    ('>3<', '>${NOBODY_SET_THIS}<', (':6: ${NOBODY_SET_THIS}', 'a variable of the environment')),
+    ('<participantID>3</participantID>', '<userTransports><transport_id>udp</transport_id>'
+     '</userTransports>', (":6: transport_id 'udp'", 'transport_descriptors', 'there are none')),
+    ('profile_name="mine" ', '', (':4: ', 'profile_name')),
+])
+def test_bad_profiles_are_named(
+        old: str, new: str, words: tuple[str, ...], schema: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'mine.xml'
+    assert old in GOOD
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(ProfileError) as caught:
+        check_profile(path, schema)
+    for word in (str(path), *words):
+        assert word in str(caught.value), caught.value
+
+
+@pytest.mark.parametrize('make', [Path.mkdir, None])
+def test_what_is_no_file_is_named(make: object, schema: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'mine.xml'
+    if callable(make):
+        make(path)
+    with pytest.raises(ProfileError, match=r'mine\.xml: .*expected an XML profile'):
+        check_profile(path, schema)
+
+
+def test_this_machine_is_the_default_and_other_transports_are_left_alone() -> None:
+    assert transport.discovery_range() == 'LOCALHOST'
+    assert not transport.beyond_machine()
+    found = inside('rmw_cyclonedds_cpp')
+    assert found[transport.RANGE] == 'LOCALHOST'
+    assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in found
+
+
+@pytest.mark.parametrize(('name', 'value', 'profile', 'beyond'), [
+    ('ROS_LOCALHOST_ONLY', '1', 'machine.xml', False),
+    (transport.RANGE, 'LOCALHOST', 'machine.xml', False),
+    (transport.RANGE, '', 'machine.xml', False),
+    (transport.RANGE, 'OFF', 'machine.xml', False),
+    (transport.RANGE, 'SUBNET', 'network.xml', True),
+    (transport.RANGE, 'SYSTEM_DEFAULT', 'network.xml', True),
+    ('ROS_STATIC_PEERS', '10.0.0.7', 'network.xml', True),
+])
+def test_the_range_decides(
+        name: str, value: str, profile: str, beyond: bool, schema: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(name, value)
+    assert transport.beyond_machine() == beyond
+    found = inside()
+    assert found['FASTDDS_DEFAULT_PROFILES_FILE'] == str(OURS / profile)
+    assert 0 <= int(found['HOVERSLAM_PARTICIPANT_ID']) < transport._IDS
+
+
+def test_who_sets_up_fast_dds_has_the_word(
+        schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = tmp_path / 'mine.xml'
+    mine.write_text(GOOD)
+    for name, value in (
+            ('FASTDDS_DEFAULT_PROFILES_FILE', str(mine)),
+            ('FASTRTPS_DEFAULT_PROFILES_FILE', str(mine)),
+            ('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')):
+        with monkeypatch.context() as patch:
+            patch.setenv(name, value)
+            found = inside()
+        assert found[name] == value
+        assert found[transport.RANGE] == 'LOCALHOST'
+        assert 'HOVERSLAM_PARTICIPANT_ID' not in found
+    mine.rename(tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml')
+    assert 'HOVERSLAM_PARTICIPANT_ID' not in inside()
+    monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
+    assert 'HOVERSLAM_PARTICIPANT_ID' in inside()
+
+
+@pytest.mark.parametrize('name', ['FASTDDS_DEFAULT_PROFILES_FILE', None])
+def test_nothing_starts_with_a_bad_profile(
+        name: str | None, schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = tmp_path / (f'{name}.xml' if name else 'DEFAULT_FASTDDS_PROFILES.xml')
+    mine.write_text(GOOD.replace('>3<', '>three<'))
+    if name:
+        monkeypatch.setenv(name, str(mine))
+    with pytest.raises(ProfileError, match='three'):
+        inside()
+
+
+def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        with transport.prepared(RMW):
+            probe.bind(('127.0.0.1', 0))
+        assert not transport.open_ports()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        with (pytest.raises(transport.TransportError, match=r'udp port .*machine\.xml'),
+              transport.prepared(RMW)):
+            probe.bind(('', 0))
+        assert f'port {probe.getsockname()[1]} ' in transport.open_ports()[0]
+        with transport.prepared(RMW):  # which was there before
+            pass
+
+
+def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(transport.RANGE, 'localhost')
+    with pytest.raises(transport.TransportError, match=f"{transport.RANGE}: got 'localhost'"):
+        inside()
+
+
+def test_ids_in_use_and_left_behind_are_passed_over() -> None:
+    domain = 90
+    first = transport.free_participant_id(domain)
+    held = []
+    try:
+        for number in range(transport._IDS):
+            if number != (first + 5) % transport._IDS:
+                held.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                held[-1].bind(('127.0.0.1', transport._ports(domain, number)[1]))
+        assert transport.free_participant_id(domain) == (first + 5) % transport._IDS
+    finally:
+        for one in held:
+            one.close()
