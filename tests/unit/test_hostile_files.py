@@ -121,9 +121,13 @@ FILES: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
 SEALED = [name for name in FILES if name.endswith('.safetensors')]
 
 
-def read_or_refusal(path: Path, sentinel: Path) -> Any:
-    """Return what a reader makes of a file; it names the file, or loads it, and that is all."""
-    tracemalloc.start()
+def read_or_refusal(path: Path, sentinel: Path, measured: bool = True) -> Any:
+    """Return what a reader makes of a file; it names the file, or loads it, and that is all.
+
+    :param measured: whether to look at the memory it takes, which takes long.
+    """
+    if measured:
+        tracemalloc.start()
     try:
         return FILES[path.name][1](path)
     except ValueError as error:
@@ -131,9 +135,10 @@ def read_or_refusal(path: Path, sentinel: Path) -> Any:
         assert len(str(error)) < 3000
         return None
     finally:
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert peak < _MOST
+        if measured:
+            peak = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            assert peak < _MOST
         assert not sentinel.exists(), 'something was executed'
 
 
@@ -148,7 +153,7 @@ def test_damaged_files_are_refused_by_name(
     bad = data.draw(st.one_of(damage(good), st.binary(max_size=300)))
     assume(bad != good)
     path.write_bytes(bad)
-    taken = read_or_refusal(path, tmp_path / 'boom')
+    taken = read_or_refusal(path, tmp_path / 'boom', measured=False)
     if name in SEALED and taken is not None:
         assert taken == whole
 
@@ -207,9 +212,10 @@ HOSTILE: dict[str, Callable[[Path], bytes]] = {
     'laughs': lambda boom: laughs(),
     'merged laughs': lambda boom: merges(),
     'an endless loop': lambda boom: b'a: &a [*a]',
-    'deep lists': lambda boom: b'[' * 100_000,
-    'deep lists of JSON': lambda boom: b'{"stage": ' + b'[' * 100_000 + b']' * 100_000 + b'}\n',
-    'deep mappings': lambda boom: b'{"a":' * 50_000,
+    'deep lists': lambda boom: b'[' * 10_000,
+    'deep lists of JSON': lambda boom: b'{"stage": ' + b'[' * 10_000 + b']' * 10_000 + b'}\n',
+    'deep mappings': lambda boom: b'{"a":' * 10_000,
+    'large rubbish': lambda boom: b'[' * 1_000_000,
     'a long number': lambda boom: b'{"stage": ' + b'9' * 10_000 + b'}\n',
     'a date of no month': lambda boom: b'a: 2001-99-99',
     'a long header': lambda boom: struct.pack('<Q', 2**63) + b'{}',

@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-_LARGEST = 1_000_000
-"""bytes; every setting there is takes some thousands"""
+_LARGEST = 100_000
+"""bytes; all settings there are take some thousands, and a parser takes long for rubbish"""
 
 
 class _PlainLoader(yaml.SafeLoader):

@@ -124,5 +124,5 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     for name, theirs, ours in pairs:
         if theirs != (list(ours) if isinstance(ours, tuple) else ours):
             raise ValueError(
-                f'{path}: {name} of the run is {theirs}, expected {ours}; '
+                f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
                 f'resume with the settings of its config.yaml, or begin another run')

@@ -144,10 +144,11 @@ def _figures(path: Path) -> dict[str, Any] | None:
         raise ValueError(f'{path}: damaged, expected an object')
     for name, expected in _EXPECTED.items():
         if not _is(figures.get(name), expected):
-            raise ValueError(f'{path}: {name}: got {figures.get(name)!r}, expected {expected}')
+            raise ValueError(
+                f'{path}: {name}: got {figures.get(name)!r:.200}, expected {expected}')
     for name, expected in _OPTIONAL.items():
         if figures.get(name) is not None and not _is(figures[name], expected):
-            raise ValueError(f'{path}: {name}: got {figures[name]!r}, expected {expected}')
+            raise ValueError(f'{path}: {name}: got {figures[name]!r:.200}, expected {expected}')
     return figures
 
 

@@ -19,6 +19,7 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.answers import observation_of
 from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.health import STEADY
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
@@ -232,7 +233,8 @@ class Link:
             self.heard = time.monotonic()
 
     def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(f'{self.name}: {text}', throttle_duration_sec=1.0)
+        self._node.get_logger().warning(
+            f'{self.name}: {text}', throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
 
     # Steps
 
@@ -260,10 +262,11 @@ class Link:
     def keep(self) -> None:
         """Remind the simulator of its agent while that one computes; call it often.
 
-        The last action sent again changes nothing and is heard.
+        The last action sent again changes nothing and is heard. In real time it would fly on by an
+        order of the past: there, who computes for long has the engine cut.
         """
         now = time.monotonic()
-        if self.step > 0 and now - self._spoke > _KEEP_PERIOD:
+        if self.step > 0 and not self.realtime and now - self._spoke > _KEEP_PERIOD:
             self._spoke = now
             self._publisher.publish(self._message)
 
