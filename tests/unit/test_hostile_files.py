@@ -249,7 +249,8 @@ def test_hostile_files_are_refused_by_name_and_execute_nothing(
         tmp_path: Path, name: str, what: str) -> None:
     path, boom = tmp_path / name, tmp_path / 'boom'
     path.write_bytes(HOSTILE[what](boom))
-    taken = read_or_refusal(path, boom)
+    # To trace a parser in deep recursion takes minutes, and it ends at the limit of that.
+    taken = read_or_refusal(path, boom, measured='deep' not in what)
     if name in SEALED:
         assert taken is None
 

@@ -20,7 +20,7 @@ class _PlainLoader(yaml.SafeLoader):
         :raises yaml.YAMLError: when it refers to something else.
         """
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError(f'refers to {self.peek_event().anchor!r}, expected plain values')
+            raise yaml.YAMLError('refers to another value, expected plain values')
         return super().compose_node(parent, index)
 
 

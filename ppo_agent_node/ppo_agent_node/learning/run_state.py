@@ -97,8 +97,8 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
         return RunState(
             Curriculum(
                 config.curriculum, _count(found, 'level'), tuple(map(bool, found['recent']))),
-            *(_count(found, name) for name in ('iteration', 'steps', 'episodes', 'lines')),
-            Score(**found['best']) if found['best'] else None)
+            _count(found, 'iteration'), _count(found, 'steps'), _count(found, 'episodes'),
+            _count(found, 'lines'), Score(**found['best']) if found['best'] else None)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
 
