@@ -2,6 +2,7 @@
 """Fixtures for tests that start processes or speak over DDS."""
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import Any
 
 import pytest
 from cabin import Cabin
+from hypothesis import HealthCheck
+from hypothesis import settings
+from hypothesis.configuration import set_hypothesis_home_dir
 from processes import Processes
 
 
@@ -16,6 +20,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Know the nightly mode."""
     parser.addoption(
         '--nightly', action='store_true', help='faults at least 50 times each, and long runs')
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose how thoroughly properties are tried: always the same examples, or many others."""
+    # What hypothesis keeps lies outside of the folder; it keeps no examples.
+    home = tempfile.TemporaryDirectory(prefix='hypothesis-')
+    config.add_cleanup(home.cleanup)
+    set_hypothesis_home_dir(home.name)
+    suite = settings(
+        derandomize=True, database=None, deadline=None, print_blob=True, max_examples=100,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
+    settings.register_profile('suite', suite)
+    settings.register_profile('nightly', suite, derandomize=False, max_examples=5000)
+    settings.load_profile('nightly' if config.getoption('--nightly') else 'suite')
 
 
 @pytest.fixture

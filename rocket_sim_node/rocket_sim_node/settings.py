@@ -81,10 +81,13 @@ def check(info: SettingInfo, value: object) -> Value:
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     if isinstance(value, bool | str) or not hasattr(value, '__float__'):
         raise TypeError(f'{info.name}: got {value!r}, expected a number')
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number that no float can hold
+        number = math.inf
     if not math.isfinite(number) or not info.low <= number <= info.high:
         raise ValueError(
-            f'{info.name}: got {value!r}, '
+            f'{info.name}: got {value!r:.200}, '
             f'expected {info.low:g} to {info.high:g} {info.unit}'.rstrip()
         )
     if whole and number != math.floor(number):

@@ -11,6 +11,7 @@ from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import NetworkConfig
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.policies import make_policy
+from ppo_agent_node.learning.sealed_file import Tensors
 from rocket_sim_node import settings
 from rocket_sim_node.worlds import WorldSpec
 
@@ -56,12 +57,34 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
     ):
         if content.get(name) != ours:
             raise ValueError(
-                f'{path}: {name} of the policy, for world {content.get("world")!r}, is '
-                f'{content.get(name)}, expected {ours} of world {spec.name!r}')
-    policy = make_policy(spec, _network(path, content), torch.Generator())
+                f'{path}: {name} of the policy, for world {_short(content.get("world"))!r}, is '
+                f'{_short(content.get(name))}, expected {ours} of world {spec.name!r}')
+    network = _network(path, content)
+    _expect_room(path, tensors, network, spec)
+    policy = make_policy(spec, network, torch.Generator())
     sealed_file.expect_tensors(path, tensors, policy.state_dict())
     policy.load_state_dict(tensors)
     return policy.eval(), content
+
+
+def _expect_room(
+    path: Path, tensors: Tensors, network: NetworkConfig, spec: WorldSpec,
+) -> None:
+    """Check that a network is no larger than what is in its file, before it is made.
+
+    :raises ValueError: naming the file and the sizes of the layers.
+    """
+    sizes = (spec.observation_size, *network.hidden_sizes)
+    needed = sum(a * b for a, b in zip(sizes, sizes[1:], strict=False))
+    held = sum(tensor.numel() for tensor in tensors.values())
+    if needed > held or len(network.hidden_sizes) > len(tensors):
+        raise ValueError(
+            f'{path}: hidden_sizes {_short(network.hidden_sizes)}: need {needed} weights, '
+            f'expected no more than the {held} in its {len(tensors)} tensors')
+
+
+def _short(value: object) -> str:
+    return f'{value!s:.200}'
 
 
 def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:

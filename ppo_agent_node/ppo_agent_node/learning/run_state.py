@@ -95,11 +95,19 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
     _same(path, found.get('description'), description(spec, config))
     try:
         return RunState(
-            Curriculum(config.curriculum, int(found['level']), tuple(map(bool, found['recent']))),
-            int(found['iteration']), int(found['steps']), int(found['episodes']),
-            int(found['lines']), Score(**found['best']) if found['best'] else None)
+            Curriculum(
+                config.curriculum, _count(found, 'level'), tuple(map(bool, found['recent']))),
+            _count(found, 'iteration'), _count(found, 'steps'), _count(found, 'episodes'),
+            _count(found, 'lines'), Score(**found['best']) if found['best'] else None)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
+
+
+def _count(found: dict[str, Any], name: str) -> int:
+    value = found[name]
+    if not isinstance(value, int) or not 0 <= value < 2**63:
+        raise ValueError(f'{name}: got {value!r:.200}, expected a whole number from 0')
+    return value
 
 
 def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
@@ -116,5 +124,5 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     for name, theirs, ours in pairs:
         if theirs != (list(ours) if isinstance(ours, tuple) else ours):
             raise ValueError(
-                f'{path}: {name} of the run is {theirs}, expected {ours}; '
+                f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
                 f'resume with the settings of its config.yaml, or begin another run')

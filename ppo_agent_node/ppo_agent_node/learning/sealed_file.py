@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,11 @@ from torch import Tensor
 from ppo_agent_node.atomic_file import write_atomically
 
 FORMAT_VERSION = '1'
+_LARGEST_HEADER = 100_000_000
+"""bytes; the library reads no longer one either"""
+_UNREADABLE = (
+    SafetensorError, ValueError, KeyError, TypeError, RuntimeError, OverflowError, MemoryError)
+"""What the library, torch and json raise for damaged or forged files, RecursionError included."""
 Tensors = dict[str, Tensor]
 
 
@@ -55,20 +61,22 @@ def read(path: Path, kind: str) -> Sealed:
     :raises ValueError: when it is damaged, foreign, of another kind or version; the message
         names the file, what was found and what was expected.
     """
-    data = path.read_bytes()
-    metadata = _metadata(path, data)
+    metadata = _metadata(path)
     found = metadata.get('hoverslam')
     if found != kind:
         raise ValueError(f'{path}: holds {found or "something foreign"!r}, expected {kind!r}')
     if metadata.get('version') != FORMAT_VERSION:
         raise ValueError(
             f'{path}: format version {metadata.get("version")!r}, expected {FORMAT_VERSION!r}')
+    data = path.read_bytes()
     try:
         tensors = safetensors.torch.load(data)
         text = metadata['content']
         content = json.loads(text)
-    except (SafetensorError, ValueError, KeyError) as error:
+    except _UNREADABLE as error:
         raise ValueError(f'{path}: damaged, {len(data)} bytes: {error}') from error
+    if not isinstance(content, dict):
+        raise ValueError(f'{path}: damaged, its content is no object of JSON')
     digest = _digest(kind, text, tensors)
     if metadata.get('digest') != digest:
         raise ValueError(
@@ -77,16 +85,25 @@ def read(path: Path, kind: str) -> Sealed:
     return Sealed(tensors, content)
 
 
-def _metadata(path: Path, data: bytes) -> dict[str, str]:
-    """Return the string metadata: a header of JSON after its length, 8 bytes little-endian."""
-    size = int.from_bytes(data[:8], 'little')
-    if len(data) < 8 or size > len(data) - 8:
-        raise ValueError(
-            f'{path}: damaged, {len(data)} bytes, expected a safetensors file of at least '
-            f'{size + 8}' if len(data) >= 8 else f'{path}: damaged, only {len(data)} bytes')
+def _metadata(path: Path) -> dict[str, str]:
+    """Return the string metadata: a header of JSON after its length, 8 bytes little-endian.
+
+    Nothing else is read: a foreign file may be larger than the memory.
+    """
+    if path.exists() and not path.is_file():
+        raise ValueError(f'{path}: is no file, expected a safetensors file')
+    with path.open('rb') as file:
+        length = os.fstat(file.fileno()).st_size
+        if length < 8:
+            raise ValueError(f'{path}: damaged, only {length} bytes')
+        size = int.from_bytes(file.read(8), 'little')
+        if size > min(length - 8, _LARGEST_HEADER):
+            raise ValueError(
+                f'{path}: damaged, {length} bytes, expected a safetensors file of at least '
+                f'{size + 8}, with a header of at most {_LARGEST_HEADER}')
+        text = file.read(size)
     try:
-        header = json.loads(data[8:8 + size])
-        return dict(header.get('__metadata__', {}))
+        return dict(json.loads(text).get('__metadata__', {}))
     except (ValueError, AttributeError, TypeError, RecursionError) as error:
         raise ValueError(f'{path}: damaged, its header is no JSON: {error}') from error
 

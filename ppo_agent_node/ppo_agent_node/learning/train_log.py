@@ -12,13 +12,16 @@ def read_log(path: Path) -> list[dict[str, Any]]:
 
     :raises ValueError: naming file and line, when another is damaged.
     """
-    text = path.read_text('utf-8') if path.exists() else ''
+    try:
+        text = path.read_text('utf-8') if path.exists() else ''
+    except UnicodeDecodeError as error:
+        raise ValueError(f'{path}: damaged: {error}') from error
     lines = []
     for number, line in enumerate(text.splitlines(keepends=True), 1):
         if not line.endswith('\n'):
             break
         try:
             lines.append(json.loads(line))
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ValueError(f'{path}: line {number} is damaged: {error}') from error
     return lines

@@ -115,10 +115,7 @@ def column(lines: Lines, name: str) -> F64:
 
 def _lines(path: Path) -> list[dict[str, Any]]:
     """Return the log, `[]` where there is none."""
-    try:
-        lines = read_log(path)
-    except UnicodeDecodeError as error:
-        raise ValueError(f'{path}: damaged: {error}') from error
+    lines = read_log(path)
     for number, line in enumerate(lines, 1):
         if not isinstance(line, dict) or not isinstance(line.get('stage'), str):
             raise ValueError(
@@ -141,16 +138,17 @@ def _figures(path: Path) -> dict[str, Any] | None:
         return None
     try:
         figures = json.loads(path.read_text('utf-8'))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f'{path}: damaged: {error}') from error
     if not isinstance(figures, dict):
         raise ValueError(f'{path}: damaged, expected an object')
     for name, expected in _EXPECTED.items():
         if not _is(figures.get(name), expected):
-            raise ValueError(f'{path}: {name}: got {figures.get(name)!r}, expected {expected}')
+            raise ValueError(
+                f'{path}: {name}: got {figures.get(name)!r:.200}, expected {expected}')
     for name, expected in _OPTIONAL.items():
         if figures.get(name) is not None and not _is(figures[name], expected):
-            raise ValueError(f'{path}: {name}: got {figures[name]!r}, expected {expected}')
+            raise ValueError(f'{path}: {name}: got {figures[name]!r:.200}, expected {expected}')
     return figures
 
 

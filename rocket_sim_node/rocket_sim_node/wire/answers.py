@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
@@ -17,8 +20,15 @@ from rocket_sim_node.worlds.base import WorldSpec
 class Answers:
     """Collects `observation`, `reward` and `episodes` of the step awaited; drops all else."""
 
-    def __init__(self, observation: Mailbox, reward: Mailbox, episodes: Mailbox) -> None:
-        """Await nothing."""
+    def __init__(
+        self, observation: Mailbox, reward: Mailbox, episodes: Mailbox,
+        warn: Callable[[str], None],
+    ) -> None:
+        """Await nothing.
+
+        :param warn: is told what was passed over because it is no message.
+        """
+        self._warn = warn
         self._boxes = (observation, reward, episodes)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
@@ -53,18 +63,25 @@ class Answers:
             return reward
         if self._reward.step > step:
             return observation
-        if len(self._reward.final_rows) and (
-                self._episodes is None or self._episodes.step < step):
+        if not len(self._reward.final_rows):
+            return None
+        if self._episodes is None or self._episodes.step < step:
             return episodes
-        return None
+        # In real time a later step will do, when the episodes of this one got lost.
+        return observation if self._episodes.step > step else None
 
     def collect(self) -> bool:
         """Take what has come; tell whether the answer is complete.
 
-        :raises ValueError: for bytes that are no message.
+        Bytes that are no message may be anybody's: they are passed over, as any message of
+        another session or step.
         """
         while (box := self.missing) is not None:
-            message = box.take()
+            try:
+                message = box.take()
+            except ValueError as error:
+                self._warn(f'left out: {error}')
+                continue
             if message is None:
                 return False
             if not self._is_awaited(message):
@@ -76,6 +93,19 @@ class Answers:
             else:
                 self._episodes = message
         return True
+
+    def heard_of(self, session: int) -> bool:
+        """Take the observations that have come; tell whether one is of this session."""
+        heard = False
+        while True:
+            try:
+                message = self._boxes[0].take()
+            except ValueError as error:
+                self._warn(f'left out: {error}')
+                continue
+            if message is None:
+                return heard
+            heard |= message.session == session
 
     def _is_awaited(self, message: Any) -> bool:
         if message.session != self._session:
@@ -91,11 +121,12 @@ class Answers:
         """
         spec, reward, observed = self._spec, self._reward, self._observation
         assert spec is not None and reward is not None and observed is not None
-        _check(spec, observed, reward)
-        observation = observed.data.reshape(spec.num_envs, spec.observation_size)
+        observation = observation_of('observation: data', observed.data, spec)
+        _check_reward(spec, reward)
         finished = reward.final_rows.astype(np.int64)
         episodes: Episodes = NO_EPISODES
-        if finished.size and self._episodes is not None:
+        if finished.size:
+            _check_episodes(spec, self._episodes, finished)
             episodes = messages.episodes_from_message(self._episodes)
         info = {
             'final_rows': finished,
@@ -110,27 +141,71 @@ class Answers:
         )
 
 
-def _check(spec: WorldSpec, observation: Any, reward: Any) -> None:
-    """Check what came from the far end before anything is learnt from it.
+def observation_of(where: str, values: NDArray[np.float32], spec: WorldSpec) -> F32:
+    """Return what came as an observation of all rockets, `(N, D)`.
+
+    :param where: topic or service, and field.
+    :raises ValueError: naming it, what came and what was expected.
+    """
+    _check_size(where, values, spec.num_envs * spec.observation_size)
+    _check_finite(where, values)
+    return values.reshape(spec.num_envs, spec.observation_size)
+
+
+def _check_size(where: str, values: NDArray[Any], expected: int) -> None:
+    if len(values) != expected:
+        raise ValueError(f'{where}: {len(values)} values, expected {expected}')
+
+
+def _check_finite(where: str, values: NDArray[Any]) -> None:
+    # A sum is quicker than to look at each; where it overflows, each is looked at.
+    if not math.isfinite(np.add.reduce(values)) and not np.isfinite(values).all():
+        place = int(np.argmin(np.isfinite(values)))
+        raise ValueError(f'{where}: value {place} is {values[place]}, expected finite numbers')
+
+
+def _check_reward(spec: WorldSpec, reward: Any) -> None:
+    """Check what the last action brought before anything is learnt from it.
 
     :raises ValueError: naming topic, field, what came and what was expected.
     """
-    finished = len(reward.final_rows)
-    for where, values, expected in (
-        ('observation: data', observation.data, spec.num_envs * spec.observation_size),
-        ('reward: reward', reward.reward, spec.num_envs),
-        ('reward: terminated', reward.terminated, spec.num_envs),
-        ('reward: truncated', reward.truncated, spec.num_envs),
-        ('reward: final_observation', reward.final_observation,
-         finished * spec.observation_size),
-    ):
-        if len(values) != expected:
-            raise ValueError(f'{where}: {len(values)} values, expected {expected}')
-    if finished and max(reward.final_rows) >= spec.num_envs:
+    rows, count = reward.final_rows, spec.num_envs
+    for name in ('reward', 'terminated', 'truncated'):
+        _check_size(f'reward: {name}', getattr(reward, name), count)
+    _check_size(
+        'reward: final_observation', reward.final_observation, len(rows) * spec.observation_size)
+    _check_finite('reward: reward', reward.reward)
+    ended = reward.terminated | reward.truncated
+    if ended.max() > 1:
         raise ValueError(
-            f'reward: final_rows: {max(reward.final_rows)}, expected less than {spec.num_envs}')
-    for where, values in (
-            ('observation: data', observation.data), ('reward: reward', reward.reward)):
-        # A sum is quicker than to look at each; where it overflows, each is looked at.
-        if not math.isfinite(np.add.reduce(values)) and not np.isfinite(values).all():
-            raise ValueError(f'{where}: a value that is not finite')
+            f'reward: terminated or truncated: got {ended.max()}, expected 0 or 1')
+    found = np.flatnonzero(ended)
+    if len(rows) != len(found) or (len(rows) and (rows != found).any()):
+        raise ValueError(
+            f'reward: final_rows: got {_some(rows)}, expected {_some(found)}, '
+            'the rockets whose episodes ended')
+    _check_finite('reward: final_observation', reward.final_observation)
+
+
+def _check_episodes(spec: WorldSpec, message: Any, rows: NDArray[Any]) -> None:
+    """Check the episodes that ended at a step.
+
+    :param rows: `(K,)` rockets whose they are, as `reward` says.
+    :raises ValueError: naming topic, field, what came and what was expected.
+    """
+    for name in message._fields[2:]:
+        values = getattr(message, name)
+        _check_size(f'episodes: {name}', values, len(rows))
+        _check_finite(f'episodes: {name}', values)
+    if (message.row != rows).any():
+        raise ValueError(
+            f'episodes: row: got {_some(message.row)}, expected {_some(rows)}, as in reward')
+    for name, limit in (('outcome', len(spec.outcomes)), ('episode', 2**63)):
+        values = getattr(message, name)
+        if values.max() >= limit:
+            raise ValueError(f'episodes: {name}: got {values.max()}, expected less than {limit}')
+
+
+def _some(values: NDArray[Any]) -> str:
+    """Return the first few of some numbers."""
+    return ' '.join(map(str, values[:8].tolist())) + (' ...' if len(values) > 8 else '') or 'none'

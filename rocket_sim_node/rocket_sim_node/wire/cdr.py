@@ -3,9 +3,9 @@
 
 rosidl makes a Python object of each message, field by field, which costs more than all the rest
 of an exchange. The messages of a step are numbers and sequences of numbers, whose bytes are plain:
-OMG's 'Common Data Representation' (DDS-XTypes 1.3, section 7.4.1, XCDR1), little-endian. Numbers
-are aligned to their size, counted from behind the first four bytes, which name the encoding; a
-sequence is its length, 4 bytes, and its elements.
+OMG's 'Common Data Representation' (DDS-XTypes 1.3, section 7.4.1, XCDR1), written little-endian,
+read in both orders. Numbers are aligned to their size, counted from behind the first four bytes,
+which name the encoding; a sequence is its length, 4 bytes, and its elements.
 """
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
-from rclpy.serialization import serialize_message
 
 _HEADER = b'\x00\x01\x00\x00'
+_OTHER_ORDER = b'\x00\x00'
 _KINDS = {
     'uint64': '<u8', 'uint32': '<u4', 'uint8': '|u1', 'int32': '<i4', 'float': '<f4',
     'double': '<f8'}
-_LENGTH = struct.Struct('<I')
+_LENGTH, _LENGTH_OTHER = struct.Struct('<I'), struct.Struct('>I')
 _PADDING = tuple(bytes(count) for count in range(8))
 
 
@@ -80,29 +79,25 @@ class Codec:
 
         :raises ValueError: when it is cut short or no message at all.
         """
-        if len(data) >= len(_HEADER) and data[:2] != _HEADER[:2]:
-            data = self._in_our_order(data)
+        ours = data[:2] == _HEADER[:2] or len(data) < len(_HEADER)
+        if not ours and data[:2] != _OTHER_ORDER:
+            raise ValueError(
+                f'no message: begins with {data[:4].hex()}, expected 0001 or 0000: plain CDR')
+        head = self._head if ours else struct.Struct('>' + self._head.format[1:])
+        length = _LENGTH if ours else _LENGTH_OTHER
         try:
-            values: list[Any] = list(self._head.unpack_from(data, 4))
-            place = 4 + self._head.size
+            values: list[Any] = list(head.unpack_from(data, 4))
+            place = 4 + head.size
             for _, dtype, _ in self._fields[self._first:]:
                 place += -place % 4
-                (count,) = _LENGTH.unpack_from(data, place)
+                (count,) = length.unpack_from(data, place)
                 place += 4
                 if count:
                     place += -(place - 4) % dtype.itemsize
-                values.append(np.frombuffer(data, dtype, count, place if count else 0))
+                sent = dtype if ours else dtype.newbyteorder('>')
+                array = np.frombuffer(data, sent, count, place if count else 0)
+                values.append(array if ours else array.astype(dtype))
                 place += count * dtype.itemsize
         except (struct.error, ValueError) as error:
             raise ValueError(f'cut short: {len(data)} bytes ({error})') from error
         return self._make(values)
-
-    def _in_our_order(self, data: bytes) -> bytes:
-        """Return a message of another byte order or encoding in ours: rosidl knows them all.
-
-        :raises ValueError: when it does not know this one.
-        """
-        try:
-            return bytes(serialize_message(deserialize_message(data, self.kind)))
-        except Exception as error:  # what it raises depends on the middleware
-            raise ValueError(f'no message: begins with {data[:4].hex()} ({error})') from error

@@ -347,11 +347,18 @@ class Fleet:
     def _vet(self, member: _Member) -> None:
         """Take the world of the first simulator for that of all; refuse another one."""
         member.vetted, fitted = member.link.world, member.fits
-        spec = messages.world_from_message(member.vetted)
-        if self._spec is None:
-            self._spec = spec
-        reason = '' if spec == self._spec else f'its {difference(self._spec, spec)}'
-        if self._pattern and member.link.realtime:
+        reason = ''
+        try:
+            spec = messages.world_from_message(member.vetted)
+        except ValueError as error:
+            if not self._pattern:
+                raise
+            reason = str(error)
+        else:
+            self._spec = self._spec or spec
+            if spec != self._spec:
+                reason = f'its {difference(self._spec, spec)}'
+        if self._pattern and not reason and member.link.realtime:
             reason = 'its mode is realtime, expected lockstep'
         if reason and not self._pattern:
             raise WorldChanged(f'{member.link.name} came back as another world: {reason}')

@@ -3,29 +3,55 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
+from rclpy.clock import Clock
+from rclpy.clock import ClockType
 from rclpy.node import Node
 
 from rocket_sim_node.wire import qos
 
 PERIOD = 1.0
 """s between diagnostics"""
+_LONGEST = 300
+"""characters of what is told of one refusal: who sends rubbish does not choose how much"""
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""Timers run by it: the node's own clock is that of the day, or of `/clock`, and may jump."""
+
+
+def shortened(text: str) -> str:
+    """Return a text of bounded length."""
+    if len(text) <= _LONGEST:
+        return text
+    return f'{text[:_LONGEST]} ... ({len(text)} characters)'
 
 
 class Health:
-    """Counts refusals and other events of a node and reports them once a second."""
+    """Counts refusals and other events of a node and reports them once a second.
 
-    def __init__(self, node: Node) -> None:
-        """Advertise `/diagnostics`, the one topic that ROS expects by its absolute name."""
-        self._node = node
-        self._counts: Counter[str] = Counter()
-        self._last = ''
+    The level is ERROR while an alarm stands, WARN when something was refused, or else went
+    wrong, within the last second, and OK otherwise.
+    """
+
+    def __init__(
+        self, node: Node, events: tuple[str, ...] = (),
+        present: Callable[[], Mapping[str, object]] = dict,
+    ) -> None:
+        """Advertise `/diagnostics`, the one topic that ROS expects by its absolute name.
+
+        :param events: that are reported from the start, with a count of 0.
+        :param present: returns what else is to be said of the moment, by name.
+        """
+        self._node, self._present = node, present
+        self._counts: Counter[str] = Counter(dict.fromkeys(events, 0))
+        self._last = self._refused = self._alarm = ''
         self._fresh = False
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', qos.EVENTS)
-        node.create_timer(PERIOD, self._report)
+        node.create_timer(PERIOD, self._report, clock=STEADY)
 
     def count(self, name: str) -> None:
         """Count something that is no fault."""
@@ -37,9 +63,37 @@ class Health:
         The first refusal, and the first after a quiet second, are reported at once.
         """
         self._counts[f'refused on {where}'] += 1
-        self._last = f'{where}: {why}'
+        self._refused = shortened(f'{where}: {why}')
         self._node.get_logger().warning(
-            f'refused {self._last}', throttle_duration_sec=PERIOD)
+            f'refused {self._refused}', throttle_duration_sec=PERIOD,
+            throttle_time_source_type=STEADY)
+        self._tell(self._refused)
+
+    def warn(self, name: str, text: str) -> None:
+        """Count and log what is no refusal, but not as it should be; report it as one."""
+        self._counts[name] += 1
+        self._node.get_logger().warning(
+            shortened(text), throttle_duration_sec=PERIOD, throttle_time_source_type=STEADY)
+        self._tell(shortened(text))
+
+    def alarm(self, name: str, text: str) -> None:
+        """Count and log a fault, and report it as an error until `clear`."""
+        self._counts[name] += 1
+        self._alarm = text
+        self._node.get_logger().warning(text)
+        self._publish()
+
+    def clear(self, text: str = '') -> None:
+        """End the alarm, if there is one, and log why."""
+        if not self._alarm:
+            return
+        self._alarm = ''
+        if text:
+            self._node.get_logger().info(text)
+        self._publish()
+
+    def _tell(self, text: str) -> None:
+        self._last = text
         if not self._fresh:
             self._fresh = True
             self._publish()
@@ -49,14 +103,18 @@ class Health:
         self._fresh = False
 
     def _publish(self) -> None:
+        name = self._node.get_fully_qualified_name().strip('/')
+        level, text = DiagnosticStatus.OK, 'ok'
+        if self._alarm:
+            level, text = DiagnosticStatus.ERROR, self._alarm
+        elif self._fresh:
+            level, text = DiagnosticStatus.WARN, self._last
+        values = {
+            **self._present(), **dict(sorted(self._counts.items())),
+            'last refusal': self._refused}
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if self._fresh else DiagnosticStatus.OK,
-            name=f'{self._node.get_fully_qualified_name()}: wire',
-            message=self._last if self._fresh else 'ok',
-            hardware_id=self._node.get_fully_qualified_name(),
-            values=[KeyValue(key=k, value=str(v)) for k, v in sorted(self._counts.items())],
-        )
-        status.values.append(KeyValue(key='last refusal', value=self._last))
+            level=level, name=f'{name}: wire', message=text, hardware_id=name,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)

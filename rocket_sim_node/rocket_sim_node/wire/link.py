@@ -17,11 +17,12 @@ from rocket_msgs import srv
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
+from rocket_sim_node.wire.answers import observation_of
 from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.health import STEADY
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.waiting import Silence
-from rocket_sim_node.worlds.actions import checked_action
-from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.actions import commanded
 from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.flight import Command
@@ -108,7 +109,8 @@ class Link:
                 (msg.Observation, 'observation', stream),
                 (msg.Reward, 'reward', stream),
                 (msg.Episodes, 'episodes', qos.EVENTS))]
-        self._answers = Answers(*self._mailboxes)
+        observation, reward, episodes = self._mailboxes
+        self._answers = Answers(observation, reward, episodes, self._warn)
         self._clients = {
             name: node.create_client(kind, prefix + name) for name, kind in (
                 ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
@@ -183,7 +185,7 @@ class Link:
         now = self._asked = time.monotonic()
         self._answer = None
         if isinstance(command, np.ndarray):
-            action = checked_action(self.spec, command)
+            action = commanded(self.spec, command)
             self._message = self._action.encode(
                 (self.session, self.step, self.agent),
                 (action, _NONE) if self.spec.continuous else (_NONE, action))
@@ -235,9 +237,12 @@ class Link:
 
     def listen(self) -> None:
         """Take note of whether the simulator answers us, late, while nothing is asked of it."""
-        while (message := self._mailboxes[0].take()) is not None:
-            if message.session == self.session:
-                self.heard = time.monotonic()
+        if self._answers.heard_of(self.session):
+            self.heard = time.monotonic()
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(
+            f'{self.name}: {text}', throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
 
     # Steps
 
@@ -265,10 +270,11 @@ class Link:
     def keep(self) -> None:
         """Remind the simulator of its agent while that one computes; call it often.
 
-        The last action sent again changes nothing and is heard.
+        The last action sent again changes nothing and is heard. In real time it would fly on by an
+        order of the past: there, who computes for long has the engine cut.
         """
         now = time.monotonic()
-        if self.step > 0 and now - self._spoke > _KEEP_PERIOD:
+        if self.step > 0 and not self.realtime and now - self._spoke > _KEEP_PERIOD:
             self._spoke = now
             self._publisher.publish(self._message)
 
@@ -357,9 +363,11 @@ class Link:
         self._described_by = 0.0
         spec = self.adopt_spec()
         self.session, self.step = response.session, response.step
-        observation: F32 = messages.from_sequence(response.observation, 'f4').reshape(
-            spec.num_envs, spec.observation_size)
-        self._answer = observation
+        command = self._command
+        assert isinstance(command, Reset | Restore)
+        self._answer = observation_of(
+            f'{_name(command)}: observation',
+            messages.from_sequence(response.observation, 'f4'), spec)
         return True
 
     # The end

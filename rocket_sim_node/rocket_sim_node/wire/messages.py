@@ -6,7 +6,9 @@ assigned to the same field is taken number by number, hundreds of times slower.
 """
 from __future__ import annotations
 
+import math
 from array import array
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,9 @@ from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 
+MOST_ENVS = 1_000_000
+"""rockets of one simulator"""
+_MOST_NAMES = 4096
 _CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
 
 
@@ -63,8 +68,11 @@ def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> Wor
 
 
 def world_from_message(message: World) -> WorldSpec:
-    """Return the shape of the world at the far end."""
-    return WorldSpec(
+    """Return the shape of the world at the far end.
+
+    :raises ValueError: for a description that no world has; names field, value and expected.
+    """
+    spec = WorldSpec(
         name=message.world, num_envs=message.num_envs, dt=message.dt,
         observation_names=tuple(message.observation_names),
         action_names=tuple(message.action_names),
@@ -73,6 +81,44 @@ def world_from_message(message: World) -> WorldSpec:
         action_idle=tuple(message.action_idle), action_count=message.action_count,
         outcomes=tuple(message.outcomes), settings=settings_from_message(message.settings),
     )
+    for name, value, good, expected in _description_checks(message, spec):
+        if not good:
+            raise ValueError(f'world: {name}: got {value!r}, expected {expected}')
+    return spec
+
+
+def _description_checks(
+    message: World, spec: WorldSpec,
+) -> Iterator[tuple[str, object, bool, str]]:
+    """Yield name, value, whether it is good, and what is expected, of what a world says."""
+    yield 'num_envs', spec.num_envs, 1 <= spec.num_envs <= MOST_ENVS, f'1 to {MOST_ENVS}'
+    yield 'dt', spec.dt, 0 < spec.dt < math.inf, 'a time in s above 0'
+    yield 'mode', message.mode, message.mode in (World.LOCKSTEP, World.REALTIME), '0 or 1'
+    for name, most in (('observation_names', _MOST_NAMES), ('action_names', _MOST_NAMES),
+                       ('outcomes', RocketState.NONE)):
+        names = getattr(spec, name)
+        yield (f'number of {name}', len(names), 1 <= len(names) <= most, f'1 to {most}')
+        yield name, names, len(set(names)) == len(names), 'each once'
+    yield ('action_kind', message.action_kind,
+           message.action_kind in (World.CONTINUOUS, World.DISCRETE), '0 or 1')
+    count = spec.action_size
+    if not spec.continuous:
+        yield ('action_count', spec.action_count, 1 <= spec.action_count < 2**31,
+               f'1 to {2**31 - 1}')
+        yield ('action_idle', spec.action_idle, len(spec.action_idle) == 1
+               and spec.action_idle[0] in range(spec.action_count), 'one of the actions')
+        return
+    for name in ('action_low', 'action_high', 'action_idle'):
+        values = getattr(spec, name)
+        yield (name, values, len(values) == count and all(map(math.isfinite, values)),
+               f'{count} finite numbers')
+    yield ('action_low', spec.action_low, all(
+        low < high for low, high in zip(spec.action_low, spec.action_high, strict=True)),
+        f'each below action_high, {spec.action_high}')
+    yield ('action_idle', spec.action_idle, all(
+        low <= idle <= high for low, idle, high in zip(
+            spec.action_low, spec.action_idle, spec.action_high, strict=True)),
+        'each from action_low to action_high')
 
 
 def action_from_message(message: Any, spec: WorldSpec) -> NDArray[Any]:

@@ -19,17 +19,24 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.control import NOBODY
 from rocket_sim_node.wire.control import ControlLease
+from rocket_sim_node.wire.health import STEADY
 from rocket_sim_node.wire.health import Health
+from rocket_sim_node.wire.health import shortened
 from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
+from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
 
 _SPIN_PERIOD = 0.2
 """s; Python sees signals only between two waits"""
+_MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
+_EVENTS = (
+    *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
+    'repeated answers')
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,15 @@ class Server:
     """
 
     def __init__(self, node: Node, world: SimulatedWorld, options: ServerOptions) -> None:
-        """Publish the world and wait for an agent."""
+        """Publish the world and wait for an agent.
+
+        :raises ValueError: when another agent could take over before the engine is cut.
+        """
+        self._realtime = options.mode == msg.World.REALTIME
+        if self._realtime and options.agent_lease < options.action_timeout:
+            raise ValueError(
+                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, '
+                f'{options.action_timeout:g} s, or more: a second agent would take over in flight')
         self._node = node
         self._world = world
         self._options = options
@@ -71,8 +86,11 @@ class Server:
         self._step = 0
         self._action: NDArray[Any] | None = None
         self._action_time = 0.0
-        self._health = Health(node)
         spec = world.spec
+        self._clipped = Clipped(spec)
+        self._health = Health(
+            node, (*_EVENTS, 'clipped actions', 'engine cuts') if self._realtime else _EVENTS,
+            self._present)
         self._idle = np.broadcast_to(
             np.array(spec.action_idle, np.float32), (spec.num_envs, spec.action_size)
         ) if spec.continuous else np.full(spec.num_envs, int(spec.action_idle[0]))
@@ -90,8 +108,8 @@ class Server:
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
         self._timers = [node.create_timer(
-            world.spec.dt / options.realtime_factor, self._on_tick,
-        )] if options.mode == msg.World.REALTIME else []
+            world.spec.dt / options.realtime_factor, self._on_tick, clock=STEADY,
+        )] if self._realtime else []
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -119,21 +137,26 @@ class Server:
         if refusal:
             self._health.refuse('action', refusal)
             return
-        if self._options.mode == msg.World.LOCKSTEP and message.step == self._step - 1:
+        if not self._realtime and message.step == self._step - 1:
             self._health.count('repeated answers')
             self._result.publish()
             return
         try:
-            action = checked_action(
-                self._world.spec, messages.action_from_message(message, self._world.spec))
+            given = messages.action_from_message(message, self._world.spec)
+            action = checked_action(self._world.spec, given)
         except ValueError as error:
             self._health.refuse('action', str(error))
             return
-        if self._options.mode == msg.World.REALTIME:
-            self._action = action
-            self._action_time = self._now()
+        clipped = self._clipped.note(given, action)
+        if not self._realtime:
+            self._advance(action)
             return
-        self._advance(action)
+        if clipped:
+            # In lock-step it is only counted: who learns explores, beyond the bounds too.
+            self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
+        self._health.clear('actions are back: they are flown again')
+        self._action = action
+        self._action_time = self._now()
 
     def _action_refusal(self, message: Any) -> str:
         """Return why an action is not for this moment; empty when it is."""
@@ -150,9 +173,10 @@ class Server:
             return f'session: {message.session:016x}, expected {self._session:016x}'
         self._lease.heard()
         early = message.step > self._step
-        stale = message.step < self._step - 1 and self._options.mode == msg.World.LOCKSTEP
+        stale = message.step < self._step - 1 and not self._realtime
         if early or stale:
-            return f'step: {message.step}, expected {self._step} (or {self._step - 1} again)'
+            again = f' (or {self._step - 1} again)' if self._step else ''
+            return f'step: {message.step}, expected {self._step}{again}'
         return ''
 
     def _advance(self, action: NDArray[Any]) -> None:
@@ -178,8 +202,8 @@ class Server:
         if self._action is not None and (
                 self._now() - self._action_time > self._options.action_timeout):
             self._action = None
-            self._health.refuse(
-                'action', f'none for {self._options.action_timeout:g} s: engine cut')
+            self._health.alarm(
+                'engine cuts', f'action: none for {self._options.action_timeout:g} s: engine cut')
         if self._action is not None:
             self._advance(self._action)
         elif not self._lease.vacant:
@@ -215,7 +239,7 @@ class Server:
             observation = begin()
         except (ValueError, TypeError) as error:
             response.code = response.INVALID
-            response.message = str(error)
+            response.message = shortened(str(error))
             self._health.refuse(name, response.message)
             return response
         self._lease.take(agent)
@@ -250,10 +274,12 @@ class Server:
         if self._lease.release(request.agent):
             response.code = response.OK
             self._action = None
+            self._health.clear('the agent has let go')
             self._state.flush()
         else:
             response.code = response.BUSY
             response.message = f'agent: {request.agent:016x} does not fly this simulator'
+            self._health.refuse('release', response.message)
         return response
 
     def _begin_session(self, observation: F32) -> None:
@@ -262,6 +288,7 @@ class Server:
         self._session = secrets.randbits(63) + 1
         self._step = 0
         self._action = None
+        self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)
         self._publish_world()
         self._result.publish()
@@ -270,3 +297,14 @@ class Server:
     def _publish_world(self) -> None:
         self._world_publisher.publish(messages.world_to_message(
             self._world.spec, self._session, self._step, self._options.mode))
+
+    def _present(self) -> dict[str, object]:
+        """Return what diagnostics say of the moment."""
+        spec = self._world.spec
+        return {
+            'world': spec.name, 'num_envs': spec.num_envs, 'mode': _MODES[self._options.mode],
+            'session': f'{self._session:016x}', 'step': self._step,
+            'agent': 'nobody' if self._lease.owner == NOBODY else f'{self._lease.owner:016x}',
+            **{f'clipped {axis}': count for axis, count in self._clipped.counts.items()},
+            'last clipped': self._clipped.last,
+        }

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A rocket under control: what flies without orders is stopped, and nobody else can give any."""
+from __future__ import annotations
+
+import ast
+import threading
+from collections.abc import Callable
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticStatus
+from processes import Processes
+from rcl_interfaces.srv import ListParameters
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rocket_msgs import msg
+from rocket_msgs import srv
+from rollouts import assert_same
+from rosgraph_msgs.msg import Clock
+
+from rocket_sim_node import wire
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.worlds import make
+
+N, STRANGER = 4, 0xBAD
+MakeClient = Callable[..., Client]
+REALTIME = {'mode': 'realtime', 'action_timeout': 0.4, 'agent_lease': 30.0}
+FULL = np.tile(np.float32([1, 0, 0]), (N, 1))
+
+
+class Watch:
+    """Hears what a simulator says of itself and of its rockets."""
+
+    def __init__(self, client: Client) -> None:
+        self.client, self.status, self.throttle = client, DiagnosticStatus(), 0.0
+        self.session = self.step = 0
+        client.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.EVENTS)
+        client.node.create_subscription(msg.RocketState, 'state', self._on_state, qos.EVENTS)
+        self.until(lambda: client.node.count_publishers('/diagnostics') > 0)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.status = message.status[0]
+
+    def _on_state(self, message: msg.RocketState) -> None:
+        self.session, self.step, self.throttle = (
+            message.session, message.step[-1], message.throttle[-1])
+
+    def __getitem__(self, key: str) -> str:
+        return {item.key: item.value for item in self.status.values}.get(key, '')
+
+    def until(self, done: Callable[[], bool]) -> None:
+        assert self.client.waiter.until(done, 20.0), self.status
+
+    def passes(self, steps: int) -> None:
+        """Wait until the simulator has gone on by so many steps."""
+        goal = self.step + steps
+        self.until(lambda: self.step >= goal)
+
+
+@pytest.fixture
+def jumping_clock(make_node: Callable[..., Any]) -> Iterator[None]:
+    """A `/clock` that jumps hours ahead and back."""
+    publisher = make_node()[0].create_publisher(Clock, '/clock', 1)
+    done = threading.Event()
+
+    def jump() -> None:
+        number = 0
+        while not done.wait(0.05):
+            number += 1
+            publisher.publish(Clock(clock=Time(sec=number % 2 * 7200 + number % 5)))
+
+    thread = threading.Thread(target=jump)
+    thread.start()
+    yield
+    done.set()
+    thread.join()
+
+
+@pytest.mark.parametrize('sim_time', [False, True])
+def test_the_engine_is_cut_without_actions_and_follows_again(
+        processes: Processes, make_client: MakeClient, jumping_clock: None,
+        sim_time: bool) -> None:
+    """By the steady clock: that of ROS may jump, it moves nothing."""
+    process = processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, use_sim_time=sim_time, **REALTIME)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    for cut in (1, 2):
+        for _ in range(10):
+            client.step(FULL)
+        watch.until(lambda: watch.throttle == 1.0)
+        watch.until(lambda: watch.throttle == 0.0)
+        watch.until(lambda: watch['engine cuts'] == str(cut))  # noqa: B023
+        assert watch.status.level == DiagnosticStatus.ERROR
+        assert 'engine cut' in watch.status.message
+        watch.passes(10)  # it falls on
+    assert process.output().count('engine cut') == 2
+    client.step(FULL)
+    watch.until(lambda: watch.throttle == 1.0)
+    assert process.output().count('actions are back') == 2
+    watch.until(lambda: watch.status.level == DiagnosticStatus.ERROR)  # cut a third time
+    client.close()
+    watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
+    assert watch['agent'] == 'nobody'
+
+
+def test_an_agent_that_only_computes_gives_no_orders(
+        processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.02)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    client.step(FULL)
+
+    def cut() -> bool:
+        client.link.keep()
+        return watch['engine cuts'] == '1'
+
+    watch.until(cut)
+    watch.until(lambda: watch.throttle == 0.0)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_a_second_agent_cannot_take_over_in_flight(
+        processes: Processes, make_client: MakeClient, mode: str) -> None:
+    options = {**REALTIME, 'action_timeout': 5.0} if mode == 'realtime' else {}
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **options)
+    client, world = make_client(), make('rocket', num_envs=N)
+    client.reset(1)
+    world.reset(1)
+    watch = Watch(client)
+    client.step(FULL)
+    world.step(FULL)
+    node, session = client.node, client.session
+    publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
+    watch.until(lambda: publisher.get_subscription_count() > 0)
+    stolen = msg.Action(session=session, step=client.link.step, agent=STRANGER)
+    stolen.continuous = messages.to_sequence(-FULL, 'f4')
+    state = messages.to_sequence(np.frombuffer(world.snapshot(), np.uint8), 'u1')
+    requests = {
+        'reset': (srv.Reset, {'seed': 1}), 'restore': (srv.Restore, {'state': state}),
+        'snapshot': (srv.Snapshot, {'session': session, 'step': client.link.step}),
+        'release': (srv.Release, {})}
+    for name, (kind, fields) in requests.items():
+        service = node.create_client(kind, name)
+        watch.until(service.service_is_ready)
+        future = service.call_async(kind.Request(agent=STRANGER, **fields))
+        watch.until(future.done)
+        assert future.result().code == future.result().BUSY
+        assert f'{STRANGER:016x}' in future.result().message
+        publisher.publish(stolen)
+        # One at a time: what comes while the queue is full would be lost.
+        watch.until(lambda: watch[f'refused on {name}'] == '1')  # noqa: B023
+    watch.until(lambda: watch['refused on action'] == str(len(requests)))
+    assert watch['agent'] == f'{client.link.agent:016x}'
+    assert watch['session'] == f'{session:016x}'
+    if mode == 'lockstep':
+        assert_same(client.step(FULL), world.step(FULL))
+        assert client.snapshot() == world.snapshot()
+    else:
+        client.step(FULL)
+        watch.passes(3)
+        assert (watch.session, watch.throttle) == (session, 1.0)
+
+
+def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> None:
+    process = processes.run_node(
+        'rocket_sim_node', 'simulator', mode='realtime', action_timeout=1.0, agent_lease=0.5)
+    assert process.wait(30.0) == 2
+    assert 'agent_lease: got 0.5 s, expected action_timeout, 1 s, or more' in process.output()
+
+
+def test_no_parameter_can_be_changed_after_start(
+        processes: Processes, make_client: MakeClient) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    node = client.node
+
+    def call(kind: Any, name: str, request: Any) -> Any:
+        service = node.create_client(kind, f'/simulator/{name}')
+        watch.until(service.service_is_ready)
+        future = service.call_async(request)
+        watch.until(future.done)
+        return future.result()
+
+    names = call(ListParameters, 'list_parameters', ListParameters.Request()).result.names
+    assert {'num_envs', 'mode', 'dt', 'max_thrust', 'agent_lease'} <= set(names)
+    values = [1, 2.5, True, 'lockstep', [1, 2], [0.5], ['a']]
+    for name in {*names, 'unheard_of'} - {'use_sim_time'}:
+        wanted = [Parameter(name, value=value).to_parameter_msg() for value in values]
+        for result in call(SetParameters, 'set_parameters', SetParameters.Request(
+                parameters=wanted)).results:
+            assert not result.successful, name
+            assert 'read-only' in result.reason or name == 'unheard_of', result.reason
+    # This one belongs to ROS: time stamps follow it, and nothing that flies.
+    answer = call(SetParameters, 'set_parameters', SetParameters.Request(
+        parameters=[Parameter('use_sim_time', value=True).to_parameter_msg()]))
+    assert answer.results[0].successful
+    for _ in range(5):
+        client.step(FULL)
+    watch.passes(5)
+
+
+def test_commands_beyond_limits_are_clipped_and_counted_in_real_time(
+        processes: Processes, make_client: MakeClient) -> None:
+    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    wild = FULL.copy()
+    wild[:, 0], wild[2, 1] = 5.0, -9.0
+    client.step(wild)
+    watch.until(lambda: watch.throttle == 1.0)
+    watch.until(lambda: watch['clipped throttle'] != '0' and bool(watch['clipped throttle']))
+    times = int(watch['clipped actions'])
+    assert int(watch['clipped throttle']) == N * times
+    assert int(watch['clipped rcs_x']) == times
+    assert watch['clipped rcs_z'] == '0'
+    assert watch['last clipped'] == "row 3, 'throttle' is 5, expected -1 to 1"
+    assert 'clipped: row 3' in process.output()
+    client.close()
+    watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
+
+
+def test_commands_beyond_limits_are_flown_as_in_process_and_counted_in_lockstep(
+        processes: Processes, make_client: MakeClient) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    client, world = make_client(), make('rocket', num_envs=N)
+    client.reset(1)
+    world.reset(1)
+    rng, expected = np.random.default_rng(3), np.zeros(3, int)
+    for scale in (0.5, 2.0, 1e20, 1e300):
+        action = rng.normal(0, scale, (N, 3))
+        sent = action if scale > 1e30 else action.astype(np.float32)
+        assert_same(client.step(sent), world.step(sent))
+        expected += (np.abs(sent) > 1).sum(axis=0)
+    watch = Watch(client)
+    for axis, count in zip(('throttle', 'rcs_x', 'rcs_z'), expected.tolist(), strict=True):
+        watch.until(lambda: watch[f'clipped {axis}'] == str(count))  # noqa: B023
+    assert watch.status.level == DiagnosticStatus.OK  # who learns explores beyond, too
+
+
+def test_diagnostics_say_who_where_and_what(
+        processes: Processes, make_client: MakeClient) -> None:
+    processes.start(
+        'ros2', 'run', 'rocket_sim_node', 'simulator', '--ros-args', '-r', '__ns:=/sim_0',
+        '-p', f'num_envs:={N}')
+    client = make_client(namespace='/sim_0')
+    client.reset(1)
+    client.step(FULL)
+    watch = Watch(client)
+    watch.until(lambda: watch['step'] == '1')
+    assert watch.status.name == 'sim_0/simulator: wire'
+    assert watch.status.hardware_id == 'sim_0/simulator'
+    assert watch.status.level == DiagnosticStatus.OK
+    assert watch.status.message == 'ok'
+    said = {item.key: item.value for item in watch.status.values}
+    assert said.items() >= {
+        'world': 'rocket', 'num_envs': str(N), 'mode': 'lockstep', 'last refusal': '',
+        'agent': f'{client.link.agent:016x}', 'session': f'{client.session:016x}',
+        'refused on action': '0', 'refused on reset': '0', 'refused on restore': '0',
+        'refused on snapshot': '0', 'refused on release': '0', 'repeated answers': '0'}.items()
+
+
+def test_nothing_on_the_wire_goes_by_the_clock_of_the_day() -> None:
+    """What measures time is `time.monotonic`; each timer has the steady clock."""
+    for path in sorted(Path(wire.__path__[0]).glob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+                continue
+            name = ast.unparse(node.func)
+            assert not name.startswith('datetime.'), path
+            assert not name.startswith('time.') or name in (
+                'time.monotonic', 'time.sleep', 'time.perf_counter'), (path, name)
+            given = {keyword.arg for keyword in node.keywords}
+            if name.endswith('.create_timer'):
+                assert 'clock' in given, (path, node.lineno)
+            if 'throttle_duration_sec' in given:
+                assert 'throttle_time_source_type' in given, (path, node.lineno)

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A live simulator and a live agent among a hundred thousand messages of rubbish."""
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from fuzzing import DAMAGES
+from fuzzing import damaged
+from processes import Process
+from processes import Processes
+from rocket_msgs import msg
+from rocket_msgs import srv
+from rollouts import assert_same
+from scipy import stats
+
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.worlds import make
+
+N, AGENT = 8, 0xC0FFEE
+CODEC = Codec(msg.Action)
+NOTHING = np.zeros(0)
+_QUEUE = 4
+"""messages that the simulator's reader holds; beyond it the oldest are lost"""
+_SAMPLES = 60
+
+
+def resident(process: Process) -> float:
+    """Return the memory of a process, with the children of whoever only started it, bytes."""
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()
+    return max(1024.0 * int(line.split()[1]) for pid in (process.pid, *children)
+               for line in Path(f'/proc/{pid}/status').read_text().splitlines()
+               if line.startswith('VmRSS'))
+
+
+class Fuzzer:
+    """A good client, and rubbish in the midst of its actions whose fate is foretold."""
+
+    def __init__(self, process: Process, client: Client, seed: int) -> None:
+        self.process, self.client, self.seed = process, client, seed
+        self.rng = np.random.default_rng(seed)
+        self.world = make('rocket', num_envs=N)
+        self.sent = 0
+        self.expected: Counter[str] = Counter()
+        self.status: Any = None
+        self.sizes: list[tuple[int, float]] = []
+        client.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.EVENTS)
+        self._services = {
+            name: client.node.create_client(kind, name) for name, kind in (
+                ('reset', srv.Reset), ('restore', srv.Restore), ('snapshot', srv.Snapshot),
+                ('release', srv.Release))}
+        client.reset(1)
+        self.world.reset(1)
+        assert client.waiter.until(lambda: client.node.count_publishers('/diagnostics') > 0, 10.0)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.status = message.status[0]
+
+    def counts(self) -> dict[str, str]:
+        """Return what the simulator says about itself."""
+        return {item.key: item.value for item in self.status.values} if self.status else {}
+
+    def rubbish(self) -> bytes:
+        """Return a message that steps nothing, whatever became of it."""
+        while True:
+            data = self._any()
+            data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
+            if data and self._fate(data) != 'flown':  # without any bytes nothing arrives
+                return data
+
+    def _any(self) -> bytes:
+        rng, link = self.rng, self.client.link
+        kind = int(rng.integers(4))
+        if kind == 0:
+            return bytes(rng.bytes(int(rng.integers(300))))
+        numbers = [link.session, link.step, link.agent]
+        values: Any = rng.uniform(-1, 1, 3 * N)
+        if kind == 1:
+            good = CODEC.encode(numbers, (values, NOTHING))
+            return damaged(good, rng, DAMAGES[int(rng.integers(len(DAMAGES)))])
+        if kind == 2:
+            place = int(rng.integers(3))
+            numbers[place] = int(rng.integers(2**64, dtype=np.uint64))
+            return CODEC.encode(numbers, (values, NOTHING))
+        numbers[1] = max(numbers[1] - int(rng.integers(2)), 0)
+        wrong = int(rng.integers(3))
+        if wrong == 0:
+            values[int(rng.integers(3 * N))] = rng.choice([np.nan, np.inf, -np.inf])
+        elif wrong == 1:
+            values = values[:int(rng.integers(3 * N))]
+        return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
+
+    def _fate(self, data: bytes) -> str:
+        """Return what shall become of an action now: flown, repeated or refused."""
+        link = self.client.link
+        try:
+            message = CODEC.decode(data)
+        except ValueError:
+            return 'refused on action'
+        if (message.session, message.agent) != (link.session, link.agent):
+            return 'refused on action'
+        if message.step == link.step - 1:
+            return 'repeated answers'
+        good = (message.step == link.step and not len(message.discrete)
+                and len(message.continuous) == 3 * N and np.isfinite(message.continuous).all())
+        return 'flown' if good else 'refused on action'
+
+    def run(self, count: int, burst: int, calls: int = 0, pool: int = 0) -> None:
+        """Send rubbish, `burst` at a time, and a good action behind each, whose answer is right.
+
+        :param calls: services to call as badly, over the whole run.
+        :param pool: messages made beforehand, to choose from; 0: each is new.
+        """
+        made = [self.rubbish() for _ in range(pool)]
+        rounds = count // burst
+        due = set(np.linspace(0, rounds - 1, calls).astype(int).tolist())
+        look = max(rounds // _SAMPLES, 1)
+        for number in range(rounds):
+            for _ in range(burst):
+                data = made[int(self.rng.integers(pool))] if pool else self.rubbish()
+                if self._fate(data) == 'flown':
+                    continue  # it was none when it was made: its step has come
+                self.expected[self._fate(data)] += 1
+                self.client.link._publisher.publish(data)
+                self.sent += 1
+            if number in due:
+                self.call_badly()
+            action = self.rng.uniform(-1, 1, (N, 3)).astype(np.float32)
+            assert_same(self.client.step(action), self.world.step(action))
+            if number % look == 0:
+                self.sizes.append((self.sent, resident(self.process)))
+
+    def call_badly(self) -> None:
+        """Call a service in a way that is refused."""
+        rng, link = self.rng, self.client.link
+        name = str(rng.choice(list(self._services)))
+        stranger = int(rng.integers(1, 2**63))
+        noise = messages.to_sequence(np.frombuffer(rng.bytes(200), np.uint8), 'u1')
+        mine = bool(rng.integers(2))
+        request: Any = {
+            'reset': lambda: srv.Reset.Request(
+                agent=link.agent if mine else stranger, seed=-7,
+                settings=[msg.Setting(name=rng.bytes(9).decode(errors='replace'),
+                                      value=float('nan'))]),
+            'restore': lambda: srv.Restore.Request(
+                agent=link.agent if mine else stranger, state=noise),
+            'snapshot': lambda: srv.Snapshot.Request(
+                agent=link.agent if mine else stranger, session=stranger),
+            'release': lambda: srv.Release.Request(agent=stranger)}[name]()
+        future = self._services[name].call_async(request)
+        assert self.client.waiter.until(future.done, 10.0)
+        answer = future.result()
+        assert answer.code != answer.OK
+        assert answer.message
+        self.expected[f'refused on {name}'] += 1
+
+    def growth(self) -> tuple[float, float, float]:
+        """Return bytes of memory per message since the first quarter, and a 95 % interval."""
+        sent, size = np.array(self.sizes[len(self.sizes) // 4:]).T
+        fit = stats.linregress(sent, size)
+        half = fit.stderr * stats.t.ppf(0.975, len(sent) - 2)
+        return fit.slope, fit.slope - half, fit.slope + half
+
+
+@pytest.fixture
+def fuzzer(processes: Processes, make_client: Callable[..., Client], nightly: bool) -> Fuzzer:
+    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    seed = time.time_ns() % 2**32 if nightly else 1
+    return Fuzzer(process, make_client(agent=AGENT), seed)
+
+
+def test_a_hundred_thousand_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -> None:
+    """As many at a time as are held are counted to the last one; then floods, which may be lost.
+
+    Every answer to a good action is that of a world in this process, to the bit, and in the end
+    the simulator is as large as it was.
+    """
+    begun = time.monotonic()
+    print(f'seed {fuzzer.seed}')
+    fuzzer.run(100_000 if nightly else 9_000, _QUEUE - 1, 1000 if nightly else 100)
+    expected = {name: str(count) for name, count in fuzzer.expected.items()}
+    assert fuzzer.client.waiter.until(
+        lambda: expected.items() <= fuzzer.counts().items(), 10.0), [
+            (name, count, fuzzer.counts().get(name)) for name, count in expected.items()]
+    assert all(count > 0 for count in fuzzer.expected.values())
+    fuzzer.sizes.clear()
+    fuzzer.run(200_000 if nightly else 91_000, 30, pool=3000)
+    slope, low, high = fuzzer.growth()
+    lines = fuzzer.process.output().count('refused')
+    print(f'{fuzzer.sent} messages in {time.monotonic() - begun:.0f} s, refused as foretold: '
+          f'{dict(fuzzer.expected)}; memory {slope:+.2f} bytes a message '
+          f'(95 %: {low:+.2f} to {high:+.2f}); {lines} lines of log')
+    assert fuzzer.sent >= 99_900
+    assert fuzzer.client.snapshot() == fuzzer.world.snapshot()
+    assert low < 5.0, 'it grows with each message'
+    assert lines < time.monotonic() - begun + 10
+    assert fuzzer.counts()['agent'] == f'{AGENT:016x}'
+
+
+def test_an_agent_among_rubbish_learns_what_was_flown(
+        processes: Processes, make_client: Callable[..., Client],
+        make_node: Callable[..., Any], nightly: bool) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    client, world = make_client(), make('rocket', num_envs=N)
+    stranger = make_node()[0]
+    topics = {'observation': msg.Observation, 'reward': msg.Reward, 'episodes': msg.Episodes}
+    publishers = {name: stranger.create_publisher(kind, name, qos.STREAM)
+                  for name, kind in topics.items()}
+    babble = stranger.create_publisher(msg.World, 'world', qos.WORLD)
+    client.reset(1)
+    world.reset(1)
+    assert client.waiter.until(lambda: babble.get_subscription_count() > 0 and all(
+        p.get_subscription_count() > 0 for p in publishers.values()), 10.0)
+    rng = np.random.default_rng(1)
+    for _ in range(10_000 if nightly else 1000):
+        for name, kind in topics.items():
+            codec = Codec(kind)
+            fields = list(kind.get_fields_and_field_types().values())
+            foreign = [int(n) for n in rng.integers(2**62, size=2)]
+            data = codec.encode(foreign, [np.ones(N)] * (len(fields) - 2))
+            if rng.integers(2):
+                data = bytes(rng.bytes(int(rng.integers(100))))
+            publishers[name].publish(damaged(data or b'\0', rng, str(rng.choice(DAMAGES))))
+        babble.publish(bytes(rng.bytes(50)))
+        action = rng.uniform(-1, 1, (N, 3)).astype(np.float32)
+        assert_same(client.step(action), world.step(action))
+    assert client.snapshot() == world.snapshot()

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever a simulator answers, an agent learns from what makes sense or says what does not."""
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from fuzzing import ANY_F32
+from fuzzing import ANY_FLOAT
+from fuzzing import ANY_U64
+from fuzzing import WIRE_TEXT
+from fuzzing import damage
+from hypothesis import given
+from hypothesis import strategies as st
+from rocket_msgs import msg
+from rocket_msgs import srv
+
+from rocket_sim_node import worlds
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire.answers import Answers
+from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.link import LinkOptions
+from rocket_sim_node.wire.link import WorldChanged
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import Snapshot
+
+N, SESSION, STEP = 4, 77, 8
+CODECS = {'observation': Codec(msg.Observation), 'reward': Codec(msg.Reward),
+          'episodes': Codec(msg.Episodes)}
+SPEC = worlds.make('rocket', num_envs=N).spec
+ANY_VALUES = st.one_of(
+    st.lists(st.integers(0, 300), max_size=6), st.lists(ANY_F32, max_size=6),
+    st.lists(ANY_F32, min_size=N, max_size=N))
+
+
+class Box:
+    """A mailbox whose messages are put there."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic, self.posted = topic, deque[bytes]()
+
+    def take(self) -> Any:
+        """Return the oldest message as a mailbox does."""
+        return CODECS[self.topic].decode(self.posted.popleft()) if self.posted else None
+
+
+@cache
+def answer(ended: bool) -> dict[str, list[Any]]:
+    """Return the arrays of a true step's messages, by topic; some episodes ended, or none."""
+    world = worlds.make('rocket', num_envs=N, seed=2)
+    while True:
+        observation, reward, terminated, truncated, info = world.step(
+            np.tile(np.float32([-1, 0, 0]), (N, 1)))
+        if (0 < len(info['episodes']) < N) == ended:
+            return {
+                'observation': [observation],
+                'reward': [reward, terminated, truncated, info['final_rows'],
+                           info['final_observation']],
+                'episodes': messages.episode_arrays(info['episodes'])}
+
+
+def check_answer(answers: Answers) -> None:
+    """Take an answer and check that it is whole and makes sense, whatever it was made of."""
+    step, (observation, reward, terminated, truncated, info) = answers.take()
+    assert step == STEP + 1
+    assert observation.shape == (N, SPEC.observation_size)
+    assert reward.shape == terminated.shape == truncated.shape == (N,)
+    assert terminated.dtype == truncated.dtype == np.bool_
+    ended = np.flatnonzero(terminated | truncated)
+    np.testing.assert_array_equal(info['final_rows'], ended)
+    assert info['final_observation'].shape == (len(ended), SPEC.observation_size)
+    episodes = info['episodes']
+    for name in episodes.__dataclass_fields__:
+        values = getattr(episodes, name)
+        assert len(values) == len(ended)
+        assert np.isfinite(values).all()
+    assert set(terminated.view(np.uint8)) | set(truncated.view(np.uint8)) <= {0, 1}
+    assert all(np.isfinite(v).all() for v in (observation, reward, info['final_observation']))
+    assert (episodes.outcome < len(SPEC.outcomes)).all()
+
+
+@given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
+def test_a_step_with_one_bad_field_is_refused_by_name(
+        ended: bool, topic: str, data: st.DataObject) -> None:
+    boxes = {name: Box(name) for name in CODECS}
+    said: list[str] = []
+    answers = Answers(*boxes.values(), said.append)  # type: ignore[arg-type]
+    answers.expect(SPEC)
+    answers.await_step(SESSION, STEP, False)
+    for name, arrays in answer(ended).items():
+        numbers, arrays = (SESSION, STEP + 1), list(arrays)
+        if name == topic:
+            if data.draw(st.integers(0, 5)) == 0:
+                numbers = (data.draw(ANY_U64), data.draw(ANY_U64))
+            place = data.draw(st.integers(0, len(arrays) - 1))
+            with np.errstate(invalid='ignore'):
+                arrays[place] = np.array(data.draw(ANY_VALUES)).astype(arrays[place].dtype)
+        boxes[name].posted.append(CODECS[name].encode(numbers, arrays))
+    if not answers.collect():
+        return  # of another session or step
+    try:
+        check_answer(answers)
+    except ValueError as error:
+        assert str(error).startswith(('observation: ', 'reward: ', 'episodes: '))
+        assert 'expected' in str(error)
+
+
+@given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
+def test_damaged_answers_are_passed_over_or_refused(
+        ended: bool, topic: str, data: st.DataObject) -> None:
+    """A good one that comes afterwards, as it is sent again, is taken."""
+    boxes = {name: Box(name) for name in CODECS}
+    said: list[str] = []
+    answers = Answers(*boxes.values(), said.append)  # type: ignore[arg-type]
+    answers.expect(SPEC)
+    answers.await_step(SESSION, STEP, False)
+    for name, arrays in answer(ended).items():
+        good = CODECS[name].encode((SESSION, STEP + 1), arrays)
+        if name == topic:
+            boxes[name].posted.append(data.draw(damage(good)))
+        boxes[name].posted.append(good)
+    try:
+        assert answers.collect()
+        check_answer(answers)
+    except ValueError as error:
+        assert 'expected' in str(error)
+    assert all('left out: ' in text for text in said)
+
+
+@given(st.data())
+def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(['rocket', 'lunar_lander']))
+    message = messages.world_to_message(worlds.make(name, num_envs=N).spec, 1, 0, 0)
+    texts = st.lists(WIRE_TEXT, max_size=5)
+    wrong: dict[str, Any] = {
+        'num_envs': st.integers(0, 2**32 - 1), 'dt': ANY_FLOAT, 'observation_names': texts,
+        'action_names': texts, 'action_kind': st.integers(0, 255), 'mode': st.integers(0, 255),
+        'action_low': st.lists(ANY_F32, max_size=4), 'action_high': st.lists(ANY_F32, max_size=4),
+        'action_idle': st.lists(ANY_F32, max_size=4), 'action_count': st.integers(0, 2**32 - 1),
+        'outcomes': texts, 'world': WIRE_TEXT,
+        'settings': st.lists(st.builds(
+            lambda k, v: msg.Setting(name=k, value=v), WIRE_TEXT, ANY_FLOAT), max_size=3)}
+    for field in data.draw(st.lists(st.sampled_from(list(wrong)), min_size=1, max_size=2)):
+        setattr(message, field, data.draw(wrong[field]))
+    try:
+        spec = messages.world_from_message(message)
+    except ValueError as error:
+        assert str(error).startswith(('world: ', 'settings: '))
+        return
+    assert 1 <= spec.num_envs <= messages.MOST_ENVS
+    if spec.num_envs < 1000 and spec.continuous:
+        idle = np.tile(np.array(spec.action_idle), (spec.num_envs, 1))
+        np.testing.assert_array_equal(checked_action(spec, idle), idle)
+
+
+@pytest.fixture
+def link(make_node: Callable[..., Any]) -> Link:
+    made = Link(make_node()[0], LinkOptions(patience=0.0), 5)
+    made.world = messages.world_to_message(SPEC, SESSION, 0, msg.World.LOCKSTEP)
+    made.adopt_spec()
+    return made
+
+
+@given(st.sampled_from(['reset', 'restore', 'snapshot']), st.integers(0, 255), WIRE_TEXT,
+       st.one_of(st.just(SESSION), ANY_U64), st.one_of(st.just(0), ANY_U64),
+       st.one_of(st.just(N * SPEC.observation_size), st.integers(0, 99)), st.data())
+def test_any_answer_of_a_service_is_taken_or_refused(
+        link: Link, name: str, code: int, text: str, session: int, step: int, size: int,
+        data: st.DataObject) -> None:
+    command = {'reset': Reset(1), 'restore': Restore(b''), 'snapshot': Snapshot()}[name]
+    response = {'reset': srv.Reset, 'restore': srv.Restore,
+                'snapshot': srv.Snapshot}[name].Response(
+                    code=data.draw(st.sampled_from([0, code])), message=text)
+    if name == 'snapshot':
+        response.state = data.draw(st.binary(max_size=50))
+    else:
+        value = data.draw(ANY_F32)
+        response.session, response.step = session, step
+        response.observation = messages.to_sequence(np.full(size, value), 'f4')
+    link.drop()
+    link._command, link._asked = command, time.monotonic()
+    try:
+        done = link._judge(command, response, time.monotonic())
+    except (ValueError, EnvironmentRestarted, RuntimeError) as error:
+        assert not isinstance(error, WorldChanged)
+        assert name in str(error)
+        return
+    if not done:
+        assert session != SESSION  # it waits for the description
+        return
+    taken = link.take()
+    if name == 'snapshot':
+        assert taken == bytes(response.state)
+    else:
+        assert taken.shape == (N, SPEC.observation_size)
+        assert np.isfinite(taken).all()
+
+
+def test_in_real_time_lost_episodes_cost_a_step_and_no_error() -> None:
+    """A later step that is whole will do."""
+    boxes = {name: Box(name) for name in CODECS}
+    answers = Answers(*boxes.values(), lambda text: None)  # type: ignore[arg-type]
+    answers.expect(SPEC)
+    answers.await_step(SESSION, STEP, True)
+    found = answer(True)
+    for topic, step in (('observation', 9), ('reward', 9), ('episodes', 11),
+                        ('observation', 11), ('reward', 11)):
+        boxes[topic].posted.append(CODECS[topic].encode((SESSION, step), found[topic]))
+    assert answers.collect()
+    assert answers.take()[0] == 11
