@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a soak measures: each node's memory, open files and threads, /dev/shm, and steps."""
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import psutil
+from processes import Process
+
+from benchmarks.recorder import cpu_seconds
+from benchmarks.recorder import node_of
+
+SHARED = Path('/dev/shm')
+FIELDS = ('time', 'node', 'life', 'rss', 'pss', 'files', 'threads', 'cpu')
+"""s from the beginning, name, number of the life, MiB, MiB, count, count, s"""
+SHARED_FIELDS = ('shm files', 'shm MiB', 'shm of the dead')
+_MIB = 2.0**20
+
+
+def shared_names(pid: int) -> set[str]:
+    """Return the files of /dev/shm that a process has open or mapped."""
+    process = Path('/proc') / str(pid)
+    found = {
+        line.split(maxsplit=5)[5] for line in (process / 'maps').read_text('utf-8').splitlines()
+        if str(SHARED) in line}
+    for entry in (process / 'fd').iterdir():
+        try:
+            found.add(str(entry.readlink()))
+        except FileNotFoundError:
+            continue
+    return {Path(name).name for name in found if Path(name).parent == SHARED}
+
+
+class Samples:
+    """Looks at the nodes now and then; each look is a few lines of a table on disk.
+
+    Other programs use /dev/shm as well, so only the files that a node of the soak was ever seen
+    with count.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Begin a table."""
+        self.rows: list[dict[str, Any]] = []
+        self.shared: list[dict[str, Any]] = []
+        self._seen: set[str] = set()
+        self._file = path.open('w', newline='', encoding='utf-8')
+        self._table = csv.DictWriter(self._file, (*FIELDS, *SHARED_FIELDS), restval='')
+        self._table.writeheader()
+
+    def take(self, seconds: float, nodes: Mapping[str, Process], lives: Mapping[str, int]) -> None:
+        """Look at all nodes."""
+        used: set[str] = set()
+        for name, node in nodes.items():
+            try:
+                pid = node_of(node)
+                process = psutil.Process(pid)
+                memory = process.memory_full_info()
+                row = {
+                    'time': round(seconds, 2), 'node': name, 'life': lives[name],
+                    'rss': round(memory.rss / _MIB, 3), 'pss': round(memory.pss / _MIB, 3),
+                    'files': process.num_fds(), 'threads': process.num_threads(),
+                    'cpu': cpu_seconds(pid)}
+                used |= shared_names(pid)
+            except (OSError, psutil.Error, IndexError):
+                continue  # it is just starting, or has just died
+            self.rows.append(row)
+            self._table.writerow(row)
+        self._seen |= used
+        left = self.left()
+        shared = {
+            'time': round(seconds, 2), 'node': 'all', 'life': 1, 'shm files': len(left),
+            'shm MiB': round(sum(left.values()) / _MIB, 3),
+            'shm of the dead': len(left.keys() - used)}
+        self.shared.append(shared)
+        self._table.writerow(shared)
+        self._file.flush()
+
+    def left(self) -> dict[str, int]:
+        """Return the files that are there of those ever used by the nodes, and their bytes."""
+        sizes = {}
+        for name in self._seen:
+            try:
+                sizes[name] = (SHARED / name).stat().st_size
+            except FileNotFoundError:
+                continue
+        return sizes
+
+    def clean(self) -> int:
+        """Remove what the nodes left, when all have ended; return how many files that was."""
+        left = self.left()
+        for name in left:
+            (SHARED / name).unlink(missing_ok=True)
+        return len(left)
+
+    def close(self) -> None:
+        """End the table."""
+        self._file.close()
+
+
+class Iterations:
+    """The iterations of a run, as its log grows, with the processor time they took."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin at the end of what is there."""
+        self._path, self._file, self._read = path, 0, 0
+        self._cpu: float | None = None
+        self.rows: list[dict[str, float]] = []
+        self._follow()
+
+    def _follow(self) -> list[dict[str, Any]]:
+        """Return the lines that are new; a resumed run's log is another file, cut short."""
+        try:
+            stat = self._path.stat()
+        except FileNotFoundError:
+            return []
+        if stat.st_ino != self._file:
+            self._file, self._read, self._cpu = stat.st_ino, stat.st_size, None
+        if stat.st_size <= self._read:
+            return []
+        with self._path.open('rb') as file:
+            file.seek(self._read)
+            text = file.read()
+        whole = text[:text.rfind(b'\n') + 1]
+        self._read += len(whole)
+        return [json.loads(line) for line in whole.splitlines()]
+
+    def disturbed(self) -> None:
+        """Let the iteration under way count for nothing: something happens to a node."""
+        self._cpu = None
+
+    def look(self, seconds: float, life: int, nodes: Mapping[str, Process]) -> None:
+        """Take down the iteration that ended since the last look, if all of it was calm.
+
+        One that flew a selection beside its roll-out, or a new level, is not like the others.
+        """
+        lines = self._follow()
+        if not lines:
+            return
+        try:
+            cpu = sum(
+                cpu_seconds(node_of(nodes[name])) for name in nodes if name != 'recorder')
+        except OSError:
+            self._cpu = None
+            return
+        line, before = lines[-1], self._cpu
+        self._cpu = cpu
+        alike = not line.get('message') and 'selection_return' not in line
+        if len(lines) == 1 and before is not None and alike and cpu > before:
+            steps = line['steps_per_second'] * line['seconds']
+            self.rows.append({
+                'time': seconds, 'life': life, 'steps_per_second': line['steps_per_second'],
+                'steps_per_cpu_second': steps / (cpu - before)})
