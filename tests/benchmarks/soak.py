@@ -7,8 +7,9 @@ a few seconds. Every few seconds each is looked at. At the end each figure has i
 with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when the slope
 is below 1 % of the mean.
 
-Steps/s are those of iterations during which nothing happened, nor shortly before. Steps per second
-of processor time of agent and simulators are what other load on the machine disturbs less.
+Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
+Steps per second of processor time, of agent and simulators, are what other load on the machine
+disturbs less.
 """
 from __future__ import annotations
 
@@ -36,6 +37,8 @@ _TICK = 0.2
 """s between two looks at the log of the training"""
 _AFTERMATH = 15.0
 """s after a fault in which nodes start and find each other"""
+_SPELL = 10.0
+"""s of undisturbed training that make a point of steps/s"""
 _SAVED = 60.0
 """s between two savings of what is known so far"""
 _KINDS = {'sim_0': 'simulator', 'sim_1': 'simulator', 'agent': 'agent', 'recorder': 'recorder'}
@@ -49,11 +52,14 @@ _RATES = {
 class Soak:
     """One soak: what it measured so far, and what that says."""
 
-    def __init__(self, minutes: float, nodes: Nodes, table: Path) -> None:
-        """Begin; the nodes run already."""
-        self.length = 60.0 * minutes
+    def __init__(self, minutes: float, every: float, nodes: Nodes, table: Path) -> None:
+        """Begin; the nodes run already.
+
+        :param every: s between faults, on average
+        """
+        self.length, self._every = 60.0 * minutes, every
         self.nodes, self.samples = nodes, Samples(table)
-        self.iterations = Iterations(nodes.run / 'train.jsonl')
+        self.iterations = Iterations(nodes.run / 'train.jsonl', min(_SPELL, every / 4))
         self.elapsed = 0.0
 
     def rows(self) -> Iterator[tuple[str, str, Slope | None]]:
@@ -88,10 +94,14 @@ class Soak:
             for what, kind, slope in self.rows()]
         return {
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
-            **self.nodes.told(), 'iterations': len(self.iterations.rows), 'slopes': slopes}
+            **self.nodes.told(), 'spells': len(self.iterations.rows), 'slopes': slopes}
 
-    def run(self, every: float, period: float, save: Path | None) -> None:
-        """Watch until the time is over."""
+    def run(self, period: float, save: Path | None) -> None:
+        """Watch until the time is over.
+
+        :param period: s between looks at the nodes
+        """
+        every = self._every
         began = time.monotonic()
         fault = began + self.nodes.until_next(every)
         look, saved, calm = began, began, began
@@ -104,8 +114,7 @@ class Soak:
                 calm = now + min(_AFTERMATH, every / 4)
             if now < calm:
                 self.iterations.disturbed()
-            self.iterations.look(
-                self.elapsed, self.nodes.lives['agent'], self.nodes.nodes)
+            self.iterations.look(self.elapsed, self.nodes.nodes)
             if now > look:
                 look = now + period
                 self.samples.take(self.elapsed, self.nodes.nodes, self.nodes.lives)
@@ -161,8 +170,8 @@ def main() -> None:
         ended: dict[str, int] = {}
         try:
             nodes.begin()
-            soak = Soak(options.minutes, nodes, samples)
-            soak.run(options.every, options.period, options.output)
+            soak = Soak(options.minutes, options.every, nodes, samples)
+            soak.run(options.period, options.output)
         except KeyboardInterrupt:
             print('interrupted', flush=True)
         finally:

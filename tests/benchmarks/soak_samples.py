@@ -104,10 +104,15 @@ class Samples:
 class Iterations:
     """The iterations of a run, as its log grows, with the processor time they took."""
 
-    def __init__(self, path: Path) -> None:
-        """Begin at the end of what is there."""
+    def __init__(self, path: Path, spell: float) -> None:
+        """Begin at the end of what is there.
+
+        :param spell: s of training, with nothing else happening, that make a point.
+        """
         self._path, self._file, self._read = path, 0, 0
+        self._spell = spell
         self._cpu: float | None = None
+        self._steps = self._seconds = 0.0
         self.rows: list[dict[str, float]] = []
         self._follow()
 
@@ -129,28 +134,31 @@ class Iterations:
         return [json.loads(line) for line in whole.splitlines()]
 
     def disturbed(self) -> None:
-        """Let the iteration under way count for nothing: something happens to a node."""
+        """Begin again: something happens to a node."""
         self._cpu = None
 
-    def look(self, seconds: float, life: int, nodes: Mapping[str, Process]) -> None:
-        """Take down the iteration that ended since the last look, if all of it was calm.
+    def look(self, seconds: float, nodes: Mapping[str, Process]) -> None:
+        """Take down the iterations that ended since the last look.
 
-        One that flew a selection beside its roll-out, or a new level, is not like the others.
+        A spell begins anew after one that flew a selection beside its roll-out, or a new level.
         """
         lines = self._follow()
         if not lines:
             return
         try:
             cpu = sum(
-                cpu_seconds(node_of(nodes[name])) for name in nodes if name != 'recorder')
+                cpu_seconds(node_of(node)) for name, node in nodes.items() if name != 'recorder')
         except OSError:
             self._cpu = None
             return
-        line, before = lines[-1], self._cpu
-        self._cpu = cpu
-        alike = not line.get('message') and 'selection_return' not in line
-        if len(lines) == 1 and before is not None and alike and cpu > before:
-            steps = line['steps_per_second'] * line['seconds']
+        if self._cpu is not None:
+            self._steps += sum(line['steps_per_second'] * line['seconds'] for line in lines)
+            self._seconds += sum(line['seconds'] for line in lines)
+        unlike = any(line.get('message') or 'selection_return' in line for line in lines)
+        if self._cpu is not None and not unlike and self._seconds < self._spell:
+            return
+        if self._cpu is not None and not unlike and cpu > self._cpu:
             self.rows.append({
-                'time': seconds, 'life': life, 'steps_per_second': line['steps_per_second'],
-                'steps_per_cpu_second': steps / (cpu - before)})
+                'time': seconds, 'steps_per_second': self._steps / self._seconds,
+                'steps_per_cpu_second': self._steps / (cpu - self._cpu)})
+        self._cpu, self._steps, self._seconds = cpu, 0.0, 0.0

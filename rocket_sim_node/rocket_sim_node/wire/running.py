@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
@@ -71,13 +72,14 @@ def run(
         return USAGE_ERROR
 
     node = None
-    caught: tuple[type[Exception], ...] = (UsageError, *expected)
+    caught: tuple[type[Exception], ...] = (UsageError, security.SecurityError, *expected)
     stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
     if stray:
         return fail(None, ValueError(
             f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
     try:
+        security.require(name, sys.argv if args is None else args)
         with rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO):
             node = _make_node(name)
             executor = make_executor()
