@@ -15,6 +15,8 @@ from processes import Processes
 
 START = 120.0
 """s that a node may take to start"""
+_RECORDED = 20_000
+"""steps recorded at most, half of them while an agent learns"""
 _PAUSE = (1.0, 5.0)
 """s that a node is stopped for"""
 
@@ -70,7 +72,9 @@ class Nodes:
         elif name == 'recorder':
             process = self.processes.run_node(
                 'rocket_sim_node', 'rerun_recorder', ('__ns:=/sim_0', 'training:=/training'),
-                output=self._recording, max_steps=1_000_000_000)
+                # Its memory grows with what it has recorded, until that is as much as it may; in
+                # a long training that is soon the case, here within the warm-up.
+                output=self._recording, max_steps=_RECORDED)
         else:
             process = self.processes.run_node(
                 'rocket_sim_node', 'simulator', (f'__ns:=/{name}',), num_envs=self._num_envs)

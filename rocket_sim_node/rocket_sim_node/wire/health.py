@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import KeyValue
 from rclpy.node import Node
 
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.steady import create_timer
 
 PERIOD = 1.0
 """s between diagnostics"""
@@ -25,7 +26,7 @@ class Health:
         self._last = ''
         self._fresh = False
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', qos.EVENTS)
-        node.create_timer(PERIOD, self._report)
+        create_timer(node, PERIOD, self._report)
 
     def count(self, name: str) -> None:
         """Count something that is no fault."""

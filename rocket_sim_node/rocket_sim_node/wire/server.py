@@ -24,6 +24,7 @@ from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
+from rocket_sim_node.wire.steady import create_timer
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
@@ -89,8 +90,8 @@ class Server:
                 (srv.Restore, 'restore', self._on_restore),
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
-        self._timers = [node.create_timer(
-            world.spec.dt / options.realtime_factor, self._on_tick,
+        self._timers = [create_timer(
+            node, world.spec.dt / options.realtime_factor, self._on_tick,
         )] if options.mode == msg.World.REALTIME else []
 
     def serve(self, executor: Executor) -> None:
