@@ -43,7 +43,7 @@ _SAVED = 60.0
 """s between two savings of what is known so far"""
 _KINDS = {'sim_0': 'simulator', 'sim_1': 'simulator', 'agent': 'agent', 'recorder': 'recorder'}
 _FIGURES = {
-    'pss': 'memory, PSS, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
+    'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}
 _RATES = {
     'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second'}

@@ -6,6 +6,7 @@ import random
 import signal
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from typing import NamedTuple
@@ -15,6 +16,8 @@ from processes import Processes
 
 START = 120.0
 """s that a node may take to start"""
+_END = 20.0
+"""s that a node may take to end"""
 _RECORDED = 20_000
 """steps recorded at most, half of them while an agent learns"""
 _PAUSE = (1.0, 5.0)
@@ -121,5 +124,9 @@ class Nodes:
         for node in self.nodes.values():
             node.signal(signal.SIGCONT)
             node.signal(signal.SIGINT)
+        for node in self.nodes.values():
+            # To be asked twice might end one that was about to end well.
+            with suppress(AssertionError):
+                node.wait(_END)
         self.processes.end()
         return {name: node.wait(1.0) for name, node in self.nodes.items()}

@@ -11,7 +11,7 @@ from benchmarks.soak_samples import Samples
 from ppo_agent_node.reporting import style
 
 _NODES = ('sim_0', 'sim_1', 'agent', 'recorder')
-_PANELS = (('pss', 'memory, PSS, MiB'), ('files', 'open files'), ('threads', 'threads'))
+_PANELS = (('own', 'memory of its own, MiB'), ('files', 'open files'), ('threads', 'threads'))
 
 
 def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -> Path:

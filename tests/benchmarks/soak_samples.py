@@ -15,8 +15,8 @@ from benchmarks.recorder import cpu_seconds
 from benchmarks.recorder import node_of
 
 SHARED = Path('/dev/shm')
-FIELDS = ('time', 'node', 'life', 'rss', 'pss', 'files', 'threads', 'cpu')
-"""s from the beginning, name, number of the life, MiB, MiB, count, count, s"""
+FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu')
+"""s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
 SHARED_FIELDS = ('shm files', 'shm MiB', 'shm of the dead')
 _MIB = 2.0**20
 
@@ -33,6 +33,16 @@ def shared_names(pid: int) -> set[str]:
         except FileNotFoundError:
             continue
     return {Path(name).name for name in found if Path(name).parent == SHARED}
+
+
+def own_memory(pid: int) -> float:
+    """Return the memory of a process that is of no file, MiB.
+
+    Whoever starts or ends beside it, and shares its libraries, does not change it as it does PSS.
+    """
+    status = Path(f'/proc/{pid}/status').read_text('utf-8')
+    line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))
+    return int(line.split()[1]) / 1024.0
 
 
 class Samples:
@@ -61,11 +71,12 @@ class Samples:
                 memory = process.memory_full_info()
                 row = {
                     'time': round(seconds, 2), 'node': name, 'life': lives[name],
-                    'rss': round(memory.rss / _MIB, 3), 'pss': round(memory.pss / _MIB, 3),
+                    'own': round(own_memory(pid), 3), 'rss': round(memory.rss / _MIB, 3),
+                    'pss': round(memory.pss / _MIB, 3),
                     'files': process.num_fds(), 'threads': process.num_threads(),
                     'cpu': cpu_seconds(pid)}
                 used |= shared_names(pid)
-            except (OSError, psutil.Error, IndexError):
+            except (OSError, psutil.Error, IndexError, StopIteration):
                 continue  # it is just starting, or has just died
             self.rows.append(row)
             self._table.writerow(row)

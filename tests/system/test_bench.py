@@ -165,11 +165,13 @@ def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
     soak.signal(signal.SIGTERM)
     assert soak.wait(60.0) == 0, soak.output()
     figures = json.loads(output.read_text('utf-8'))
-    assert figures['ended'] == dict.fromkeys(('sim_0', 'sim_1', 'recorder', 'agent'), 0)
+    assert figures['ended'].keys() == {'sim_0', 'sim_1', 'recorder', 'agent'}
+    # One that had just been started may not have been ready to be asked.
+    assert set(figures['ended'].values()) <= {0, -signal.SIGINT}
     assert figures['unexpected'] == []
     assert 0 < figures['minutes'] < figures['planned_minutes'] == 60
     rows = {(row['what'], row['of']) for row in figures['slopes']}
-    assert {('memory, PSS, MiB', 'agent'), ('open files', 'simulator'),
+    assert {('memory of its own, MiB', 'agent'), ('open files', 'simulator'),
             ('/dev/shm, shm files', 'all'), ('steps/s', 'all')} <= rows
     assert 'interrupted' in soak.output()
     assert (tmp_path / 'out_samples.csv').read_text('utf-8').count('agent') > 0
