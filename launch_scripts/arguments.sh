@@ -45,6 +45,18 @@ absolute() {
   if [[ -n ${values[$1]:-} && ${values[$1]} != /* ]]; then values[$1]=$PWD/${values[$1]}; fi
 }
 
+# new_folder PATH: makes a folder of this name, of PATH-2, PATH-3 … where there is one already (two
+# in one second, or a clock that was set back), and prints its name.
+new_folder() {
+  local path=$1 number=1
+  mkdir -p "$(dirname "$1")"
+  until mkdir "$path" 2> /dev/null; do
+    [[ -e $path ]] || die "$path: cannot be made"
+    path=$1-$((++number))
+  done
+  printf '%s\n' "$path"
+}
+
 # own_namespace NAME: keeps the nodes apart from those of a training that runs meanwhile.
 own_namespace() {
   if [[ -z ${values[namespace]+given} ]]; then

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from pathlib import Path
+
+_SCRATCH = re.compile(r'\..+\.(\d+)\.part')
+"""name of what is being written, with the id of the process that does"""
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -33,3 +37,14 @@ def write_atomically(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
         raise
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what processes that died while they wrote left in a folder.
+
+    :raises OSError: naming the path.
+    """
+    for path in folder.iterdir():
+        writer = _SCRATCH.fullmatch(path.name)
+        if writer and not Path('/proc', writer[1]).exists():
+            path.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ from benchmarks.learner_sides import Ours
 from benchmarks.learner_sides import StableBaselines3
 from hosts import missing
 from hosts import missing_loss
+from processes import Processes
 
 pytest.importorskip('Box2D')
 TESTS = Path(__file__).resolve().parents[1]
@@ -160,6 +162,31 @@ def test_budget(tmp_path: Path) -> None:
     rows = {row['what']: row['us'] for row in figures['budget']}
     assert {'inference', 'physics', 'whole step'} <= rows.keys()
     assert 'TCP, a core each' in text
+
+
+def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
+        processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join(
+        filter(None, (str(TESTS), os.environ.get('PYTHONPATH')))))
+    output = tmp_path / 'out.json'
+    soak = processes.start(
+        sys.executable, '-m', 'benchmarks.soak', '--every', '2', '--period', '0.5', '--num-envs',
+        '4', '--steps', '16', '--output', str(output))
+    soak.wait_for('killed', 100.0)
+    soak.signal(signal.SIGTERM)
+    assert soak.wait(60.0) == 0, soak.output()
+    figures = json.loads(output.read_text('utf-8'))
+    assert figures['ended'].keys() == {'sim_0', 'sim_1', 'recorder', 'agent'}
+    # One that had just been started may not have been ready to be asked.
+    assert set(figures['ended'].values()) <= {0, -signal.SIGINT}
+    assert figures['unexpected'] == []
+    assert 0 < figures['minutes'] < figures['planned_minutes'] == 60
+    rows = {(row['what'], row['of']) for row in figures['slopes']}
+    assert {('memory of its own, MiB', 'agent'), ('open files', 'simulator'),
+            ('/dev/shm, shm files', 'all'), ('steps/s', 'all')} <= rows
+    assert 'interrupted' in soak.output()
+    assert (tmp_path / 'out_samples.csv').read_text('utf-8').count('agent') > 0
+    assert (tmp_path / 'out_curves.png').stat().st_size > 10_000
 
 
 def test_result(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.pilots.search import find_policy
 
 
@@ -16,7 +17,7 @@ def run(runs: Path, name: str, world: str, time: int) -> Path:
     folder.mkdir(parents=True)
     (folder / 'config.yaml').write_text(f'world: {world}\n')
     policy = folder / 'policy.safetensors'
-    policy.write_bytes(b'')
+    sealed_file.write(policy, 'policy', {}, {})
     os.utime(policy, (time, time))
     return policy
 
@@ -28,6 +29,17 @@ def test_the_newest_of_the_right_world(tmp_path: Path) -> None:
     run(tmp_path, 'd', 'lunar_lander', 400)
     (tmp_path / 'd' / 'config.yaml').write_text('::: [')
     assert find_policy('', 'rocket', tmp_path) == newest
+
+
+def test_a_run_that_is_not_whole_is_passed_over(tmp_path: Path) -> None:
+    whole = run(tmp_path, 'a', 'rocket', 100)
+    damaged = run(tmp_path, 'b', 'rocket', 200)
+    damaged.write_bytes(damaged.read_bytes()[:-1])
+    under_way = run(tmp_path, 'c', 'rocket', 300)
+    (under_way.parent / '.unfinished').touch()
+    assert find_policy('', 'rocket', tmp_path) == whole
+    (under_way.parent / '.unfinished').unlink()
+    assert find_policy('', 'rocket', tmp_path) == under_way
 
 
 def test_else_the_one_that_ships(tmp_path: Path) -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import fcntl
 import json
 import math
+import os
 import re
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 from typing import Any
 
 import yaml
 
+from ppo_agent_node.atomic_file import remove_leftovers
 from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.run_config import read_config
@@ -22,6 +25,8 @@ from ppo_agent_node.learning.sealed_file import Tensors
 from ppo_agent_node.learning.train_log import read_log
 
 CHECKPOINT = 'checkpoint'
+UNFINISHED = '.unfinished'
+"""lies in the folder of a run that goes on, or can"""
 _NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
 _KEPT = 2
 
@@ -66,6 +71,8 @@ class RunFolder:
     def locked(self) -> Iterator[None]:
         """Keep other processes out; the system lets go when this one dies, however.
 
+        What one that died left half-written is removed.
+
         :raises RunFolderError: when another process trains here.
         """
         with (self.path / '.lock').open('w') as file:
@@ -73,15 +80,17 @@ class RunFolder:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 raise RunFolderError(f'{self.path}: another process trains here') from error
+            for folder in (self.path, self.checkpoints, self.plots):
+                remove_leftovers(folder)
             yield
 
     def mark_unfinished(self) -> None:
         """Leave a mark, for who started this process, that there is something to resume."""
-        (self.path / '.unfinished').touch()
+        (self.path / UNFINISHED).touch()
 
     def mark_finished(self) -> None:
         """Take the mark away."""
-        (self.path / '.unfinished').unlink(missing_ok=True)
+        (self.path / UNFINISHED).unlink(missing_ok=True)
 
     @property
     def name(self) -> str:
@@ -113,9 +122,14 @@ class RunFolder:
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in line.items()
         }
+        with self._writing_log('ab') as file:
+            file.write((json.dumps(plain) + '\n').encode())
+
+    @contextmanager
+    def _writing_log(self, mode: str) -> Iterator[IO[bytes]]:
         try:
-            with self.log.open('a', encoding='utf-8') as file:
-                file.write(json.dumps(plain) + '\n')
+            with self.log.open(mode) as file:
+                yield file
         except OSError as error:
             raise OSError(
                 error.errno, f'could not write: {error.strerror}', str(self.log)) from error
@@ -141,6 +155,10 @@ class RunFolder:
         :raises OSError: naming the path; older checkpoints are still there.
         """
         path = self.checkpoints / f'iteration_{iteration:06d}.safetensors'
+        if self.log.exists():
+            # It says how many lines there are: they shall survive a power cut if it does.
+            with self._writing_log('rb') as file:
+                os.fsync(file.fileno())
         sealed_file.write(path, CHECKPOINT, tensors, content)
         for old in self._saved()[_KEPT:]:
             old.unlink(missing_ok=True)

@@ -353,11 +353,14 @@ class Trainer:
     def _save(self, tensors: Tensors, best: Score | None = None) -> None:
         state = self._state
         content = run_state.content(state, self._spec, self._config)
-        written = [self._folder.save(state.iteration, tensors, content)]
+        written = []
         if best:
+            # Before the checkpoint that says they are there: a run that ends in between does this
+            # iteration again and writes them again.
             self._folder.save_best(tensors, content)
             self._save_policy(self._folder.policy, **asdict(best))
-            written.insert(0, self._folder.policy)
+            written.append(self._folder.policy)
+        written.append(self._folder.save(state.iteration, tensors, content))
         self._tell_saved(*written, news=best is not None)
 
     def _tell_saved(self, *paths: Path, news: bool) -> None:

@@ -36,7 +36,7 @@ class EvaluationParameters:
 
     pilot: str = setting('policy', '', 'who flies', choices=('policy', 'expert', 'random'))
     policy: str = setting(
-        '', '', 'policy file; empty: the newest below runs/, else the one that ships')
+        '', '', 'policy file; empty: of the newest finished run, else the one that ships')
     episodes: int = setting(2000, '', 'shared evenly over the rockets', 1, 10_000_000)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
     seed: int = setting(20_000_000, '', 'where the spawns start', 0, 2**62)

@@ -2,6 +2,7 @@
 """Command `report`: pictures and a page of a run, or of several and how they compare."""
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,6 +67,18 @@ def write_comparison(runs: Sequence[Run], folder: Path) -> Path:
     return path
 
 
+def _new_folder(path: Path) -> Path:
+    """Make a folder, numbered where there is one of its name: a clock may be set back."""
+    for number in itertools.count(1):
+        folder = path if number == 1 else path.with_name(f'{path.name}-{number}')
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        return folder
+    raise AssertionError
+
+
 def main() -> None:
     """Run the command."""
     arguments = sys.argv[1:]
@@ -87,7 +100,7 @@ def main() -> None:
         for run in runs:
             sys.stdout.write(f'{_write(run)}\n')
         if len(runs) > 1:
-            output = Path(options.output) if options.output else (
+            output = Path(options.output) if options.output else _new_folder(
                 runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
             sys.stdout.write(f'{write_comparison(runs, output)}\n')
     except (ValueError, TypeError, OSError) as error:

@@ -12,6 +12,7 @@ import rerun as rr
 
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
+from rocket_sim_node.recording.rewrite import finished
 from rocket_sim_node.recording.rewrite import rewrite
 from rocket_sim_node.recording.sink import APPLICATION
 from rocket_sim_node.recording.sink import Look
@@ -155,7 +156,7 @@ class FileSink:
             self._note('WARN', f'the recording is whole but could not be compacted: {error}')
 
     def close(self) -> None:
-        """Finish the file and give it its name."""
+        """Finish the file and give it its name, unless the disk was too full for that."""
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
@@ -165,6 +166,11 @@ class FileSink:
             self._partial.unlink()
             os.close(self._lock)
             self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
+            return
+        if not finished(self._partial):
+            os.close(self._lock)
+            self._note('ERROR', f'the recording could not be finished and stays {self._partial}; '
+                                'the next recorder with this output repairs it')
             return
         self._compact()
         where = publish(self._partial, self._path)

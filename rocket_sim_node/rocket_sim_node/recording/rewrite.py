@@ -2,6 +2,7 @@
 """A finished recording written anew: fewer, larger chunks, and the layout that fits it."""
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import rerun as rr
@@ -32,6 +33,17 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     except (RuntimeError, ValueError, IndexError) as error:
         raise OSError(22, f'not a readable recording: {error}', str(source)) from error
     save(reader, store, target, blueprint(training=trained, tab=tab, world=world))
+
+
+def finished(path: Path) -> bool:
+    """Return whether a recording was written to its end, where its table of contents is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')  # without one it is read all the same, and warned of
+        try:
+            RrdReader(path)
+        except (RuntimeError, ValueError, Warning):
+            return False
+    return True
 
 
 def joined(reader: RrdReader) -> ChunkStore:

@@ -9,18 +9,16 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
-from rclpy.clock import Clock
-from rclpy.clock import ClockType
 from rclpy.node import Node
 
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.steady import STEADY
+from rocket_sim_node.wire.steady import create_timer
 
 PERIOD = 1.0
 """s between diagnostics"""
 _LONGEST = 300
 """characters of what is told of one refusal: who sends rubbish does not choose how much"""
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""Timers run by it: the node's own clock is that of the day, or of `/clock`, and may jump."""
 
 
 def shortened(text: str) -> str:
@@ -51,7 +49,7 @@ class Health:
         self._last = self._refused = self._alarm = ''
         self._fresh = False
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', qos.EVENTS)
-        node.create_timer(PERIOD, self._report, clock=STEADY)
+        create_timer(node, PERIOD, self._report)
 
     def count(self, name: str) -> None:
         """Count something that is no fault."""

@@ -19,8 +19,8 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.answers import observation_of
 from rocket_sim_node.wire.cdr import Codec
-from rocket_sim_node.wire.health import STEADY
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
 from rocket_sim_node.worlds.base import EnvironmentRestarted
@@ -161,10 +161,7 @@ class Link:
 
     @property
     def arrived(self) -> bool:
-        """Whether the answer of a step is here already.
-
-        :raises ValueError: for bytes that are no message.
-        """
+        """Whether the answer of a step is here already."""
         return isinstance(self._command, np.ndarray) and self._answers.collect()
 
     @property

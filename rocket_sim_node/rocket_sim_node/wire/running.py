@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.dds_profile import ProfileError
 from rocket_sim_node.wire.transport import TransportError
@@ -77,13 +78,14 @@ def run(
 
     node = None
     caught: tuple[type[Exception], ...] = (
-        UsageError, ProfileError, TransportError, *expected)
+        UsageError, ProfileError, TransportError, security.SecurityError, *expected)
     stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
     if stray:
         return fail(None, ValueError(
             f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
     try:
+        security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
             with prepared(get_rmw_implementation_identifier()):
                 stack.enter_context(

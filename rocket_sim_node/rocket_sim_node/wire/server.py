@@ -19,13 +19,13 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.control import NOBODY
 from rocket_sim_node.wire.control import ControlLease
-from rocket_sim_node.wire.health import STEADY
 from rocket_sim_node.wire.health import Health
 from rocket_sim_node.wire.health import shortened
 from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
+from rocket_sim_node.wire.steady import create_timer
 from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
@@ -107,8 +107,8 @@ class Server:
                 (srv.Restore, 'restore', self._on_restore),
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
-        self._timers = [node.create_timer(
-            world.spec.dt / options.realtime_factor, self._on_tick, clock=STEADY,
+        self._timers = [create_timer(
+            node, world.spec.dt / options.realtime_factor, self._on_tick,
         )] if self._realtime else []
 
     def serve(self, executor: Executor) -> None:

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes of a soak: started, killed, stopped for a while, and started again."""
+from __future__ import annotations
+
+import random
+import signal
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+from typing import NamedTuple
+
+from processes import Process
+from processes import Processes
+
+START = 120.0
+"""s that a node may take to start"""
+_END = 20.0
+"""s that a node may take to end"""
+_RECORDED = 20_000
+"""steps recorded at most, half of them while an agent learns"""
+_PAUSE = (1.0, 5.0)
+"""s that a node is stopped for"""
+
+
+class Fault(NamedTuple):
+    """What may happen to a node, and how often beside the others."""
+
+    what: str
+    node: str
+    weight: int
+
+
+FAULTS = (
+    Fault('killed', 'sim_1', 4), Fault('killed', 'recorder', 2), Fault('killed', 'agent', 1),
+    Fault('stopped', 'sim_0', 1), Fault('stopped', 'sim_1', 1), Fault('stopped', 'recorder', 1),
+    Fault('stopped', 'agent', 1))
+"""`sim_0` lives as long as the soak, beside all the deaths of the others; an agent lives long
+enough for what it may lose to show."""
+
+
+class Nodes:
+    """Two simulators, an agent that trains in both, and a recorder."""
+
+    def __init__(self, folder: Path, seed: int, num_envs: int, n_steps: int) -> None:
+        """Prepare; nothing runs yet."""
+        self.processes = Processes(folder)
+        self.run = folder / 'run'
+        self._recording = folder / 'recording.rrd'
+        self._num_envs, self._n_steps = num_envs, n_steps
+        self._random = random.Random(seed)
+        self.nodes: dict[str, Process] = {}
+        self.lives: Counter[str] = Counter()
+        self.faults: Counter[str] = Counter()
+        self.unexpected: list[str] = []
+        self._continue: dict[str, float] = {}
+
+    def begin(self) -> None:
+        """Start all of them and wait until the agent learns."""
+        for name in ('sim_0', 'sim_1', 'recorder', 'agent'):
+            self._start(name)
+        self.nodes['agent'].wait_for('PPO 1/', START)
+
+    def _start(self, name: str) -> None:
+        # A stop that was under way ended with its process.
+        self._continue.pop(name, None)
+        if name == 'agent':
+            process = self.processes.run_node(
+                'ppo_agent_node', 'ppo_agent', run_dir=self.run, resume=bool(self.lives[name]),
+                simulators='/sim_*', num_groups=2, n_steps=self._n_steps, iterations=1_000_000,
+                # Each update as long as the others, whatever is learnt.
+                target_kl=0.0, demonstration_episodes=2 * self._num_envs, clone_epochs=4,
+                selection_interval=50, selection_episodes=self._num_envs, checkpoint_interval=2)
+        elif name == 'recorder':
+            process = self.processes.run_node(
+                'rocket_sim_node', 'rerun_recorder', ('__ns:=/sim_0', 'training:=/training'),
+                # Its memory grows with what it has recorded, until that is as much as it may; in
+                # a long training that is soon the case, here within the warm-up.
+                output=self._recording, max_steps=_RECORDED)
+        else:
+            process = self.processes.run_node(
+                'rocket_sim_node', 'simulator', (f'__ns:=/{name}',), num_envs=self._num_envs)
+        self.nodes[name] = process
+        self.lives[name] += 1
+
+    def disturb(self) -> str:
+        """Let something happen; return what."""
+        fault = self._random.choices(FAULTS, [fault.weight for fault in FAULTS])[0]
+        node = self.nodes[fault.node]
+        if fault.what == 'stopped':
+            node.signal(signal.SIGSTOP)
+            self._continue[fault.node] = time.monotonic() + self._random.uniform(*_PAUSE)
+        else:
+            node.signal(signal.SIGKILL)
+            node.wait(10.0)
+            self._start(fault.node)
+        self.faults[f'{fault.node} {fault.what}'] += 1
+        return f'{fault.node} {fault.what}'
+
+    def until_next(self, mean: float) -> float:
+        """Return how long it is to the next fault, s."""
+        return self._random.uniform(0.5, 1.5) * mean
+
+    def tend(self) -> None:
+        """Continue what was stopped for long enough; start anew what ended of itself."""
+        for name, until in list(self._continue.items()):
+            if time.monotonic() > until:
+                self.nodes[name].signal(signal.SIGCONT)
+                del self._continue[name]
+        for name, node in self.nodes.items():
+            if not node.running:
+                self.unexpected.append(
+                    f'{name} ended with {node.wait(1.0)}: {node.output()[-2000:]}')
+                self._start(name)
+
+    def told(self) -> dict[str, Any]:
+        """Return what happened so far."""
+        return {'faults': dict(self.faults), 'lives': dict(self.lives),
+                'unexpected': self.unexpected}
+
+    def end(self) -> dict[str, int]:
+        """End all; return the exit statuses."""
+        for node in self.nodes.values():
+            node.signal(signal.SIGCONT)
+            node.signal(signal.SIGINT)
+        for node in self.nodes.values():
+            # To be asked twice might end one that was about to end well.
+            with suppress(AssertionError):
+                node.wait(_END)
+        self.processes.end()
+        return {name: node.wait(1.0) for name, node in self.nodes.items()}

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a soak measures: each node's memory, open files and threads, /dev/shm, and steps."""
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import psutil
+from processes import Process
+
+from benchmarks.recorder import cpu_seconds
+from benchmarks.recorder import node_of
+
+SHARED = Path('/dev/shm')
+FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu')
+"""s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
+SHARED_FIELDS = ('shm files', 'shm MiB', 'shm of the dead')
+_MIB = 2.0**20
+
+
+def shared_names(pid: int) -> set[str]:
+    """Return the files of /dev/shm that a process has open or mapped."""
+    process = Path('/proc') / str(pid)
+    found = {
+        line.split(maxsplit=5)[5] for line in (process / 'maps').read_text('utf-8').splitlines()
+        if str(SHARED) in line}
+    for entry in (process / 'fd').iterdir():
+        try:
+            found.add(str(entry.readlink()))
+        except FileNotFoundError:
+            continue
+    return {Path(name).name for name in found if Path(name).parent == SHARED}
+
+
+def own_memory(pid: int) -> float:
+    """Return the memory of a process that is of no file, MiB.
+
+    Whoever starts or ends beside it, and shares its libraries, does not change it as it does PSS.
+    """
+    status = Path(f'/proc/{pid}/status').read_text('utf-8')
+    line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))
+    return int(line.split()[1]) / 1024.0
+
+
+class Samples:
+    """Looks at the nodes now and then; each look is a few lines of a table on disk.
+
+    Other programs use /dev/shm as well, so only the files that a node of the soak was ever seen
+    with count.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Begin a table."""
+        self.rows: list[dict[str, Any]] = []
+        self.shared: list[dict[str, Any]] = []
+        self._seen: set[str] = set()
+        self._file = path.open('w', newline='', encoding='utf-8')
+        self._table = csv.DictWriter(self._file, (*FIELDS, *SHARED_FIELDS), restval='')
+        self._table.writeheader()
+
+    def take(self, seconds: float, nodes: Mapping[str, Process], lives: Mapping[str, int]) -> None:
+        """Look at all nodes."""
+        used: set[str] = set()
+        for name, node in nodes.items():
+            try:
+                pid = node_of(node)
+                process = psutil.Process(pid)
+                memory = process.memory_full_info()
+                row = {
+                    'time': round(seconds, 2), 'node': name, 'life': lives[name],
+                    'own': round(own_memory(pid), 3), 'rss': round(memory.rss / _MIB, 3),
+                    'pss': round(memory.pss / _MIB, 3),
+                    'files': process.num_fds(), 'threads': process.num_threads(),
+                    'cpu': cpu_seconds(pid)}
+                used |= shared_names(pid)
+            except (OSError, psutil.Error, IndexError, StopIteration):
+                continue  # it is just starting, or has just died
+            self.rows.append(row)
+            self._table.writerow(row)
+        self._seen |= used
+        left = self.left()
+        shared = {
+            'time': round(seconds, 2), 'node': 'all', 'life': 1, 'shm files': len(left),
+            'shm MiB': round(sum(left.values()) / _MIB, 3),
+            'shm of the dead': len(left.keys() - used)}
+        self.shared.append(shared)
+        self._table.writerow(shared)
+        self._file.flush()
+
+    def left(self) -> dict[str, int]:
+        """Return the files that are there of those ever used by the nodes, and their bytes."""
+        sizes = {}
+        for name in self._seen:
+            try:
+                sizes[name] = (SHARED / name).stat().st_size
+            except FileNotFoundError:
+                continue
+        return sizes
+
+    def clean(self) -> int:
+        """Remove what the nodes left, when all have ended; return how many files that was."""
+        left = self.left()
+        for name in left:
+            (SHARED / name).unlink(missing_ok=True)
+        return len(left)
+
+    def close(self) -> None:
+        """End the table."""
+        self._file.close()
+
+
+class Iterations:
+    """The iterations of a run, as its log grows, with the processor time they took."""
+
+    def __init__(self, path: Path, spell: float) -> None:
+        """Begin at the end of what is there.
+
+        :param spell: s of training, with nothing else happening, that make a point.
+        """
+        self._path, self._file, self._read = path, 0, 0
+        self._spell = spell
+        self._cpu: float | None = None
+        self._steps = self._seconds = 0.0
+        self.rows: list[dict[str, float]] = []
+        self._follow()
+
+    def _follow(self) -> list[dict[str, Any]]:
+        """Return the lines that are new; a resumed run's log is another file, cut short."""
+        try:
+            stat = self._path.stat()
+        except FileNotFoundError:
+            return []
+        if stat.st_ino != self._file:
+            self._file, self._read, self._cpu = stat.st_ino, stat.st_size, None
+        if stat.st_size <= self._read:
+            return []
+        with self._path.open('rb') as file:
+            file.seek(self._read)
+            text = file.read()
+        whole = text[:text.rfind(b'\n') + 1]
+        self._read += len(whole)
+        return [json.loads(line) for line in whole.splitlines()]
+
+    def disturbed(self) -> None:
+        """Begin again: something happens to a node."""
+        self._cpu = None
+
+    def look(self, seconds: float, nodes: Mapping[str, Process]) -> None:
+        """Take down the iterations that ended since the last look.
+
+        A spell begins anew after one that flew a selection beside its roll-out, or a new level.
+        """
+        lines = self._follow()
+        if not lines:
+            return
+        try:
+            cpu = sum(
+                cpu_seconds(node_of(node)) for name, node in nodes.items() if name != 'recorder')
+        except OSError:
+            self._cpu = None
+            return
+        if self._cpu is not None:
+            self._steps += sum(line['steps_per_second'] * line['seconds'] for line in lines)
+            self._seconds += sum(line['seconds'] for line in lines)
+        unlike = any(line.get('message') or 'selection_return' in line for line in lines)
+        if self._cpu is not None and not unlike and self._seconds < self._spell:
+            return
+        if self._cpu is not None and not unlike and cpu > self._cpu:
+            self.rows.append({
+                'time': seconds, 'steps_per_second': self._steps / self._seconds,
+                'steps_per_cpu_second': self._steps / (cpu - self._cpu)})
+        self._cpu, self._steps, self._seconds = cpu, 0.0, 0.0

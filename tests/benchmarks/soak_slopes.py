@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a figure stays flat: its slope an hour, with a 95 % interval.
+
+A process that is killed and started again begins anew, so each life has a level of its own and
+what is asked for is the slope within lives: a least-squares fit with one slope and an intercept
+a life. The beginning of a life, when a process still fills its buffers, is left out. What memory
+does now it also does a moment later, so values are averaged over blocks, and the interval is that
+of Newey and West (Econometrica 55, 1987, eq. 5), which allows for residuals that hang together
+over a few blocks.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+FLAT = 0.01
+"""of the mean, an hour: a slope below it means nothing"""
+_LAG = 3
+"""blocks over which residuals may hang together"""
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A slope an hour, and what it was fitted to."""
+
+    mean: float
+    per_hour: float
+    low: float
+    high: float
+    lives: int
+    points: int
+
+    @property
+    def flat(self) -> bool:
+        """Whether the interval holds zero, or the slope is too small to mean anything."""
+        return self.low <= 0.0 <= self.high or abs(self.per_hour) < FLAT * abs(self.mean)
+
+
+def fit(hours: Values, values: Values, lives: Values, lag: int = _LAG) -> Slope | None:
+    """Fit one slope with an intercept a life; None where there are too few points for it.
+
+    :param hours: (n,), in order
+    :param lives: (n,), which life each belongs to
+    """
+    names, place = np.unique(lives, return_inverse=True)
+    freedom = len(values) - len(names) - 1
+    if freedom < 1:
+        return None
+    count = np.bincount(place)
+    t = hours - (np.bincount(place, hours) / count)[place]
+    v = values - (np.bincount(place, values) / count)[place]
+    spread = float(t @ t)
+    if spread == 0.0:
+        return None
+    slope = float(t @ v) / spread
+    score = t * (v - slope * t)
+    variance = float(score @ score)
+    for distance in range(1, min(lag, len(score) - 1) + 1):
+        together = place[distance:] == place[:-distance]
+        variance += 2 * (1 - distance / (lag + 1)) * float(
+            score[distance:] @ (score[:-distance] * together))
+    error = np.sqrt(max(0.0, variance) * len(values) / freedom) / spread
+    reach = float(stats.t.ppf(0.975, freedom) * error)
+    return Slope(float(values.mean()), slope, slope - reach, slope + reach, len(names),
+                 len(values))
+
+
+def in_blocks(
+    seconds: Values, values: Values, lives: Values, warm_up: float, block: float,
+) -> tuple[Values, Values, Values]:
+    """Leave out the beginning of each life and average the rest over blocks of time.
+
+    :param warm_up: s from the first point of a life
+    :param block: s
+    :return: hours, values and lives of the blocks, in order of time within each life.
+    """
+    parts = []
+    for life in np.unique(lives):
+        own = lives == life
+        t, v = seconds[own], values[own]
+        late = t >= t[0] + warm_up
+        t, v = t[late], v[late]
+        number = np.floor(t / block).astype(np.int64)
+        for one in np.unique(number):
+            chosen = number == one
+            parts.append((t[chosen].mean() / 3600.0, v[chosen].mean(), life))
+    return tuple(np.array(parts, np.float64).reshape(-1, 3).T)  # type: ignore[return-value]

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No node runs unsecured when security was asked for; and the policy allows what nodes do."""
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from cabin import Cabin
+from processes import Processes
+from processes import wait_until
+
+from rocket_sim_node.wire import security
+
+SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+NODES = {
+    'rocket_sim_node': ('simulator', 'rerun_recorder'),
+    'ppo_agent_node': (
+        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch')}
+Rule = tuple[str, str]
+"""what is done, such as publish, and the name or pattern of what it is done to"""
+
+
+def allowed() -> dict[str, set[Rule]]:
+    """Return the policy's rules by node, as SROS2 makes permissions of them."""
+    rules: dict[str, set[Rule]] = {}
+    policy = ElementTree.parse(SCRIPTS / 'security' / 'hoverslam.policy.xml')
+    for profile in policy.iter('profile'):
+        node, prefix = profile.attrib['node'], profile.attrib['ns'].rstrip('/') + '/'
+        for group in profile:
+            for does in group.attrib:
+                for item in group:
+                    name = str(item.text).replace('~', prefix + node)
+                    rules.setdefault(node, set()).add(
+                        (does, name if name.startswith('/') else prefix + name))
+    return rules
+
+
+def done(node: Any, name: str, namespace: str) -> set[Rule]:
+    """Return what a node does, as the graph shows it."""
+    look = {
+        'publish': node.get_publisher_names_and_types_by_node,
+        'subscribe': node.get_subscriber_names_and_types_by_node,
+        'reply': node.get_service_names_and_types_by_node,
+        'request': node.get_client_names_and_types_by_node}
+    return {(does, topic) for does, names in look.items() for topic, _ in names(name, namespace)}
+
+
+def covered(rule: Rule, rules: set[Rule]) -> bool:
+    """Return whether a rule with a pattern allows something."""
+    return any(does == rule[0] and fnmatchcase(rule[1], pattern) for does, pattern in rules)
+
+
+@pytest.fixture
+def cabins() -> Iterator[list[Cabin]]:
+    """Terminals: who sits at one is shown more, so that its node listens to more."""
+    terminals = [Cabin(), Cabin(), Cabin()]
+    yield terminals
+    for terminal in terminals:
+        terminal.close()
+
+
+@pytest.mark.parametrize('namespace', ['', '/sim_7'])
+def test_policy_allows_what_nodes_do_and_nothing_else(
+        processes: Processes, make_node: Callable[..., Any], cabins: list[Cabin], tmp_path: Path,
+        namespace: str) -> None:
+    at = ('--ros-args', '-r', f'__ns:={namespace}') if namespace else ('--ros-args',)
+    remap = (f'__ns:={namespace}',) if namespace else ()
+    processes.run_node('rocket_sim_node', 'simulator', remap, num_envs=1)
+    processes.run_node('rocket_sim_node', 'rerun_recorder', remap)
+    for name in ('expert_pilot', 'random_pilot', 'evaluate'):
+        processes.run_node('ppo_agent_node', name, remap, patience=100.0)
+    env = processes.env
+    cabins[0].start(
+        'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *at, '-p', f'run_dir:={tmp_path}/run',
+        env=env)
+    cabins[1].start('ros2', 'run', 'ppo_agent_node', 'watch', *at, env=env)
+    cabins[2].start('ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', *at, env=env)
+    looker, _ = make_node('/looker')
+    rules = allowed()
+    assert set(rules) == {name for names in NODES.values() for name in names}
+    # `ros2 run` and the policy know them by the same names.
+    left = dict(rules)
+
+    def all_as_allowed() -> bool:
+        for name in list(left):
+            try:
+                does = done(looker, name, namespace or '/')
+            except RuntimeError:  # not there yet
+                continue
+            here = {
+                (kind, pattern) for kind, pattern in rules[name]
+                if pattern.startswith('/*') == bool(namespace)
+                or pattern in ('/rosout', '/parameter_events', '/diagnostics')}
+            if all(any(covered(one, {rule}) for one in does) for rule in here):
+                too_much = {one for one in does if not covered(one, rules[name])}
+                assert not too_much, f'{name} does what the policy does not allow: {too_much}'
+                del left[name]
+        return not left
+
+    wait_until(all_as_allowed, 60.0, lambda: f'not all that is allowed is done: {left}\n'
+               + processes.logs() + ''.join(cabin.text for cabin in cabins))
+
+
+def test_policy_lets_an_agent_fly_simulators_elsewhere(
+        processes: Processes, make_node: Callable[..., Any], tmp_path: Path) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', ('__ns:=/sim_0',), num_envs=1)
+    processes.run_node(
+        'ppo_agent_node', 'ppo_agent', run_dir=tmp_path / 'run', simulators='/sim_*')
+    looker, _ = make_node('/looker')
+    wanted = ('publish', '/sim_0/action')
+
+    def flies() -> bool:
+        try:
+            does = done(looker, 'ppo_agent', '/')
+        except RuntimeError:
+            return False
+        rules = allowed()['ppo_agent']
+        assert all(covered(one, rules) for one in does), does
+        return wanted in does
+
+    wait_until(flies, 60.0, processes.logs)
+
+
+def has_security() -> bool:
+    """Return whether the ROS 2 of this machine can do it."""
+    return security.supported()
+
+
+@pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
+def test_without_dds_security_nothing_starts(
+        processes: Processes, monkeypatch: pytest.MonkeyPatch, strategy: str) -> None:
+    if has_security():
+        pytest.skip('this ROS 2 has DDS-Security')
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', strategy)
+    # One node of each package, in `Permissive`: that is where ROS 2 itself would go on.
+    chosen = NODES if strategy == 'Permissive' else {
+        package: names[:1] for package, names in NODES.items()}
+    started = [
+        (name, processes.run_node(package, name))
+        for package, names in chosen.items() for name in names]
+    for name, node in started:
+        assert node.wait(60.0) == 2, processes.logs()
+        said, = node.output().splitlines()
+        assert said.startswith(f'{name}: security was asked for'), said
+        assert 'built without DDS-Security' in said
+        assert 'launch_scripts/secure, or unset ROS_SECURITY_ENABLE' in said
+
+
+def test_secure_starts_nothing_where_there_is_no_security(tmp_path: Path) -> None:
+    if has_security():
+        pytest.skip('this ROS 2 has DDS-Security')
+    witness = tmp_path / 'started'
+    command = subprocess.run(
+        [SCRIPTS / 'secure', 'touch', witness], capture_output=True, text=True, timeout=60,
+        check=False)
+    assert command.returncode == 2
+    assert 'built without DDS-Security' in command.stderr
+    assert command.stderr.endswith('secure: nothing was started\n')
+    assert not witness.exists()

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a soak calls flat."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks.soak_slopes import fit
+from benchmarks.soak_slopes import in_blocks
+
+HOURS = np.tile(np.linspace(0.0, 0.5, 30), 3) + np.repeat([0.0, 0.5, 1.0], 30)
+LIVES = np.repeat([0.0, 1.0, 2.0], 30)
+LEVELS = np.repeat([100.0, 140.0, 90.0], 30)
+"""three lives of half an hour, each with a level of its own"""
+
+
+def test_one_slope_within_lives_whatever_their_levels() -> None:
+    slope = fit(HOURS, LEVELS + 7.0 * HOURS, LIVES)
+    assert slope is not None
+    assert slope.per_hour == pytest.approx(7.0)
+    assert slope.low == pytest.approx(7.0)
+    assert slope.high == pytest.approx(7.0)
+    assert (slope.lives, slope.points) == (3, 90)
+    assert not slope.flat
+    falling = fit(HOURS, LEVELS - 7.0 * HOURS, LIVES)
+    assert falling is not None
+    assert not falling.flat
+
+
+def test_no_slope_and_one_that_means_nothing_are_flat() -> None:
+    for per_hour in (0.0, 0.5):  # of 110
+        slope = fit(HOURS, LEVELS + per_hour * HOURS, LIVES)
+        assert slope is not None
+        assert slope.flat
+
+
+def test_the_interval_holds_the_slope_as_often_as_it_says() -> None:
+    """Of residuals that hang together; 95 % of 400 is 380, and the method is good for many."""
+    random, held = np.random.default_rng(1), 0
+    for _ in range(400):
+        noise = random.normal(size=len(HOURS) + 1)
+        slope = fit(HOURS, LEVELS + 7.0 * HOURS + noise[1:] + noise[:-1], LIVES)
+        assert slope is not None
+        held += slope.low <= 7.0 <= slope.high
+    assert 350 <= held <= 395
+
+
+def test_too_little_to_say() -> None:
+    nothing = np.array([])
+    assert fit(nothing, nothing, nothing) is None
+    assert fit(HOURS[:2], LEVELS[:2], LIVES[:2]) is None
+    assert fit(np.zeros(5), np.arange(5.0), np.zeros(5)) is None
+
+
+def test_blocks_leave_out_the_warm_up_of_each_life() -> None:
+    seconds = np.arange(0.0, 600.0, 5.0)
+    lives = (seconds >= 300.0).astype(np.float64)
+    values = np.where(seconds % 300.0 < 60.0, 1000.0, 5.0 + lives)
+    hours, means, names = in_blocks(seconds, values, lives, 60.0, 120.0)
+    assert means.tolist() == [5.0, 5.0, 5.0, 6.0, 6.0]
+    assert names.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
+    assert hours[0] == pytest.approx(np.mean(np.arange(60.0, 120.0, 5.0)) / 3600.0)
