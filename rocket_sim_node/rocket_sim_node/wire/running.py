@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node.wire import leftovers
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
@@ -77,6 +78,7 @@ def run(
         return fail(None, ValueError(
             f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
+    leftovers.clean()
     try:
         with rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO):
             node = _make_node(name)
