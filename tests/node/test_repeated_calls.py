@@ -23,7 +23,7 @@ from rocket_sim_node.worlds.flight import Reset
 
 N = 8
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
-REPEATED = (0.3, 0.9, 2.1)
+REPEATED = (0.25, 0.75, 1.75)
 """s after which a call is made anew for the first time, the second, the third, see wire.link"""
 MakeClient = Callable[..., Client]
 

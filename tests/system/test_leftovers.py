@@ -16,7 +16,9 @@ from training_runs import simulator
 from rocket_sim_node.wire.leftovers import SHARED_MEMORY
 from rocket_sim_node.worlds import make
 
-ROUNDS, NIGHTLY_ROUNDS = 4, 50
+TOGETHER = 4
+"""nodes killed at once"""
+BATCHES, NIGHTLY_BATCHES = 1, 13
 OLD = 2.5
 """s after which what is left is taken for that of a dead process, and not of one that starts"""
 
@@ -28,27 +30,30 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
     client, world = make_client(), make('rocket', num_envs=8)
     client.reset(1)
     world.reset(1)
-    dead: set[str] = set()
-    for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
-        node = simulator(processes, namespace=f'/sim_{number}')
-        node.wait_for('waiting for an agent', 30.0)
-        dead |= shared_memory.owned(node)
-        node.signal(signal.SIGKILL)
-        node.wait(5.0)
-    before = shared_memory.left(dead)
-    assert before, dead
     used = shared_memory.files(shared_memory.owned(living))
     assert used
-    time.sleep(OLD)
-    last = simulator(processes, namespace='/last')
-    last.wait_for('waiting for an agent', 30.0)
-    after = shared_memory.left(dead)
-    print(f'{len(dead)} segments and ports of killed nodes: {len(before)} files of them before '
-          f'another node started, {len(after)} after; {len(used)} of a living one stay')
-    assert not after
+    for _ in range(NIGHTLY_BATCHES if nightly else BATCHES):
+        nodes = [simulator(processes, namespace=f'/sim_{number}') for number in range(TOGETHER)]
+        for node in nodes:
+            node.wait_for('waiting for an agent', 60.0)
+        dead = set().union(*map(shared_memory.owned, nodes))
+        for node in nodes:
+            node.signal(signal.SIGKILL)
+        for node in nodes:
+            node.wait(5.0)
+        before = shared_memory.files(dead)
+        assert len(before) >= TOGETHER
+        time.sleep(OLD)
+        following = simulator(processes, namespace='/following')
+        following.wait_for('waiting for an agent', 60.0)
+        after = shared_memory.left(dead)
+        print(f'{TOGETHER} nodes killed: {len(before)} files, {len(after)} once another started')
+        assert not after
+        following.signal(signal.SIGINT)
+        assert following.wait(10.0) == 0
+    # One that lives keeps its files, and exchanges as before, in the same session.
     assert used == shared_memory.files(shared_memory.owned(living))
     assert SHARED_MEMORY == shared_memory.FOLDER
-    # The living exchange as before, in the same session.
     action = np.zeros((8, 3), np.float32)
     for _ in range(100):
         np.testing.assert_array_equal(client.step(action)[0], world.step(action)[0])

@@ -23,6 +23,8 @@ from training_runs import simulator
 ROUNDS, NIGHTLY_ROUNDS = 5, 50
 PROMISED = 0.5
 """s from the kill to the next exchange, beyond the start of the process"""
+USUALLY = 0.8
+"""part of the rounds that keeps the promise on a machine that others use as well"""
 EXCHANGING = str(Path(__file__).parents[1] / 'exchanging.py')
 WAITING = r'\[INFO\] \[([\d.]+)\] \[simulator\]: .*waiting for an agent'
 READY, EXCHANGE = r'ready ([\d.]+)', r'exchange ([\d.]+)'
@@ -62,7 +64,9 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
             agent, before = processes.start(sys.executable, EXCHANGING), 0
             ready = told(agent, READY)
         seconds.append(told(agent, EXCHANGE, before) - ready)
-    median = statistics.median(seconds)
+    seconds.sort()
+    usual = seconds[int(USUALLY * len(seconds)) - 1]
     print(f'{killed} killed {len(seconds)} times; to the next exchange, beyond its start: '
-          f'{min(seconds):.2f} s at least, {median:.2f} s median, {max(seconds):.2f} s at most')
-    assert median <= PROMISED, sorted(seconds)
+          f'{seconds[0]:.2f} s at least, {statistics.median(seconds):.2f} s median, '
+          f'{usual:.2f} s in {100 * USUALLY:g} of 100, {seconds[-1]:.2f} s at most')
+    assert usual <= PROMISED, seconds

@@ -32,9 +32,8 @@ from rocket_sim_node.worlds.flight import Snapshot
 _NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
-_CALL_TIMEOUT = 0.3
-"""s after which a service call is made anew, since who was called may have died or not have known
-yet where to answer; doubled each time, as it may just take long"""
+_CALL_TIMEOUT = 0.25
+"""s after which a service call is made anew; doubled each time, as it may just take long"""
 _READY_PERIOD = 0.05
 """s between two looks at whether a service is there"""
 _DESCRIPTION_TIMEOUT = 5.0
