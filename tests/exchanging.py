@@ -2,7 +2,7 @@
 """A process that exchanges actions and observations with a simulator until it is ended.
 
 It prints, in s of the system clock, when it was ready to look for the simulator, and the first
-exchange after each time without one.
+exchange of each session.
 """
 from __future__ import annotations
 
@@ -20,27 +20,23 @@ from rocket_sim_node.worlds import EnvironmentRestarted
 
 IDENTITY = 7
 """the same at each start, as that of a run that is resumed"""
-GAP = 0.05
-"""s without an exchange after which the next is told"""
 PERIOD = 0.001
+"""s from one exchange to the next"""
 
 
 def exchange(node: Node, executor: Executor) -> None:
     """Exchange for ever."""
     print(f'ready {time.time()}')
     client = Client(node, executor, LinkOptions(), IDENTITY)
-    last = 0.0
     while True:
         try:
             client.reset(1)
             action = np.zeros((client.spec.num_envs, client.spec.action_size), np.float32)
+            client.step(action)
+            print(f'exchange {time.time()}')
             while True:
-                client.step(action)
-                now = time.time()
-                if now - last > GAP:
-                    print(f'exchange {now}')
-                last = now
                 time.sleep(PERIOD)
+                client.step(action)
         except EnvironmentRestarted:
             continue
 

@@ -149,10 +149,10 @@ class Training:
 
 
 FAULTS: dict[str, Callable[[Training], None]] = {
-    'simulator killed': Training.kill_simulator,
-    'agent killed': Training.kill_agent,
-    'recorder killed': Training.kill_recorder,
-    'stopped and continued': Training.stop_and_continue,
+    'simulator_killed': Training.kill_simulator,
+    'agent_killed': Training.kill_agent,
+    'recorder_killed': Training.kill_recorder,
+    'stopped_and_continued': Training.stop_and_continue,
     'SIGINT': Training.interrupt,
     'SIGTERM': Training.terminate,
 }
