@@ -44,7 +44,7 @@ def agent(processes: Processes, run: Path, **parameters: object) -> Process:
 
 def weights(run: Path) -> dict[str, torch.Tensor]:
     """Return all that the last checkpoint of a run learnt."""
-    tensors = load_file(run / 'checkpoints' / f'iteration_{SMALL["iterations"]:06d}.safetensors')
+    tensors = load_file(max((run / 'checkpoints').glob('iteration_*.safetensors')))
     return {name: value for name, value in tensors.items() if not name.startswith('world')}
 
 

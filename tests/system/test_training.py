@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulator and agent as separate processes: train, kill one, go on, and look at what is left."""
+"""Simulator and agent as separate processes: train, and look at what is left."""
 from __future__ import annotations
 
 import json
@@ -72,35 +72,6 @@ def test_training_over_dds_equals_training_in_process(
     assert all(np.isfinite(flight.position).all() for flight in flights)
     # Fallen from 200 m to the ground, or out of its limits: never a flight of one sample.
     assert max(len(flight.time) for flight in flights) > 100
-
-
-def test_killed_simulator_and_killed_agent_change_nothing_that_is_learnt(
-        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
-    run = tmp_path / 'run'
-    first = simulator(processes)
-    trainer = agent(processes, run)
-    trainer.wait_for('PPO 1/', 90.0)
-    first.signal(signal.SIGKILL)
-    first.wait(5.0)
-    second = simulator(processes)
-    trainer.wait_for('PPO 2/', 60.0)
-    trainer.signal(signal.SIGKILL)
-    trainer.wait(5.0)
-    resumed = agent(processes, run, resume=True)
-    assert resumed.wait(120.0) == 0, processes.logs()
-    assert 'resumed from iteration_' in resumed.output()
-    assert second.running
-    assert_same_run(run, undisturbed)
-
-
-def test_interrupt_saves_and_says_how_to_resume(
-        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
-    run = tmp_path / 'run'
-    trainer = interrupted(processes, run)
-    assert 'resume:=true' in trainer.output()
-    resumed = agent(processes, run, resume=True)
-    assert resumed.wait(120.0) == 0, processes.logs()
-    assert_same_run(run, undisturbed)
 
 
 def test_expert_pilot_lands(processes: Processes) -> None:

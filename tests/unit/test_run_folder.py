@@ -121,3 +121,22 @@ def test_a_log_on_a_full_disk_is_named(folder: RunFolder) -> None:
     folder.log.symlink_to('/dev/full')
     with pytest.raises(OSError, match=r'No space left.*train\.jsonl'):
         folder.append({'iteration': 1})
+
+
+def test_a_run_that_never_began_takes_its_folder_away(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / 'new')
+    with folder.locked():
+        folder.mark_unfinished()
+        folder.withdraw()
+    assert not folder.path.exists()
+
+
+def test_only_what_was_made_for_the_run_is_taken_away(tmp_path: Path) -> None:
+    (tmp_path / 'notes').write_text('mine')
+    RunFolder(tmp_path).withdraw()
+    assert [path.name for path in tmp_path.iterdir()] == ['notes']
+    begun = RunFolder(tmp_path / 'begun')
+    begun.append({'iteration': 0})
+    begun.withdraw()
+    assert begun.log.exists()
+    assert begun.checkpoints.exists()

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 from typing import Any
@@ -55,6 +56,7 @@ class RunFolder:
         self.policy = self.path / 'policy.safetensors'
         self.cloned = self.path / 'cloned.safetensors'
         self.plots = self.path / 'plots'
+        self._made = not self.path.exists()
         if not resume and (self.config.exists() or self.log.exists()):
             raise RunFolderError(
                 f'{self.path}: there is a run already; resume it or name another')
@@ -91,6 +93,18 @@ class RunFolder:
     def mark_finished(self) -> None:
         """Take the mark away."""
         (self.path / UNFINISHED).unlink(missing_ok=True)
+
+    def withdraw(self) -> None:
+        """Take away again what was made for a run that never began."""
+        if self.config.exists() or self.log.exists():
+            return
+        self.mark_finished()
+        (self.path / '.lock').unlink(missing_ok=True)
+        with suppress(OSError):  # there is something in it
+            self.checkpoints.rmdir()
+            self.plots.rmdir()
+            if self._made:
+                self.path.rmdir()
 
     @property
     def name(self) -> str:

@@ -53,9 +53,9 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     """Train in the simulator of this namespace, evaluate, plot; return the exit status."""
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
+    _check_given(node, parameters)
     folder = RunFolder(_run_path(options), options.resume)
     saved = _saved_settings(folder) if options.resume else {}
-    _check_given(node, parameters)
     with (
         folder.locked(), Terminal() as terminal,
         make_fleet(
@@ -90,6 +90,9 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             pass
         except (WireTimeout, SimulatorBusy):
             teller.advise()
+            raise
+        except (ValueError, OSError):
+            folder.withdraw()
             raise
         teller.advise()
     return 0

@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node.wire import leftovers
 from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.dds_profile import ProfileError
@@ -84,6 +85,7 @@ def run(
         return fail(None, ValueError(
             f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
     stopping.listen()
+    leftovers.clean()
     try:
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:

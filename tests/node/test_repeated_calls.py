@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Services of a simulator that was stopped: calls are repeated, and what is flown, flown once."""
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from faults import Moments
+from processes import Process
+from processes import Processes
+from rollouts import assert_same
+from training_runs import simulator
+
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.flight import Reset
+
+N = 8
+ROUNDS, NIGHTLY_ROUNDS = 2, 50
+REPEATED = (0.25, 0.75, 1.75)
+"""s after which a call is made anew for the first time, the second, the third, see wire.link"""
+MakeClient = Callable[..., Client]
+
+pytestmark = pytest.mark.timeout(900)
+
+
+@contextmanager
+def stopped(process: Process, seconds: float) -> Iterator[None]:
+    """Stop a process, which goes on after so long, before what is done meanwhile has ended."""
+    process.signal(signal.SIGSTOP)
+    timer = threading.Timer(seconds, process.signal, [signal.SIGCONT])
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.join()
+
+
+def actions(moments: Moments, steps: int = 20) -> np.ndarray:
+    """Return random actions."""
+    return np.random.default_rng(moments.random.getrandbits(32)).uniform(
+        -1, 1, (steps, N, 3)).astype(np.float32)
+
+
+def test_calls_that_were_repeated_are_flown_once(
+        processes: Processes, make_client: MakeClient, nightly: bool) -> None:
+    node, client, moments = simulator(processes), make_client(), Moments()
+    world = make('rocket', num_envs=N)
+    client.reset(0)
+    world.reset(0)
+    for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
+        # Also at the very moment at which the call is repeated.
+        seconds = moments.random.choice([
+            moments.random.uniform(0.0, 3.0),
+            moments.random.gauss(moments.random.choice(REPEATED), 0.01)])
+        what = moments.random.choice(['reset', 'restore', 'snapshot'])
+        state = client.snapshot()
+        assert state == world.snapshot()
+        for action in actions(moments):
+            assert_same(client.step(action), world.step(action))
+        with stopped(node, seconds):
+            if what == 'reset':
+                np.testing.assert_array_equal(client.reset(number), world.reset(number))
+            elif what == 'restore':
+                np.testing.assert_array_equal(client.restore(state), world.restore(state))
+            else:
+                assert client.snapshot() == world.snapshot()
+        for action in actions(moments):
+            assert_same(client.step(action), world.step(action))
+
+
+def test_a_call_that_was_given_up_does_not_fly_into_the_next(
+        processes: Processes, make_client: MakeClient, nightly: bool) -> None:
+    node, client, moments = simulator(processes), make_client(), Moments()
+    world = make('rocket', num_envs=N)
+    client.reset(0)
+    state = client.snapshot()
+    for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
+        with stopped(node, moments.random.uniform(0.3, 1.0)):
+            client.link.ask(Reset(number, {}))
+            client.link.poll()
+            client.waiter.until(lambda: False, moments.random.uniform(0.0, 0.2))
+            client.link.drop()
+            for _ in range(3):
+                try:
+                    client.restore(state)
+                    world.restore(state)
+                    # The late reset may take the session away; it is noticed, and flown again.
+                    for action in actions(moments):
+                        assert_same(client.step(action), world.step(action))
+                    break
+                except EnvironmentRestarted:
+                    continue
+            else:
+                pytest.fail('restored three times and not flown')

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that are told to end, or refused, before they have begun: they leave nothing."""
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+import shared_memory
+from faults import END
+from faults import Moments
+from processes import Process
+from processes import Processes
+from training_runs import agent
+from training_runs import simulator
+
+ROUNDS, NIGHTLY_ROUNDS = 2, 50
+START = 2.0
+"""s within which a node has started, on a quiet machine"""
+
+pytestmark = pytest.mark.timeout(900)
+
+
+def start(processes: Processes, node: str, folder: Path) -> Process:
+    """Start a node that would write into a folder."""
+    if node == 'simulator':
+        return simulator(processes)
+    if node == 'agent':
+        return agent(processes, folder / 'run')
+    return processes.run_node('rocket_sim_node', 'rerun_recorder', output=folder / 'flights.rrd')
+
+
+@pytest.mark.parametrize('node', ['simulator', 'agent', 'recorder'])
+def test_told_to_end_while_it_starts_it_ends_and_leaves_nothing(
+        processes: Processes, tmp_path: Path, nightly: bool, node: str) -> None:
+    moments = Moments()
+    for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        told = moments.random.choice([signal.SIGINT, signal.SIGTERM])
+        process = start(processes, node, folder)
+        # Some within the first milliseconds.
+        moments.wait(moments.random.choice([0.05, START]))
+        owned = shared_memory.owned(process)
+        process.signal(told)
+        # Before it listens the signal ends it, Python says where.
+        assert process.wait(END) in (0, -told, 1, 130), process.output()
+        assert not shared_memory.left(owned), process.output()
+        assert not [file for file in folder.rglob('*') if file.is_file() and file.stat().st_size]
+
+
+@pytest.mark.parametrize(('parameters', 'word'), [
+    ({'clip_rang': 0.1}, 'clip_rang'), ({'clip_range': -1.0, 'resume': True}, 'clip_range'),
+])
+def test_a_refused_start_leaves_no_folder(
+        processes: Processes, tmp_path: Path, parameters: dict, word: str) -> None:
+    refused = agent(processes, tmp_path / 'run', **parameters)
+    assert refused.wait(END) == 2, refused.output()
+    assert word in refused.output()
+    assert not (tmp_path / 'run').exists()
+
+
+def test_refused_for_its_world_it_leaves_no_folder(processes: Processes, tmp_path: Path) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=8, mode='realtime')
+    refused = agent(processes, tmp_path / 'run')
+    assert refused.wait(END) == 2, refused.output()
+    assert 'lockstep' in refused.output()
+    assert not (tmp_path / 'run').exists()

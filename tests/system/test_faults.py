@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Processes of a training die, stop or are told to end at random moments; nothing is lost.
+
+Each fault 50 times with `--nightly`; else all of them in turn, two times each.
+"""
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import pytest
+from faults import FAULTS
+from faults import Moments
+from faults import Training
+from processes import Processes
+from training_runs import assert_same_run
+from training_runs import train_in_process
+
+SETTINGS = {'iterations': 24, 'selection_interval': 8}
+ROUNDS, NIGHTLY_ROUNDS = 2, 50
+PER_RUN = 12
+"""faults in one training, which is then left to finish"""
+LONGEST_WAIT = 2.0
+"""s from one fault to the next: often a process is still starting"""
+
+pytestmark = pytest.mark.timeout(1800)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Take the faults one by one where there is time, else all together."""
+    if 'faults' in metafunc.fixturenames:
+        if metafunc.config.getoption('--nightly'):
+            sets = [[name] * NIGHTLY_ROUNDS for name in FAULTS]
+            metafunc.parametrize('faults', sets, ids=FAULTS)
+        else:
+            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all in turn'])
+
+
+@pytest.fixture(scope='module')
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same run in one process, without ROS and without faults."""
+    return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run', **SETTINGS)
+
+
+def test_training_goes_on_and_learns_the_same(
+        processes: Processes, tmp_path: Path, undisturbed: Path, faults: list[str]) -> None:
+    moments = Moments()
+    coming = deque(moments.random.sample(faults, len(faults)))
+    runs = flights = 0
+    while coming:
+        runs += 1
+        training = Training(processes, tmp_path / f'run_{runs}', moments, **SETTINGS)
+        for _ in range(PER_RUN):
+            moments.wait(LONGEST_WAIT)
+            if not coming or not training.agent.running:
+                break
+            FAULTS[coming.popleft()](training)
+        training.finish(120.0)
+        assert_same_run(training.run, undisturbed)
+        flights += training.assert_recordings_readable()
+    assert flights
+    print(f'{len(faults)} faults in {runs} trainings, {flights} flights recorded')

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What killed nodes leave in shared memory is gone once another has started, and no more."""
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shared_memory
+from processes import Processes
+from training_runs import simulator
+
+from rocket_sim_node.wire.leftovers import SHARED_MEMORY
+from rocket_sim_node.worlds import make
+
+TOGETHER = 4
+"""nodes killed at once"""
+BATCHES, NIGHTLY_BATCHES = 1, 13
+OLD = 2.5
+"""s after which what is left is taken for that of a dead process, and not of one that starts"""
+
+
+@pytest.mark.timeout(600)
+def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
+        processes: Processes, make_client: Callable[..., Any], nightly: bool) -> None:
+    living = simulator(processes)
+    client, world = make_client(), make('rocket', num_envs=8)
+    client.reset(1)
+    world.reset(1)
+    used = shared_memory.files(shared_memory.owned(living))
+    assert used
+    for _ in range(NIGHTLY_BATCHES if nightly else BATCHES):
+        nodes = [simulator(processes, namespace=f'/sim_{number}') for number in range(TOGETHER)]
+        for node in nodes:
+            node.wait_for('waiting for an agent', 60.0)
+        dead = set().union(*map(shared_memory.owned, nodes))
+        for node in nodes:
+            node.signal(signal.SIGKILL)
+        for node in nodes:
+            node.wait(5.0)
+        before = shared_memory.files(dead)
+        assert len(before) >= TOGETHER
+        time.sleep(OLD)
+        following = simulator(processes, namespace='/following')
+        following.wait_for('waiting for an agent', 60.0)
+        after = shared_memory.left(dead)
+        print(f'{TOGETHER} nodes killed: {len(before)} files, {len(after)} once another started')
+        assert not after
+        following.signal(signal.SIGINT)
+        assert following.wait(10.0) == 0
+    # One that lives keeps its files, and exchanges as before, in the same session.
+    assert used == shared_memory.files(shared_memory.owned(living))
+    assert SHARED_MEMORY == shared_memory.FOLDER
+    action = np.zeros((8, 3), np.float32)
+    for _ in range(100):
+        np.testing.assert_array_equal(client.step(action)[0], world.step(action)[0])
