@@ -128,7 +128,7 @@ class Soak:
 def table(figures: dict[str, Any]) -> Iterator[str]:
     """Yield the lines that say it all."""
     faults = ', '.join(f'{what} {count}' for what, count in sorted(figures['faults'].items()))
-    yield f'{figures["minutes"]:.0f} of {figures["planned_minutes"]:.0f} minutes; {faults or "-"}'
+    yield f'{figures["minutes"]:.1f} of {figures["planned_minutes"]:g} minutes; {faults or "-"}'
     yield (f'{"":<28}{"of":<11}{"lives":>6}{"mean":>10}{"an hour":>10}{"":>9}'
            f'{"95 %":>22}')
     for row in figures['slopes']:
