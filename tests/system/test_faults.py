@@ -33,7 +33,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
             sets = [[name] * NIGHTLY_ROUNDS for name in FAULTS]
             metafunc.parametrize('faults', sets, ids=FAULTS)
         else:
-            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all in turn'])
+            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all_in_turn'])
 
 
 @pytest.fixture(scope='module')
