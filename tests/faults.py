@@ -21,7 +21,7 @@ LONGEST_STOP = 2.5
 """s; longer than a call of a service is waited for before it is repeated"""
 BEGUN = ('waiting for an agent', 'run /', 'recording to')
 """what simulator, agent and recorder say first"""
-END = 30.0
+END = 60.0
 """s in which a process ends that was told to, and is not busy with a step"""
 
 

@@ -23,6 +23,9 @@ PER_RUN = 12
 LONGEST_WAIT = 2.0
 """s from one fault to the next: often a process is still starting"""
 
+HANGS = 400.0
+"""s after which a training that nobody disturbs any more is given up"""
+
 pytestmark = pytest.mark.timeout(1800)
 
 
@@ -33,7 +36,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
             sets = [[name] * NIGHTLY_ROUNDS for name in FAULTS]
             metafunc.parametrize('faults', sets, ids=FAULTS)
         else:
-            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all in turn'])
+            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all_in_turn'])
 
 
 @pytest.fixture(scope='module')
@@ -55,7 +58,7 @@ def test_training_goes_on_and_learns_the_same(
             if not coming or not training.agent.running:
                 break
             FAULTS[coming.popleft()](training)
-        training.finish(120.0)
+        training.finish(HANGS)
         assert_same_run(training.run, undisturbed)
         flights += training.assert_recordings_readable()
     assert flights
