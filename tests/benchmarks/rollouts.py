@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training roll-outs over DDS, in one and in two simulators, beside the same loop in one process.
 
+Beside all rockets in one world of the process, which is quickest there, and beside as many worlds
+as there are simulators, where each loop does exactly the same.
+
 The same policy, the same flights, the same buffers; only who moves the rockets differs. Measured
 in turns, medians are reported; what was flown is compared, bit for bit.
 """
@@ -112,8 +115,7 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
             worlds.make('rocket', rockets // groups, level=7) for _ in range(groups)))
 
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        courses: dict[str, Callable[[], float]] = {
-            'in process': Course(in_process(1), 1, steps, policy)}
+        courses: dict[str, Callable[[], float]] = {}
         twins = []
         for simulators in (1, 2):
             (Path(folder) / str(simulators)).mkdir()
@@ -122,6 +124,7 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
             twin = Course(in_process(simulators), simulators, steps, policy)
             course = Course(fleet, simulators, steps, policy)
             courses[f'DDS, {simulators}'] = course
+            courses[f'in process, {simulators}'] = twin
             for one in (twin, course):
                 one()
             twins.append(all(
@@ -135,9 +138,15 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
         'equal': all(twins), 'steps_per_second': {
             name: statistics.median(values) for name, values in speeds.items()},
         'ratio': {
-            name: statistics.median(v / w for v, w in zip(
-                values, speeds['in process'], strict=True))
-            for name, values in speeds.items()}}
+            name: ratio(values, speeds['in process, 1']) for name, values in speeds.items()},
+        'ratio_of_equals': {
+            f'DDS, {count}': ratio(speeds[f'DDS, {count}'], speeds[f'in process, {count}'])
+            for count in (1, 2)}}
+
+
+def ratio(values: list[float], others: list[float]) -> float:
+    """Return the median of how many times as fast, round by round."""
+    return statistics.median(v / w for v, w in zip(values, others, strict=True))
 
 
 def main() -> None:
@@ -152,15 +161,16 @@ def main() -> None:
     policy = shipped_policy()
     print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
           'rounds; DDS: simulators in processes of their own')
-    print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two sim.":>12}'
-          f'{"ratio":>7}  equal')
+    print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two worlds":>12}'
+          f'{"two sim.":>12}{"ratio":>7}{"of equals":>11}  bits equal')
     table = {}
     for size in options.sizes:
         figures = table[size] = measure(size, options.steps, options.rounds, policy)
-        speed, ratio = figures['steps_per_second'], figures['ratio']
-        print(f'{size:>8}{speed["in process"]:>12,.0f}' + ''.join(
-            f'{speed[name]:>12,.0f}{ratio[name]:>7.2f}' for name in ('DDS, 1', 'DDS, 2'))
-            + f'  {"yes" if figures["equal"] else "NO"}', flush=True)
+        speed, ratios = figures['steps_per_second'], figures['ratio']
+        print(f'{size:>8}{speed["in process, 1"]:>12,.0f}{speed["DDS, 1"]:>12,.0f}'
+              f'{ratios["DDS, 1"]:>7.2f}{speed["in process, 2"]:>12,.0f}{speed["DDS, 2"]:>12,.0f}'
+              f'{ratios["DDS, 2"]:>7.2f}{figures["ratio_of_equals"]["DDS, 2"]:>11.2f}'
+              f'  {"yes" if figures["equal"] else "NO"}', flush=True)
     if options.output:
         write_json(options.output, {'steps': options.steps, 'rollouts': table})
 
