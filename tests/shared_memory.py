@@ -52,8 +52,12 @@ def mapped(processes: Iterable[Path]) -> set[str]:
 
 
 def owned(process: Process) -> set[str]:
-    """Return the segments and ports that a process has locked."""
-    return locked(processes_of(process))
+    """Return the segments and ports that a process has locked, and mapped as well.
+
+    For a moment each process has others' lock files open, to see whether their owners live.
+    """
+    these = processes_of(process)
+    return locked(these) & mapped(these)
 
 
 def files(names: set[str]) -> set[str]:

@@ -28,16 +28,24 @@ _YOUNG = 2.0
 def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
     """Remove this user's files that belong to nobody alive, and return their names.
 
-    A segment or port stays, with all that belongs to it, while one of its files is locked, or
-    mapped by a process that this user may look at, or young. What cannot be removed stays too.
+    A segment or port stays, with all that belongs to it, while it is young or its lock is held;
+    where there is no lock, while a process that this user may look at has one of its files mapped.
+    What cannot be removed stays too. That a peer has the port of a dead process mapped keeps
+    nothing: Fast DDS makes such a port anew, and its own `shm clean` removes it as well.
 
     :param young: age, s, below which nothing is removed.
     """
-    candidates = [files for files in _groups(folder) if _is_old(files, young) and _is_free(files)]
-    used = _mapped(folder) if candidates else set()
+    old = [files for files in _groups(folder) if _is_old(files, young) and _is_free(files)]
+    unlocked = [files for files in old if not any(map(_is_lock, files))]
+    used = _mapped(folder) if unlocked else set()
     return [
-        name for files in candidates if not used & {file.name for file in files}
+        name for files in old
+        if files not in unlocked or not used & {file.name for file in files}
         for name in _remove(files)]
+
+
+def _is_lock(file: Path) -> bool:
+    return file.name.endswith(_LOCKS)
 
 
 def _groups(folder: Path) -> list[list[Path]]:
@@ -70,7 +78,7 @@ def _lock(files: list[Path], stack: ExitStack) -> bool:
     """Lock those that are for it; tell whether that could be done."""
     try:
         for file in files:
-            if file.name.endswith(_LOCKS):
+            if _is_lock(file):
                 descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
                 stack.callback(os.close, descriptor)
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

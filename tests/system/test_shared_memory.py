@@ -52,7 +52,7 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
         following.signal(signal.SIGINT)
         assert following.wait(10.0) == 0
     # One that lives keeps its files, and exchanges as before, in the same session.
-    assert used == shared_memory.files(shared_memory.owned(living))
+    assert used <= shared_memory.files(shared_memory.owned(living))
     assert SHARED_MEMORY == shared_memory.FOLDER
     action = np.zeros((8, 3), np.float32)
     for _ in range(100):
