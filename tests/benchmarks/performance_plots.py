@@ -64,7 +64,7 @@ def _budget(axes: Axes, f: Figures) -> None:
 def _rollouts(axes: Axes, f: Figures) -> None:
     rows = f['rollouts']
     names = {
-        'in process': 'one process, no ROS', 'DDS, 1': 'DDS, one simulator',
+        'in process, 1': 'one process, no ROS', 'DDS, 1': 'DDS, one simulator',
         'DDS, 2': 'DDS, two simulators'}
     _bars(axes, list(rows), {
         label: [row['steps_per_second'][key] / 1e3 for row in rows.values()]

@@ -124,7 +124,7 @@ def test_rollouts(tmp_path: Path) -> None:
         'rollouts', tmp_path / 'out.json', '--sizes', '8', '--rounds', '1', '--steps', '20')
     one = figures['rollouts']['8']
     assert one['equal'] is True
-    assert one['ratio']['in process'] == 1.0
+    assert one['ratio']['in process, 1'] == 1.0
     assert 'two sim.' in text
 
 
