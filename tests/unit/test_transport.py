@@ -60,9 +60,8 @@ def inside(rmw: str = RMW) -> dict[str, str]:
 @pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
 def test_our_profiles_are_right(
         name: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('HOVERSLAM_PARTICIPANT_ID', '7')
+    monkeypatch.setenv('HOVERSLAM_DATA_PORT_OFFSET', '7')
     check_profile(OURS / name, schema)
-    assert f'<maxInitialPeersRange>{transport._IDS}<' in (OURS / name).read_text()
 
 
 @pytest.mark.parametrize('namespace', [
@@ -133,7 +132,7 @@ def test_the_range_decides(
     assert transport.beyond_machine() == beyond
     found = inside()
     assert found['FASTDDS_DEFAULT_PROFILES_FILE'] == str(OURS / profile)
-    assert 0 <= int(found['HOVERSLAM_PARTICIPANT_ID']) < transport._IDS
+    assert 0 < int(found['HOVERSLAM_DATA_PORT_OFFSET']) < 2**16
 
 
 def test_who_sets_up_fast_dds_has_the_word(
@@ -149,11 +148,11 @@ def test_who_sets_up_fast_dds_has_the_word(
             found = inside()
         assert found[name] == value
         assert found[transport.RANGE] == 'LOCALHOST'
-        assert 'HOVERSLAM_PARTICIPANT_ID' not in found
+        assert 'HOVERSLAM_DATA_PORT_OFFSET' not in found
     mine.rename(tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml')
-    assert 'HOVERSLAM_PARTICIPANT_ID' not in inside()
+    assert 'HOVERSLAM_DATA_PORT_OFFSET' not in inside()
     monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
-    assert 'HOVERSLAM_PARTICIPANT_ID' in inside()
+    assert 'HOVERSLAM_DATA_PORT_OFFSET' in inside()
 
 
 @pytest.mark.parametrize('name', ['FASTDDS_DEFAULT_PROFILES_FILE', None])
@@ -187,16 +186,11 @@ def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         inside()
 
 
-def test_ids_in_use_and_left_behind_are_passed_over() -> None:
-    domain = 90
-    first = transport.free_participant_id(domain)
-    held = []
-    try:
-        for number in range(transport._IDS):
-            if number != (first + 5) % transport._IDS:
-                held.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                held[-1].bind(('127.0.0.1', transport._ports(domain, number)[1]))
-        assert transport.free_participant_id(domain) == (first + 5) % transport._IDS
-    finally:
-        for one in held:
-            one.close()
+@pytest.mark.parametrize('domain', [0, 42, 101, 230, 232])
+def test_starts_have_data_ports_of_their_own(domain: int) -> None:
+    first = 7400 + 250 * domain
+    ports = [first + transport.fresh_data_offset(domain) for _ in range(100)]
+    assert max(ports) < 2**16 - 250 or domain > 230
+    if domain <= 101:
+        assert min(ports) >= max(32768, first + 250)
+        assert len(set(ports)) > 90

@@ -7,14 +7,14 @@ environment variable while the first node is made. The profiles here, `profiles/
 peers beyond. Who sets up Fast DDS otherwise (a profile of one's own, a discovery server) has the
 word: then there are none of ours, and a profile is checked before the node starts.
 
-Each start takes another participant id, from which Fast DDS derives its ports. With the id of a
-process that was killed a moment ago, as it would be by default, its peers find it at once but
-write into the shared memory of the dead one for some seconds more.
+Each start takes other ports for its data. Fast DDS names its shared memory after them, and with
+those of a process that was killed, as it would by default, its peers find it at once but write
+into the memory of the dead one: for seconds, or, once that was removed, for good.
 """
 from __future__ import annotations
 
 import os
-import socket
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,10 +29,13 @@ _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
 _DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
 """which Fast DDS takes from the folder it is started in, without a word"""
 _OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
-_PARTICIPANT_ID = 'HOVERSLAM_PARTICIPANT_ID'
-_IDS = 64
-"""participant ids that peers without multicast look for; 120 would still lie within the ports of a
-domain (RTPS 2.2, 9.6.1.1), but each announcement goes to all of them"""
+_DATA_OFFSET = 'HOVERSLAM_DATA_PORT_OFFSET'
+_FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
+_USUAL_OFFSET = 11
+"""ports of a domain and of its data (RTPS 2.2, 9.6.1.1)"""
+_ABOVE = 32768
+"""where few domains have ports"""
+_LAST_PORT = 65535
 
 
 class TransportError(ValueError):
@@ -74,7 +77,7 @@ def prepared(rmw: str) -> Iterator[None]:
         folder = Path(__file__).parent / 'profiles'
         settings |= {
             _PROFILES[0]: str(folder / ('machine.xml' if closed else 'network.xml')),
-            _SKIP_DEFAULT: '1', _PARTICIPANT_ID: str(free_participant_id(_domain()))}
+            _SKIP_DEFAULT: '1', _DATA_OFFSET: str(fresh_data_offset(_domain()))}
         if closed and discovery_range() == 'LOCALHOST':
             # With its own name for it ROS 2 would add sockets that hear the network.
             settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
@@ -107,33 +110,16 @@ def _domain() -> int:
     return int(text) if text.isdecimal() else 0
 
 
-def free_participant_id(domain: int) -> int:
-    """Return a participant id that no other process of a domain has, nor had a moment ago.
+def fresh_data_offset(domain: int) -> int:
+    """Return from where, beyond a domain's first port, a start counts its ports for data.
 
-    Process ids grow, so that those of two starts on end are seldom the same modulo `_IDS`. Ids
-    of which a killed process left shared memory behind come last.
+    Drawn at random from some ten thousands; in the highest domains, which have fewer, the usual.
     """
-    start = os.getpid()
-    free = [
-        number % _IDS for number in range(start, start + _IDS)
-        if all(_is_free(port) for port in _ports(domain, number % _IDS))] or [start % _IDS]
-    return min(free, key=lambda number: any(
-        Path(f'/dev/shm/fastdds_port{port}').exists() for port in _ports(domain, number)))
-
-
-def _ports(domain: int, number: int) -> tuple[int, int]:
-    """Return the unicast ports of a participant, for discovery and for data."""
-    first = 7400 + 250 * domain + 10 + 2 * number
-    return first, first + 1
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('127.0.0.1', port))
-        except (OSError, OverflowError):
-            return False
-    return True
+    first = _FIRST_PORT + _PORTS_OF_DOMAIN * domain
+    low = max(_ABOVE - first, _PORTS_OF_DOMAIN)
+    # Fast DDS counts up from there by two a participant, and goes on where a port is taken.
+    count = (_LAST_PORT - _PORTS_OF_DOMAIN - first - low) // 2
+    return low + 2 * secrets.randbelow(count) if count > 0 else _USUAL_OFFSET
 
 
 def open_ports() -> list[str]:
