@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 from cabin import Cabin
+from hosts import Hosts
+from hosts import missing
 from hypothesis import HealthCheck
 from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
@@ -58,6 +60,16 @@ def processes(tmp_path: Path) -> Iterator[Processes]:
     group = Processes(tmp_path)
     yield group
     group.end()
+
+
+@pytest.fixture
+def hosts(tmp_path: Path) -> Iterator[Hosts]:
+    """Two hosts, where there can be some."""
+    if why := missing():
+        pytest.skip(why)
+    made = Hosts(tmp_path)
+    yield made
+    made.end()
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import json
 import os
 import socket
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import intruder
 import pytest
 import yaml
 from hosts import Hosts
-from hosts import missing
 from processes import Process
 from processes import Processes
 from processes import wait_until
@@ -26,16 +24,6 @@ LOOK = 4.0
 NODES = [
     ('rocket_sim_node', 'simulator'), ('rocket_sim_node', 'rerun_recorder'),
     ('ppo_agent_node', 'random_pilot'), ('ppo_agent_node', 'watch')]
-
-
-@pytest.fixture
-def hosts(tmp_path: Path) -> Iterator[Hosts]:
-    """Two hosts, where there can be some."""
-    if why := missing():
-        pytest.skip(why)
-    made = Hosts(tmp_path)
-    yield made
-    made.end()
 
 
 def listening(process: Process) -> list[tuple[str, str]]:

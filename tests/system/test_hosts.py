@@ -2,26 +2,13 @@
 """Simulators on another host: training goes on over a network as it does within a machine."""
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from hosts import Hosts
-from hosts import missing
 from training_runs import agent
 from training_runs import assert_same_run
 from training_runs import simulator
 from training_runs import train_in_process
-
-
-@pytest.fixture
-def hosts(tmp_path: Path) -> Iterator[Hosts]:
-    """Two hosts, where there can be some."""
-    if why := missing():
-        pytest.skip(why)
-    made = Hosts(tmp_path)
-    yield made
-    made.end()
 
 
 def test_two_hosts_train_together(hosts: Hosts, tmp_path: Path) -> None:

@@ -88,14 +88,19 @@ def check_answer(answers: Answers) -> None:
     assert (episodes.outcome < len(SPEC.outcomes)).all()
 
 
-@given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
-def test_a_step_with_one_bad_field_is_refused_by_name(
-        ended: bool, topic: str, data: st.DataObject) -> None:
-    boxes = {name: Box(name) for name in CODECS}
-    said: list[str] = []
+def awaiting() -> tuple[dict[str, Box], Answers, list[str]]:
+    """Return boxes, what awaits an answer in them, and what it says of rubbish."""
+    boxes, said = {name: Box(name) for name in CODECS}, list[str]()
     answers = Answers(*boxes.values(), said.append)  # type: ignore[arg-type]
     answers.expect(SPEC)
     answers.await_step(SESSION, STEP, False)
+    return boxes, answers, said
+
+
+@given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
+def test_a_step_with_one_bad_field_is_refused_by_name(
+        ended: bool, topic: str, data: st.DataObject) -> None:
+    boxes, answers, _ = awaiting()
     for name, arrays in answer(ended).items():
         numbers, arrays = (SESSION, STEP + 1), list(arrays)
         if name == topic:
@@ -118,11 +123,7 @@ def test_a_step_with_one_bad_field_is_refused_by_name(
 def test_damaged_answers_are_passed_over_or_refused(
         ended: bool, topic: str, data: st.DataObject) -> None:
     """A good one that comes afterwards, as it is sent again, is taken."""
-    boxes = {name: Box(name) for name in CODECS}
-    said: list[str] = []
-    answers = Answers(*boxes.values(), said.append)  # type: ignore[arg-type]
-    answers.expect(SPEC)
-    answers.await_step(SESSION, STEP, False)
+    boxes, answers, said = awaiting()
     for name, arrays in answer(ended).items():
         good = CODECS[name].encode((SESSION, STEP + 1), arrays)
         if name == topic:
