@@ -7,6 +7,7 @@ to the first exchange, a step and its whole answer, after the kill.
 """
 from __future__ import annotations
 
+import math
 import re
 import signal
 import statistics
@@ -23,8 +24,9 @@ from training_runs import simulator
 ROUNDS, NIGHTLY_ROUNDS = 5, 50
 PROMISED = 0.5
 """s from the kill to the next exchange, beyond the start of the process"""
-USUALLY = 0.8
-"""part of the rounds that keeps the promise on a machine that others use as well"""
+USUALLY, NIGHTLY_USUALLY = 0.5, 0.8
+"""part of the rounds that keeps the promise on a machine that others use as well; of a few rounds
+the median"""
 EXCHANGING = str(Path(__file__).parents[1] / 'exchanging.py')
 WAITING = r'\[INFO\] \[([\d.]+)\] \[simulator\]: .*waiting for an agent'
 READY, EXCHANGE = r'ready ([\d.]+)', r'exchange ([\d.]+)'
@@ -65,8 +67,9 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
             ready = told(agent, READY)
         seconds.append(told(agent, EXCHANGE, before) - ready)
     seconds.sort()
-    usual = seconds[int(USUALLY * len(seconds)) - 1]
+    part = NIGHTLY_USUALLY if nightly else USUALLY
+    usual = seconds[math.ceil(part * len(seconds)) - 1]
     print(f'{killed} killed {len(seconds)} times; to the next exchange, beyond its start: '
           f'{seconds[0]:.2f} s at least, {statistics.median(seconds):.2f} s median, '
-          f'{usual:.2f} s in {100 * USUALLY:g} of 100, {seconds[-1]:.2f} s at most')
+          f'{usual:.2f} s in {100 * part:g} of 100, {seconds[-1]:.2f} s at most')
     assert usual <= PROMISED, seconds

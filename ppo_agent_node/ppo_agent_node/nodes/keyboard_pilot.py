@@ -26,6 +26,7 @@ from ppo_agent_node.pilots.keys import EXACT_ON
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import WorldSpec
@@ -99,7 +100,7 @@ def pilot(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run('keyboard_pilot', pilot, EXPECTED_ERRORS))
+    leave(run('keyboard_pilot', pilot, EXPECTED_ERRORS))
 
 
 if __name__ == '__main__':

@@ -2,15 +2,14 @@
 """Node `random_pilot`: random actions in any world, the first check that all is in place."""
 from __future__ import annotations
 
-import sys
-
 from ppo_agent_node.nodes.piloting import run_pilot
 from ppo_agent_node.pilots.random import RandomPilot
+from rocket_sim_node.wire.running import leave
 
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_pilot('random_pilot', RandomPilot))
+    leave(run_pilot('random_pilot', RandomPilot))
 
 
 if __name__ == '__main__':

@@ -6,7 +6,6 @@ Nothing waits for it: it may start late, fall behind, die and come back.
 from __future__ import annotations
 
 import os
-import sys
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 
 _SPIN_PERIOD = 0.2
@@ -183,7 +183,7 @@ def _drain(executor: Executor, heard: RecorderNode) -> None:
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run(
+    leave(run(
         'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError)))
 
 

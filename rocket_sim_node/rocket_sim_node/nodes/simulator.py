@@ -2,7 +2,6 @@
 """Node `simulator`: N rockets of one world, stepped as one batch by the agent's actions."""
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 from rclpy.executors import Executor
@@ -14,6 +13,7 @@ from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
@@ -64,7 +64,7 @@ def simulate(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run('simulator', simulate, expected=(ParameterError, ValueError)))
+    leave(run('simulator', simulate, expected=(ParameterError, ValueError)))
 
 
 if __name__ == '__main__':

@@ -116,7 +116,8 @@ def leave(status: int) -> NoReturn:
     """End this process at once, after `run`.
 
     Python would first look through all objects of all libraries for what can be freed; with
-    those of a learner that takes a second, and several on a busy machine.
+    those of a learner that takes a second, and several on a busy machine. And it would take back
+    our handlers first, so that a second Ctrl-C at that moment would look like a crash.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):  # nobody reads it any more
