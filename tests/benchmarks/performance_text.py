@@ -37,13 +37,20 @@ def _budget(f: Figures) -> str:
 
 
 def _rollouts(f: Figures) -> str:
-    best = max(f['rollouts'].items(), key=lambda item: item[1]['ratio']['DDS, 2'])
+    rows = f['rollouts']
+    best = max(rows.items(), key=lambda item: item[1]['ratio']['DDS, 2'])
+    size, least = next(iter(rows.items()))
+    speed = least['steps_per_second']
+    split = speed['in process, 2'] / speed['in process, 1']
     return (
         'Training roll-outs, policy, buffers and snapshots included, over DDS and in one process '
         'without ROS. With two simulators the agent thinks '
         'about one batch while the other moves. What was flown is compared, bit for bit, with the '
         'same flights in process. '
-        f'Best: {best[1]["ratio"]["DDS, 2"]:.2f} of the speed in process, at {best[0]} rockets.')
+        f'Best: {best[1]["ratio"]["DDS, 2"]:.2f} of the speed in process, at {best[0]} rockets. '
+        f'Two batches of half the size cost more than one even without ROS: with {size} rockets '
+        f'that alone leaves {split:.2f}; beside equal batches in process ("of equals") two '
+        f'simulators make {least["ratio_of_equals"]["DDS, 2"]:.2f}.')
 
 
 def _fleet(f: Figures) -> str:
