@@ -366,7 +366,7 @@ def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
 
 # Real viewers
 
-def wait(done: Callable[[], bool], seconds: float = 10.0) -> None:
+def wait(done: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < end
