@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,10 +14,13 @@ import pytest
 from faults import Moments
 from processes import Process
 from processes import Processes
+from rclpy.task import Future
+from rocket_msgs import srv
 from rollouts import assert_same
 from training_runs import simulator
 
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.flight import Reset
@@ -99,3 +103,41 @@ def test_a_call_that_was_given_up_does_not_fly_into_the_next(
                     continue
             else:
                 pytest.fail('restored three times and not flown')
+
+
+class Dying:
+    """A service of a simulator that is busy for some calls, and then dead."""
+
+    srv_name = '/reset'
+
+    def __init__(self, busy: int) -> None:
+        self._busy, self.calls = busy, 0
+
+    def service_is_ready(self) -> bool:
+        """Return what is believed until the lease of a dead one ends."""
+        return True
+
+    def call_async(self, request: srv.Reset.Request) -> Future:
+        """Answer that another agent flies it, or nothing."""
+        self.calls += 1
+        future: Future = Future()
+        if self.calls <= self._busy:
+            future.set_result(srv.Reset.Response(code=srv.Reset.Response.BUSY))
+        return future
+
+    def remove_pending_request(self, future: Future) -> None:
+        """Forget a call."""
+
+
+def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
+        processes: Processes, make_client: MakeClient) -> None:
+    link = make_client(patience=4.0).link
+    service = link._clients['reset'] = Dying(busy=4)
+    link.ask(Reset(0))
+    began = time.monotonic()
+    with pytest.raises(WireTimeout):
+        while time.monotonic() < began + 20.0:
+            link.poll()
+            time.sleep(0.01)
+    assert 4.0 < time.monotonic() - began < 8.0  # patience begins anew with the last answer
+    assert service.calls >= 4 + len(REPEATED)

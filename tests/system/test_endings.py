@@ -51,6 +51,7 @@ def test_told_to_end_while_it_starts_it_ends_and_leaves_nothing(
 
 @pytest.mark.parametrize(('parameters', 'word'), [
     ({'clip_rang': 0.1}, 'clip_rang'), ({'clip_range': -1.0, 'resume': True}, 'clip_range'),
+    ({'simulators': 'sim_*'}, 'sim_*'),
 ])
 def test_a_refused_start_leaves_no_folder(
         processes: Processes, tmp_path: Path, parameters: dict, word: str) -> None:

@@ -12,6 +12,7 @@ from rocket_sim_node.wire import security
 from rocket_sim_node.wire.security import SecurityError
 from rocket_sim_node.wire.security import require
 
+SUPPORTED = security.supported
 POLICY = Path(__file__).parents[2] / 'launch_scripts' / 'security' / 'hoverslam.policy.xml'
 
 
@@ -116,3 +117,20 @@ def test_policy_is_of_the_form_that_sros2_reads() -> None:
                 assert len(rules)
                 assert {rule.tag for rule in rules} == {item}
                 assert all(rule.text for rule in rules)
+
+
+@pytest.mark.parametrize(('attempt', 'has_it'), [
+    ('pass', False),  # pays no heed to security: made a node from empty keys
+    ('raise SystemExit("keys are empty")', True),
+    ('raise SystemExit("the context doesn\'t have the security libraries")', False)])
+def test_who_takes_empty_keys_has_no_security(
+        attempt: str, has_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(security, '_ATTEMPT', attempt)
+    assert SUPPORTED() == has_it
+
+
+def test_an_attempt_that_hangs_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(security, '_ATTEMPT', 'import time; time.sleep(60)')
+    monkeypatch.setattr(security, '_PATIENCE', 0.3)
+    with pytest.raises(SecurityError, match='try again'):
+        SUPPORTED()

@@ -135,6 +135,16 @@ def test_the_range_decides(
     assert 0 < int(found['HOVERSLAM_DATA_PORT_OFFSET']) < 2**16
 
 
+@pytest.mark.parametrize(('name', 'value'), [
+    ('ROS_LOCALHOST_ONLY', '1'), (transport.RANGE, 'OFF')])
+def test_who_wants_nobody_gets_nobody_by_name_either(
+        name: str, value: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_STATIC_PEERS', '10.0.0.7')
+    monkeypatch.setenv(name, value)
+    assert not transport.beyond_machine()
+    assert inside()['FASTDDS_DEFAULT_PROFILES_FILE'] == str(OURS / 'machine.xml')
+
+
 def test_who_sets_up_fast_dds_has_the_word(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = tmp_path / 'mine.xml'

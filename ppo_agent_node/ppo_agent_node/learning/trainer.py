@@ -216,7 +216,7 @@ class Trainer:
         self._reset_world()
         best: Score | None = None
         numbers: dict[str, Any] = {}
-        if self._config.demonstration.demonstration_episodes:
+        if self._config.demonstration.demonstration_episodes or self._done():
             best, numbers = self._select()
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 

@@ -28,6 +28,7 @@ from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.fleet import Fleet
+from rocket_sim_node.wire.fleet import check_pattern
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
@@ -54,6 +55,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
+    check_pattern(options.simulators)
     folder = RunFolder(_run_path(options), options.resume)
     saved = _saved_settings(folder) if options.resume else {}
     with (

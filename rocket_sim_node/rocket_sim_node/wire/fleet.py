@@ -53,6 +53,16 @@ _RETRY = 10.0
 _WORLD_TYPE = 'rocket_msgs/msg/World'
 
 
+def check_pattern(pattern: str) -> None:
+    """Check what simulators shall be called.
+
+    :raises ValueError: when that is no namespace.
+    """
+    if pattern and not pattern.startswith('/'):
+        raise ValueError(
+            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*')
+
+
 class _Task(Generic[T]):
     """A flight, and how often it was begun."""
 
@@ -104,10 +114,7 @@ class Fleet:
         :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
             matches is taken in when it appears. Empty: the one of the node's own namespace.
         """
-        if pattern and not pattern.startswith('/'):
-            raise ValueError(
-                f'simulators: got {pattern!r}, expected namespaces that begin with /, '
-                'such as /sim_*')
+        check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
         self._waiter = Waiter(node, executor, options.patience)
         self._members: dict[str, _Member] = {}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -59,13 +60,15 @@ def _groups(folder: Path) -> list[list[Path]]:
 
 
 def _is_old(files: list[Path], young: float) -> bool:
-    """Tell whether all files are this user's and old enough."""
+    """Tell whether all are files, this user's, and old enough."""
     try:
-        found = [file.stat() for file in files]
+        found = [file.lstat() for file in files]
     except OSError:  # gone meanwhile: somebody is at it
         return False
     now, user = time.time(), os.geteuid()
-    return all(status.st_uid == user and now - status.st_mtime >= young for status in found)
+    return all(
+        stat.S_ISREG(status.st_mode) and status.st_uid == user
+        and now - status.st_mtime >= young for status in found)
 
 
 def _is_free(files: list[Path]) -> bool:
@@ -79,7 +82,8 @@ def _lock(files: list[Path], stack: ExitStack) -> bool:
     try:
         for file in files:
             if _is_lock(file):
-                descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
+                descriptor = os.open(
+                    file, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
                 stack.callback(os.close, descriptor)
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

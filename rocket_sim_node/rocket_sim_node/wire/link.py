@@ -284,20 +284,21 @@ class Link:
             response, self._future = self._future.result(), None
             self.heard = now
             return self._judge(command, response, now)
+        assert self._silence is not None
         if now < self._next:
             return False
-        assert self._silence is not None
+        self._silence.check()
         if self._future is not None:
             client.remove_pending_request(self._future)
             self._future = None
         if client.service_is_ready():
             self._future = client.call_async(self._request(command))
-            self._next = now + self._call_timeout
+            # No later than to say how long it has been, or that patience is over.
+            self._next = min(now + self._call_timeout, self._silence.due)
             self._call_timeout *= 2
             self._claimed |= not isinstance(command, Snapshot)
         else:
             self._next = now + _READY_PERIOD
-        self._silence.check()
         return False
 
     def _request(self, command: Command) -> Any:
@@ -335,6 +336,7 @@ class Link:
             self._node.get_logger().warning(
                 f'{self.name}: {name}: {response.message}; waiting')
         self._next = now + min(_BUSY_RETRY, left)
+        self._call_timeout = _CALL_TIMEOUT
         self._silence = self._await_service(command)
         return False
 

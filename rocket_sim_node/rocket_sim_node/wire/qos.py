@@ -8,6 +8,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
 from rocket_sim_node.wire.transport import beyond_machine
+from rocket_sim_node.wire.transport import set_up_by_user
 
 
 def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
@@ -31,9 +32,10 @@ def read_stream(acknowledge: str) -> QoSProfile:
 
     Within a machine messages do not get lost, but acknowledging them takes time and wakes threads;
     and what is lost after all, the agent asks for again. So `auto` acknowledges only when peers
-    beyond this machine may be discovered, by range or by name.
+    beyond this machine may be discovered: by range, by name, or by a set-up of the user's.
     """
-    if acknowledge == 'always' or (acknowledge == 'auto' and beyond_machine()):
+    if acknowledge == 'always' or (
+            acknowledge == 'auto' and (beyond_machine() or set_up_by_user())):
         return STREAM
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,

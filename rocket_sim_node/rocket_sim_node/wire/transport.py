@@ -51,8 +51,14 @@ def discovery_range() -> str:
 
 def beyond_machine() -> bool:
     """Return whether peers beyond this machine may be discovered, by range or by name."""
-    return bool(os.environ.get('ROS_STATIC_PEERS')) or (
-        discovery_range() not in ('LOCALHOST', 'OFF'))
+    if discovery_range() == 'OFF' or os.environ.get('ROS_LOCALHOST_ONLY') == '1':
+        return False
+    return bool(os.environ.get('ROS_STATIC_PEERS')) or discovery_range() != 'LOCALHOST'
+
+
+def set_up_by_user() -> bool:
+    """Return whether Fast DDS was told otherwise where its peers are, or how to reach them."""
+    return any(os.environ.get(name) for name in (*_PROFILES, *_OWN_SETUP))
 
 
 @contextmanager
@@ -101,7 +107,7 @@ def _own_setup(schema: Path) -> bool:
         paths.append(_DEFAULT_PROFILE.absolute())
     for path in paths:
         check_profile(path, schema)
-    return bool(paths) or any(os.environ.get(name) for name in _OWN_SETUP)
+    return bool(paths) or set_up_by_user()
 
 
 def _domain() -> int:

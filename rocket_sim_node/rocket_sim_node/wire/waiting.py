@@ -108,13 +108,18 @@ class Silence:
         """Patience left, s."""
         return max(self._end - time.monotonic(), 0.0)
 
+    @property
+    def due(self) -> float:
+        """When `check` has something to say next, s of the steady clock."""
+        return min(self._notice, self._end)
+
     def check(self) -> None:
         """Say how long it has been, when it is time to.
 
         :raises WireTimeout: when patience is over.
         """
         now = time.monotonic()
-        if now < min(self._notice, self._end):
+        if now < self.due:
             return
         topic = self._topic or self._node.resolve_topic_name('world')
         text = (
