@@ -68,14 +68,17 @@ class Speaker:
         self.said = message
         self.publisher.publish(message)
 
-    def expect_refusal(self, *words: str) -> None:
-        """Wait for diagnostics that name all of the words; say again what may have been lost."""
+    def insist(self, done: Callable[[], bool]) -> None:
+        """Wait until `done()`; say again what was lost before the reader knew the writer."""
         for _ in range(10):
-            if self.client.waiter.until(
-                    lambda: any(all(w in text for w in words) for text in self.diagnostics), 2.0):
+            if self.client.waiter.until(done, 2.0):
                 return
             self.publisher.publish(self.said)
-        raise AssertionError(f'no refusal with {words} in {self.diagnostics}')
+        raise AssertionError(f'heard {self.heard}, diagnostics {self.diagnostics}')
+
+    def expect_refusal(self, *words: str) -> None:
+        """Wait for diagnostics that name all of the words."""
+        self.insist(lambda: any(all(w in text for w in words) for text in self.diagnostics))
 
 
 def test_same_rollout_in_process_and_over_dds(
@@ -107,7 +110,7 @@ def test_repeated_action_is_answered_again_and_steps_once(
     world.reset(1)
     for expected in (1, 2, 3):
         speaker.say(values, step=0)
-        assert client.waiter.until(lambda: len(speaker.heard) >= expected, 10.0)  # noqa: B023
+        speaker.insist(lambda: len(speaker.heard) >= expected)  # noqa: B023
     assert {step for _, step in speaker.heard} == {1}
     client.link.step = 1
     world.step(values)
