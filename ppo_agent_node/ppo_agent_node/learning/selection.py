@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ppo_agent_node.learning import streams
@@ -12,9 +14,12 @@ from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.policies import without_noise
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds.flight import Fleet
+from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
+
+Wave = Callable[[], Flight[tuple[Episodes, int]]]
+"""Begins a flight of one episode a rocket."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +52,20 @@ def fly_wave(
 
 
 def fly_selection(
-    fleet: Fleet, policy: Policy, iteration: int, level: int, episodes: int, seed: int,
-    poll: Callable[[], None], report: Callable[[str], None],
+    fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]], spec: WorldSpec,
+    policy: Policy, iteration: int, level: int, episodes: int, seed: int,
 ) -> tuple[Score, int]:
     """Fly at least so many episodes, equally many with each rocket.
 
-    :param report: is told of flights that were begun anew.
+    :param fly: flies what it is given and yields the results, in order.
     :return: the score, and the rocket steps that it took.
     """
-    rockets = fleet.spec.num_envs
+    rockets = spec.num_envs
     waves = [
         functools.partial(fly_wave, without_noise(policy), level, seed, wave)
         for wave in range(-(-episodes // rockets))]
-    parts, lengths = zip(*fleet.fly(waves, poll, report), strict=True)
+    parts, lengths = zip(*fly(waves), strict=True)
     flown = Episodes.concatenate(list(parts))
-    landed = int((flown.outcome == fleet.spec.outcomes.index('landed')).sum())
+    landed = int((flown.outcome == spec.outcomes.index('landed')).sum())
     return Score(
         iteration, len(flown), landed, float(flown.episode_return.mean())), sum(lengths) * rockets

@@ -310,11 +310,9 @@ class Trainer:
 
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
-        with tensor_threads(1):
-            score, steps = fly_selection(
-                self._fleet, self._learner.policy, self._state.iteration, self._level,
-                self._config.run.selection_episodes, self._config.run.seed, self._poll,
-                self._journal.message)
+        score, steps = fly_selection(
+            self._fly, self._spec, self._learner.policy, self._state.iteration, self._level,
+            self._config.run.selection_episodes, self._config.run.seed)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return
         self._state = replace(

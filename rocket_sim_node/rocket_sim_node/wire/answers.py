@@ -72,15 +72,10 @@ class Answers:
     def collect(self) -> bool:
         """Take what has come; tell whether the answer is complete.
 
-        Bytes that are no message may be anybody's: they are passed over, as any message of
-        another session or step.
+        Messages of another session or step are passed over.
         """
         while (box := self.missing) is not None:
-            try:
-                message = box.take()
-            except ValueError as error:
-                self._warn(f'left out: {error}')
-                continue
+            message = self._next(box)
             if message is None:
                 return False
             if not self._is_awaited(message):
@@ -96,15 +91,20 @@ class Answers:
     def heard_of(self, session: int) -> bool:
         """Take the observations that have come; tell whether one is of this session."""
         heard = False
+        while (message := self._next(self._boxes[0])) is not None:
+            heard |= message.session == session
+        return heard
+
+    def _next(self, box: Mailbox) -> Any:
+        """Return the next message of a box, None without.
+
+        Bytes that are no message may be anybody's: they are passed over.
+        """
         while True:
             try:
-                message = self._boxes[0].take()
+                return box.take()
             except ValueError as error:
                 self._warn(f'left out: {error}')
-                continue
-            if message is None:
-                return heard
-            heard |= message.session == session
 
     def _is_awaited(self, message: Any) -> bool:
         if message.session != self._session:

@@ -388,5 +388,3 @@ class Fleet:
         """Let go of the simulators, so that another agent need not wait."""
         farewells = [member.link.release() for member in self._members.values()]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
-        while self._members:
-            self._members.popitem()[1].link.destroy()

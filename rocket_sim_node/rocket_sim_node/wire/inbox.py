@@ -10,8 +10,10 @@ subscriptions that no executor knows, which hand out bytes, and a wait set for t
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Sequence
 from typing import Any
+from typing import ClassVar
 
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -28,16 +30,23 @@ _SERVED_AT_ONCE = 16
 
 
 class Mailbox:
-    """A subscription whose messages are taken by whoever looks for them."""
+    """A subscription whose messages are taken by whoever looks for them.
+
+    The node does not know it, so `destroy_all` comes before the node's own end: a subscription
+    that is left keeps the participant, and peers do not hear that it is gone.
+    """
+
+    _open: ClassVar[weakref.WeakSet[Mailbox]] = weakref.WeakSet()
 
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
         """Subscribe; remapping and namespaces are those of the node."""
         check_is_valid_msg_type(kind)  # which loads what the type needs in C
-        self._kind, self._topic = kind, topic
+        self._node, self._kind, self._topic = node, kind, topic
         self._codec = Codec(kind)
         with node.handle:
             self.handle = _rclpy.Subscription(
                 node.handle, kind, topic, profile.get_c_qos_profile())
+        self._open.add(self)
 
     def take(self) -> Any:
         """Return the oldest message that has come, as :meth:`Codec.decode` does; None without.
@@ -55,7 +64,14 @@ class Mailbox:
 
     def destroy(self) -> None:
         """Unsubscribe."""
+        self._open.discard(self)
         self.handle.destroy_when_not_in_use()
+
+    @classmethod
+    def destroy_all(cls, node: Node) -> None:
+        """Unsubscribe those of a node that are left."""
+        for mailbox in [one for one in cls._open if one._node is node]:
+            mailbox.destroy()
 
 
 class Inbox:

@@ -386,7 +386,7 @@ class Link:
         self._node.destroy_publisher(self._publisher)
         self._node.destroy_subscription(self._world_subscription)
         for mailbox in self._mailboxes:
-            mailbox.destroy()  # which keep the node's participant, and no executor knows
+            mailbox.destroy()
         for client in self._clients.values():
             self._node.destroy_client(client)
 

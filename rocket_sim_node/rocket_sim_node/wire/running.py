@@ -24,6 +24,7 @@ from rocket_sim_node.wire import leftovers
 from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.dds_profile import ProfileError
+from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.transport import TransportError
 from rocket_sim_node.wire.transport import prepared
 from rocket_sim_node.worlds import EnvironmentClosed
@@ -100,6 +101,7 @@ def run(
             finally:
                 # Now, not when Python tidies up: peers shall hear that it is gone, see `leave`.
                 executor.remove_node(node)
+                Mailbox.destroy_all(node)
                 node.destroy_node()
     except (ExternalShutdownException, EnvironmentClosed):
         return 0

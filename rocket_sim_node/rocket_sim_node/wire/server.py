@@ -128,7 +128,6 @@ class Server:
             if message is not None:
                 self._on_action(message)
         self._state.flush()
-        self._mailbox.destroy()  # which no executor knows; peers hear that we are gone when all is
 
     # Actions
 
