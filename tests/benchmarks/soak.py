@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A long training among kills: whether memory, open files, /dev/shm and steps/s stay flat.
 
-Two simulators, an agent that trains in both and a recorder run as processes of their own. About
-once a minute something happens to one of them: `kill -9` and a new one in its place, or a stop for
-a few seconds. Every few seconds each is looked at. At the end each figure has its slope an hour
-with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when the slope
-is below 1 % of the mean.
+Two simulators, an agent that trains in both, and a recorder for each run as processes of their
+own. About once a minute something happens to one of them: `kill -9` and a new one in its place, or
+a stop for a few seconds. Every few seconds each is looked at. At the end each figure has its slope
+an hour with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when
+the slope is below 1 % of the mean.
 
 Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
 Steps per second of processor time, of agent and simulators, are what other load on the machine
@@ -41,7 +41,9 @@ _SPELL = 10.0
 """s of undisturbed training that make a point of steps/s"""
 _SAVED = 60.0
 """s between two savings of what is known so far"""
-_KINDS = {'sim_0': 'simulator', 'sim_1': 'simulator', 'agent': 'agent', 'recorder': 'recorder'}
+_KINDS = {
+    'sim_0': 'simulator', 'sim_1': 'simulator', 'agent': 'agent', 'recorder_0': 'recorder',
+    'recorder_1': 'recorder'}
 _FIGURES = {
     'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}

@@ -32,22 +32,21 @@ class Fault(NamedTuple):
     weight: int
 
 
+NODES = ('sim_0', 'sim_1', 'recorder_0', 'recorder_1', 'agent')
 FAULTS = (
-    Fault('killed', 'sim_1', 4), Fault('killed', 'recorder', 2), Fault('killed', 'agent', 1),
-    Fault('stopped', 'sim_0', 1), Fault('stopped', 'sim_1', 1), Fault('stopped', 'recorder', 1),
-    Fault('stopped', 'agent', 1))
-"""`sim_0` lives as long as the soak, beside all the deaths of the others; an agent lives long
-enough for what it may lose to show."""
+    Fault('killed', 'sim_1', 4), Fault('killed', 'recorder_1', 2), Fault('killed', 'agent', 1),
+    *(Fault('stopped', node, 1) for node in NODES))
+"""`sim_0` and `recorder_0` live as long as the soak, beside all the deaths of the others; an agent
+lives long enough for what it may lose to show."""
 
 
 class Nodes:
-    """Two simulators, an agent that trains in both, and a recorder."""
+    """Two simulators, an agent that trains in both, and a recorder for each."""
 
     def __init__(self, folder: Path, seed: int, num_envs: int, n_steps: int) -> None:
         """Prepare; nothing runs yet."""
         self.processes = Processes(folder)
         self.run = folder / 'run'
-        self._recording = folder / 'recording.rrd'
         self._num_envs, self._n_steps = num_envs, n_steps
         self._random = random.Random(seed)
         self.nodes: dict[str, Process] = {}
@@ -58,7 +57,7 @@ class Nodes:
 
     def begin(self) -> None:
         """Start all of them and wait until the agent learns."""
-        for name in ('sim_0', 'sim_1', 'recorder', 'agent'):
+        for name in NODES:
             self._start(name)
         self.nodes['agent'].wait_for('PPO 1/', START)
 
@@ -72,12 +71,14 @@ class Nodes:
                 # Each update as long as the others, whatever is learnt.
                 target_kl=0.0, demonstration_episodes=2 * self._num_envs, clone_epochs=4,
                 selection_interval=50, selection_episodes=self._num_envs, checkpoint_interval=2)
-        elif name == 'recorder':
+        elif name.startswith('recorder'):
+            simulator = name.replace('recorder', 'sim')
             process = self.processes.run_node(
-                'rocket_sim_node', 'rerun_recorder', ('__ns:=/sim_0', 'training:=/training'),
+                'rocket_sim_node', 'rerun_recorder',
+                (f'__ns:=/{simulator}', 'training:=/training'),
                 # Its memory grows with what it has recorded, until that is as much as it may; in
                 # a long training that is soon the case, here within the warm-up.
-                output=self._recording, max_steps=_RECORDED)
+                output=self.processes.folder / f'{name}.rrd', max_steps=_RECORDED)
         else:
             process = self.processes.run_node(
                 'rocket_sim_node', 'simulator', (f'__ns:=/{name}',), num_envs=self._num_envs)

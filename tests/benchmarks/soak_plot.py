@@ -7,10 +7,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from benchmarks.soak_nodes import NODES
 from benchmarks.soak_samples import Samples
 from ppo_agent_node.reporting import style
 
-_NODES = ('sim_0', 'sim_1', 'agent', 'recorder')
 _PANELS = (('own', 'memory of its own, MiB'), ('files', 'open files'), ('threads', 'threads'))
 
 
@@ -19,10 +19,10 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
     with style.styled():
         figure = Figure(figsize=(11, 9))
         axes = figure.subplots(3, 2, sharex=True).reshape(-1)
-        colours = dict(zip(_NODES, style.CYCLE, strict=False))
+        colours = dict(zip(NODES, style.CYCLE, strict=False))
         for panel, (name, title) in zip(axes, _PANELS, strict=False):
             panel.set_title(title)
-            for node in _NODES:
+            for node in NODES:
                 rows = [row for row in samples.rows if row['node'] == node]
                 for life in sorted({row['life'] for row in rows}):
                     own = [row for row in rows if row['life'] == life]

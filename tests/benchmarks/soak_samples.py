@@ -158,7 +158,8 @@ class Iterations:
             return
         try:
             cpu = sum(
-                cpu_seconds(node_of(node)) for name, node in nodes.items() if name != 'recorder')
+                cpu_seconds(node_of(node)) for name, node in nodes.items()
+                if not name.startswith('recorder'))
         except OSError:
             self._cpu = None
             return

@@ -3,10 +3,10 @@
 
 A process that is killed and started again begins anew, so each life has a level of its own and
 what is asked for is the slope within lives: a least-squares fit with one slope and an intercept
-a life. The beginning of a life, when a process still fills its buffers, is left out. What memory
-does now it also does a moment later, so values are averaged over blocks, and the interval is that
-of Newey and West (Econometrica 55, 1987, eq. 5), which allows for residuals that hang together
-over a few blocks.
+a life. The first third of a life, when a process still fills its buffers and meets its peers, is
+left out: what leaks goes on after that. What memory does now it also does a moment later, so
+values are averaged over blocks, and the interval is that of Newey and West (Econometrica 55, 1987,
+eq. 5), which allows for residuals that hang together over a few blocks.
 """
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from scipy import stats
 
 FLAT = 0.01
 """of the mean, an hour: a slope below it means nothing"""
+WARM_UP = 1 / 3
+"""of a life"""
 _LAG = 3
 """blocks over which residuals may hang together"""
 Values = NDArray[np.float64]
@@ -74,7 +76,7 @@ def in_blocks(
 ) -> tuple[Values, Values, Values]:
     """Leave out the beginning of each life and average the rest over blocks of time.
 
-    :param warm_up: s from the first point of a life
+    :param warm_up: s, at least, from the first point of a life; WARM_UP of it where that is more
     :param block: s
     :return: hours, values and lives of the blocks, in order of time within each life.
     """
@@ -82,7 +84,7 @@ def in_blocks(
     for life in np.unique(lives):
         own = lives == life
         t, v = seconds[own], values[own]
-        late = t >= t[0] + warm_up
+        late = t >= t[0] + max(warm_up, WARM_UP * (t[-1] - t[0]))
         t, v = t[late], v[late]
         number = np.floor(t / block).astype(np.int64)
         for one in np.unique(number):

@@ -176,7 +176,8 @@ def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
     soak.signal(signal.SIGTERM)
     assert soak.wait(60.0) == 0, soak.output()
     figures = json.loads(output.read_text('utf-8'))
-    assert figures['ended'].keys() == {'sim_0', 'sim_1', 'recorder', 'agent'}
+    assert figures['ended'].keys() == {
+        'sim_0', 'sim_1', 'recorder_0', 'recorder_1', 'agent'}
     # One that had just been started may not have been ready to be asked.
     assert set(figures['ended'].values()) <= {0, -signal.SIGINT}
     assert figures['unexpected'] == []

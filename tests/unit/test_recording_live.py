@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from typing import cast
@@ -346,12 +347,11 @@ def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
     stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
     settled: list[int] = []
 
-    def settle(flight: Flight, stage: Stage) -> Settling | None:
-        if flight.outcome != 'landed':
-            return None
-        settled.append(flight.episode)
-        last = np.repeat(flight.values[-1:], 10, axis=0)
-        return Settling('stands', last)
+    def settle(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+        settled.extend(flight.episode for flight in flights if flight.outcome == 'landed')
+        return [
+            Settling('stands', np.repeat(flight.values[-1:], 10, axis=0))
+            if flight.outcome == 'landed' else None for flight in flights]
 
     tape = Tape(tmp_path / 'live.rrd')
     file = FileSink(tmp_path / 'file.rrd', lambda *note: None)

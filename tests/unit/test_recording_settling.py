@@ -2,6 +2,8 @@
 """What becomes of a rocket after its touchdown is shown after its flight, and said."""
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +21,14 @@ from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.flight_log import log_flight
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.recorder import HELD
+from rocket_sim_node.recording.recorder import MOST_HELD
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
@@ -54,10 +59,13 @@ def two_flights() -> Samples:
         np.repeat((0, 1), FLIGHT), outcome, np.concatenate((values, values)))
 
 
-def topple(flight: Flight, stage: Stage) -> Settling | None:
-    """Tip the first rocket over to the right, about its foot at 6.7 m; leave the others alone."""
-    if flight.outcome != 'landed':
-        return None
+def topple(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+    """Tip rockets that landed over to the right, about a foot at 6.7 m; leave the others alone."""
+    return [toppled(stage) if flight.outcome == 'landed' else None for flight in flights]
+
+
+def toppled(stage: Stage) -> Settling:
+    """Return a fall to the right about a foot at 6.7 m."""
     assert stage.settings['dry_mass'] == 22_000.0
     angle = np.linspace(0.0, 0.5 * np.pi, AFTER)
     foot = np.array((6.7, 0.0, 0.0))
@@ -93,15 +101,52 @@ def test_flights_are_what_they_were(settled: Path) -> None:
 
 def test_the_vehicle_goes_on_moving(settled: Path) -> None:
     poses = dict(rows_of(settled, scene.ROCKET, 'Transform3D:translation'))
-    flight = Flight(0, 0, 0, 'landed', np.zeros((1, WIDTH)))
-    settling = topple(flight, STAGE)
-    assert settling is not None
+    settling = toppled(STAGE)
     for k in (0, 50, AFTER - 1):
         np.testing.assert_allclose(
             poses[FLIGHT + k][0], settling.values[k, FIELDS['position']], atol=1e-5)
     tilt = dict(rows_of(settled, scene.ROCKET, 'Flight:tilt'))
     assert tilt[FLIGHT + AFTER - 1][0] == pytest.approx(90.0)
     assert np.isnan(tilt[FLIGHT + AFTER][0]), 'a gap ends the lines'
+
+
+def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
+    """They settle together: when there are many, some seconds after the first, at the end."""
+    asked: list[int] = []
+
+    def settle(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+        asked.append(len(flights))
+        return topple(flights, stage)
+
+    now = 0.0
+    path = tmp_path / 'run.rrd'
+    sink = FileSink(path, lambda *note: None)
+    recorder = Recorder(Choice(), [sink], lambda *note: None, lambda: now, settle)
+    recorder.world(STAGE)
+    recorder.states(1, two_flights())
+    recorder.tick()
+    assert asked == []
+    now = HELD
+    recorder.tick()
+    assert asked == [2]
+    for session in range(2, 2 + MOST_HELD // 2 + 1):
+        recorder.states(session, two_flights())
+    assert asked == [2, MOST_HELD + 1]
+    # Of a world that is another one, others will settle in another way.
+    recorder.world(dataclasses.replace(STAGE, settings={'dry_mass': 22_000.0, 'gravity': 1.6}))
+    assert asked == [2, MOST_HELD + 1, 1]
+    # What an agent flies that learns does not settle, and is recorded at once.
+    recorder.states(100, two_flights())
+    recorder.training(Training('finetune', 1, {}))
+    assert asked == [2, MOST_HELD + 1, 1, 2]
+    recorder.states(101, two_flights())
+    assert recorder.flights == 2 + MOST_HELD + 1 + 1 + 2 + 1  # of the last only every fifth
+    recorder.close()
+    assert asked == [2, MOST_HELD + 1, 1, 2]
+    flights = read.trajectories(path)
+    assert [flight.summary['settled'] for flight in flights] == [AFTER, 0] * 11 + [0]
+    order = [flight.start for flight in flights]
+    assert order == sorted(order)
 
 
 def test_it_is_said(settled: Path) -> None:
@@ -128,7 +173,10 @@ def test_the_ground_pushes_until_the_next_flight(settled: Path) -> None:
 
 
 def test_nothing_is_added_where_nothing_settles(tmp_path: Path) -> None:
-    for name, settle in (('with', lambda flight, stage: None), ('without', None)):
+    def nothing(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+        return [None] * len(flights)
+
+    for name, settle in (('with', nothing), ('without', None)):
         record(tmp_path / f'{name}.rrd', STAGE, two_flights(), settle)
     for entity, component in (
             (scene.ROCKET, 'Transform3D:translation'), (scene.PHASE, 'StateChange:state')):
@@ -162,7 +210,7 @@ def test_picture(settled: Path) -> None:
 
 def test_the_view_holds_what_has_toppled() -> None:
     flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
-    settling = topple(flight, STAGE)
+    settling = toppled(STAGE)
     whole = flight.followed_by(settling)
     assert len(whole) == FLIGHT + AFTER
     assert flight.followed_by(None) is flight
@@ -192,7 +240,7 @@ REAL = Stage.build('rocket', 0.02, OUTCOMES, worlds.make('rocket').spec.settings
 def test_a_landing_is_followed_by_the_contact_model() -> None:
     """It goes on where the flight ended, rights itself and stands in its place."""
     flight = landing(np.deg2rad(4.0))
-    settling = touchdown.follow(flight, REAL)
+    settling, = touchdown.follow([flight], REAL)
     assert settling is not None
     assert settling.verdict in ('stands', 'bounces')
     after = Flight(0, 0, 0, 'landed', settling.values)
@@ -207,10 +255,29 @@ def test_a_landing_is_followed_by_the_contact_model() -> None:
 
 
 def test_only_landings_of_rocket_are_followed() -> None:
-    assert touchdown.follow(landing(0.0, 'timeout'), REAL) is None
-    assert touchdown.follow(landing(0.0, 'too_fast'), REAL) is None
+    others = [landing(0.0, 'timeout'), landing(0.0, 'too_fast')]
+    assert touchdown.follow(others, REAL) == [None, None]
     other = Stage.build('rocket_planar', 0.02, OUTCOMES, REAL.settings)
-    assert touchdown.follow(landing(0.0), other) is None
+    assert touchdown.follow([landing(0.0)], other) == [None]
+    assert touchdown.follow([], REAL) == []
+
+
+def test_landings_that_settle_together_do_so_as_each_alone() -> None:
+    """As long as each alone, to what the solver's rounding leaves."""
+    flights = [landing(np.deg2rad(lean)) for lean in (0.0, 4.0, 9.0)]
+    flights.insert(1, landing(0.0, 'timeout'))
+    together = touchdown.follow(flights, REAL)
+    lengths = set()
+    for flight, settling in zip(flights, together, strict=True):
+        alone, = touchdown.follow([flight], REAL)
+        if settling is None:
+            assert alone is None
+            continue
+        assert alone is not None
+        assert settling.verdict == alone.verdict
+        np.testing.assert_allclose(settling.values, alone.values, atol=1e-6)
+        lengths.add(len(settling.values))
+    assert len(lengths) == 3
 
 
 def test_nothing_is_followed_while_an_agent_learns(tmp_path: Path) -> None:

@@ -54,8 +54,15 @@ def test_too_little_to_say() -> None:
 def test_blocks_leave_out_the_warm_up_of_each_life() -> None:
     seconds = np.arange(0.0, 600.0, 5.0)
     lives = (seconds >= 300.0).astype(np.float64)
-    values = np.where(seconds % 300.0 < 60.0, 1000.0, 5.0 + lives)
-    hours, means, names = in_blocks(seconds, values, lives, 60.0, 120.0)
-    assert means.tolist() == [5.0, 5.0, 5.0, 6.0, 6.0]
-    assert names.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0]
-    assert hours[0] == pytest.approx(np.mean(np.arange(60.0, 120.0, 5.0)) / 3600.0)
+    values = np.where(seconds % 300.0 < 120.0, 1000.0, 5.0 + lives)
+    hours, means, names = in_blocks(seconds, values, lives, 120.0, 60.0)
+    assert means.tolist() == [5.0, 5.0, 5.0, 6.0, 6.0, 6.0]
+    assert names.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    assert hours[0] == pytest.approx(np.mean(np.arange(120.0, 180.0, 5.0)) / 3600.0)
+
+
+def test_of_a_long_life_the_first_third_is_left_out() -> None:
+    seconds = np.arange(0.0, 900.0, 5.0)
+    values = np.where(seconds < 295.0, 1000.0, 5.0)
+    _, means, _ = in_blocks(seconds, values, np.zeros(len(seconds)), 10.0, 60.0)
+    assert set(means) == {5.0}

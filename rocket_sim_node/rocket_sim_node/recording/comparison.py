@@ -103,7 +103,7 @@ def log_comparison(
 
     The next start follows when the slowest has ended, after a pause.
 
-    :param settle: says what becomes of a vehicle after its flight.
+    :param settle: says what becomes of vehicles after their flights.
     :param heading: what is compared, in a line; `remarks` stand below the results.
     :raises ValueError: when the sides cannot be compared.
     """
@@ -113,10 +113,11 @@ def log_comparison(
     for side in sides:
         look.static(_below(stream, side), stage)
     comparison_plots.log_styles(stream, sides)
-    for flights in zip(*(side.flights for side in sides), strict=True):
+    settled = [settle(side.flights, stage) for side in sides]
+    for number, flights in enumerate(zip(*(side.flights for side in sides), strict=True)):
         longest, ends = 0, []
-        for side, flight in zip(sides, flights, strict=True):
-            settling = settle(flight, stage)
+        for side, flight, settlings in zip(sides, flights, settled, strict=True):
+            settling = settlings[number]
             log_flight(_below(stream, side), flight, stage, Place(first), settling, look)
             length = len(flight.followed_by(settling))
             ends.append(settling.verdict if settling is not None else '')

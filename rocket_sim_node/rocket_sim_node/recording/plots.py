@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 import rerun as rr
 from numpy.typing import NDArray
 
@@ -96,6 +97,8 @@ def columns(
         lines = plot.lines(flight, stage)
         table = np.full((len(flight) + 1, len(lines)), np.nan, np.float32)
         table[:-1] = np.stack(lines, axis=1)
+        # As Arrow's array: Rerun would make a Python list of each number of NumPy's.
         made += rr.DynamicArchetype.columns(
-            'Flight', components={plot.name: table.ravel()}).partition([len(lines)] * len(table))
+            'Flight', components={plot.name: pa.array(table.ravel())},
+        ).partition([len(lines)] * len(table))
     return made

@@ -28,7 +28,9 @@ from rocket_sim_node.recording.training_recorder import TrainingRecorder
 EARLY = 200
 """messages kept that come before the description of their world"""
 MOST_HELD = 16
-"""flights that wait until the end of another one has been seen"""
+"""flights that wait to be recorded together"""
+HELD = 5.0
+"""s that flights wait for others, where nobody watches"""
 
 
 class Recorder:
@@ -37,7 +39,7 @@ class Recorder:
     Flights that overlapped in the simulation are shown in the order in which they ended, with a
     short pause after each; so `sim_time` is the time of the recording. Where a live viewer is
     among the sinks, one flight at a time is shown while it goes on, and those that end meanwhile
-    come after it.
+    come after it. Where none is, landings wait for a few others, together with which they settle.
     """
 
     def __init__(
@@ -46,8 +48,8 @@ class Recorder:
     ) -> None:
         """Begin an empty recording.
 
-        :param settle: asked after each flight that is recorded while no agent learns; what it
-            returns is shown after the flight, before the next one.
+        :param settle: asked after flights that are recorded while no agent learns; what it
+            returns is shown after each of them, before the next one.
         """
         self._choice = choice
         self._sinks = sinks
@@ -61,6 +63,7 @@ class Recorder:
         self._live = any(sink.live for sink in sinks)
         self._follower = Follower(self._buffers, clock)
         self._held: list[Flight] = []
+        self._held_since = 0.0
 
     @property
     def steps(self) -> int:
@@ -79,6 +82,7 @@ class Recorder:
         if stage == self._stage:
             return
         self._let_go()
+        self._record_held(now=True)
         self._stage = stage
         self._begin(stage)
         early, self._early = self._early, []
@@ -112,6 +116,8 @@ class Recorder:
             self._training = TrainingRecorder(self._put, self._clock)
             if self._stage is not None:  # otherwise it is done when the world is known
                 self._begin(self._stage)
+        if training.learning != self._reel.learning:
+            self._record_held(now=True)  # they were flown before
         self._training.add(training, self._reel.end, self._dt)
         self._reel.learning = training.learning
         self._reel.iteration = self._training.iteration
@@ -132,7 +138,7 @@ class Recorder:
             rows = [row for row, buffer in self._buffers.items() if len(buffer) > 1]
             if rows:
                 row = followed.row if followed is not None and followed.row in rows else rows[0]
-                self._reel.record(self._buffers[row].finish(row, ''), self._stage)
+                self._reel.record([self._buffers[row].finish(row, '')], self._stage)
                 self._follower.end()
         self._let_go()
         self._record_held(now=True)
@@ -180,25 +186,36 @@ class Recorder:
         if not followed and not self._choice.wanted(
                 flight.episode, landed=landed, learning=self._reel.learning):
             return
-        if not followed and self._live and self._follower.busy:
+        waits = self._follower.busy if self._live else self._reel.settles
+        if waits and not followed:
+            if not self._held:
+                self._held_since = self._clock()
             self._held.append(flight)
+            self._record_held()
             return
-        taken = self._reel.record(flight, self._stage)
+        taken = self._reel.record([flight], self._stage)
         if followed and taken:
             self._follower.end()
         elif followed:
             self._let_go()
 
     def _record_held(self, now: bool = False) -> None:
-        """Record flights that waited, when there is nothing more to be seen of the one followed.
+        """Record flights that waited long enough.
+
+        That is until there is nothing more to be seen of the one followed; or, where there is no
+        viewer, until others have come with which they settle.
 
         :param now: be that as it may; not while one is followed.
         """
-        if self._held and self._follower.flight is None and (now or not self._follower.busy):
+        if not self._held or self._follower.flight is not None:
+            return
+        many = len(self._held) > MOST_HELD
+        due = (not self._follower.busy if self._live
+               else self._clock() - self._held_since >= HELD)
+        if now or many or due:
             assert self._stage is not None
             held, self._held = self._held, []
-            for flight in held:
-                self._reel.record(flight, self._stage)
+            self._reel.record(held, self._stage)
 
     # What is seen while it happens
 
@@ -207,7 +224,7 @@ class Recorder:
         assert self._stage is not None
         if self._follower.lost:
             self._let_go()
-        self._record_held(now=len(self._held) > MOST_HELD)
+        self._record_held()
         flight = self._follower.look(self._sure)
         if flight is not None:
             self._reel.show(flight, self._stage)

@@ -17,8 +17,8 @@ from rocket_sim_node.recording.sink import Put
 from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
 
-Settle: TypeAlias = Callable[[Flight, Stage], Settling | None]
-"""Says what becomes of a rocket after a flight, or None where nothing does."""
+Settle: TypeAlias = Callable[[Sequence[Flight], Stage], list[Settling | None]]
+"""Says what becomes of each rocket after its flight, or None where nothing does."""
 
 
 class Reel:
@@ -48,26 +48,48 @@ class Reel:
         """Whether viewers go on seeing what flies."""
         return not (self.learning and True in self._full)
 
-    def record(self, flight: Flight, stage: Stage) -> bool:
-        """Log a flight at the end; return whether anybody takes it.
+    @property
+    def settles(self) -> bool:
+        """Whether it is asked what becomes of rockets."""
+        return self._settle is not None and not self.learning
+
+    def record(self, flights: Sequence[Flight], stage: Stage) -> bool:
+        """Log flights at the end, one after another; return whether anybody takes all of them.
 
         When the recording is full, live viewers go on seeing what flies, unless an agent learns.
         """
+        settlings: Sequence[Settling | None] = [None] * len(flights)
+        # Of flights that nobody sees nobody need know what became of them.
+        if self.settles and (self._shown or self._room > 0):
+            assert self._settle is not None
+            settlings = self._settle(flights, stage)
+        taken = [
+            self._record(flight, stage, settling)
+            for flight, settling in zip(flights, settlings, strict=True)]
+        return all(taken)
+
+    @property
+    def _room(self) -> int:
+        """Steps that may still be recorded."""
+        if self.learning in self._full:
+            return 0
+        return self._choice.room(learning=self.learning) - self.steps
+
+    @property
+    def _shown(self) -> bool:
+        """Whether viewers see what is not recorded."""
+        return not self.learning and any(sink.live for sink in self._sinks)
+
+    def _record(self, flight: Flight, stage: Stage, settling: Settling | None) -> bool:
         learning = self.learning
-        room = 0 if learning in self._full else self._choice.room(learning=learning) - self.steps
-        shown = not learning and any(sink.live for sink in self._sinks)
-        steps, settling = len(flight), None
-        # Of a flight that nobody sees nobody need know what became of it.
-        if self._settle is not None and not learning and (shown or steps <= room):
-            settling = self._settle(flight, stage)
-            steps += len(settling.values) if settling is not None else 0
-        fits = steps <= room
+        steps = len(flight) + (len(settling.values) if settling is not None else 0)
+        fits = steps <= self._room
         if not fits and learning not in self._full:
             self._full.add(learning)
             self._note('WARN', (
                 f'max_steps: {self.steps} steps are recorded, no more flights'
                 + (' until the agent has learnt' if learning else '')))
-        if not fits and not shown:
+        if not fits and not self._shown:
             return False
         put = self._put_of(flight, stage, settling)
         for sink in self._sinks:

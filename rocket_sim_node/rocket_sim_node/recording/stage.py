@@ -37,8 +37,8 @@ class Stage:
     level: int = 0
     stance: float = 6.7
     field_half_width: float = 10.0
-    settings: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
-    """all that the world says of itself; no part of what its recordings look like"""
+    settings: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
+    """all that the world says of itself"""
 
     @classmethod
     def build(

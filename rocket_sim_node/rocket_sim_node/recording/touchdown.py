@@ -2,6 +2,8 @@
 """How a landing of world `rocket` goes on after its last sample: the planar contact model."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rocket_sim_node import frames
@@ -18,26 +20,34 @@ _SETTLE = tuple(OUTCOMES[code] for code in (LANDED, TIPPED, OFF_PAD))
 """Outcomes that are followed; of a touchdown that is too fast the legs would not hold."""
 
 
-def follow(flight: Flight, stage: Stage) -> Settling | None:
-    """Return what becomes of a rocket after its flight; None where that is not asked.
+def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+    """Return what becomes of rockets after their flights; None where that is not asked.
+
+    They settle together, which takes little longer than the slowest of them alone.
 
     :param stage: of any world; only flights of `rocket` are followed, others end at rest.
     """
-    if stage.world != 'rocket' or flight.outcome not in _SETTLE:
-        return None
+    ends: list[Settling | None] = [None] * len(flights)
+    chosen = [
+        place for place, flight in enumerate(flights)
+        if stage.world == 'rocket' and flight.outcome in _SETTLE]
+    if not chosen:
+        return ends
+    last = Flight(0, 0, 0, '', np.stack([flights[place].values[-1] for place in chosen]))
     settled = settle(
-        frames.vector_from_ros(flight.position[-1:]),
-        frames.quaternion_from_ros(flight.orientation[-1:]),
-        frames.vector_from_ros(flight.linear_velocity[-1:]),
-        frames.vector_from_ros(flight.angular_velocity[-1:]),
-        flight.fuel[-1:], stage.settings, trajectory=True)
-    course = settled.trajectory
+        frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
+        frames.vector_from_ros(last.linear_velocity),
+        frames.vector_from_ros(last.angular_velocity), last.fuel, stage.settings, trajectory=True)
+    course, names = settled.trajectory, settled.names()
     assert course is not None
-    # The first moment is that of touchdown, which the flight has.
-    count = len(course.position) - 1
-    return Settling.build(
-        settled.names()[0], frames.vector_to_ros(course.position[1:, 0]),
-        frames.quaternion_to_ros(course.orientation[1:, 0]),
-        linear_velocity=frames.vector_to_ros(course.linear_velocity[1:, 0]),
-        angular_velocity=frames.vector_to_ros(course.angular_velocity[1:, 0]),
-        fuel=np.full(count, flight.fuel[-1]), mass=np.full(count, flight.mass[-1]))
+    for lane, place in enumerate(chosen):
+        # The first moment is that of touchdown, which the flight has.
+        own = slice(1, int(course.length[lane])), lane
+        count = int(course.length[lane]) - 1
+        ends[place] = Settling.build(
+            names[lane], frames.vector_to_ros(course.position[own]),
+            frames.quaternion_to_ros(course.orientation[own]),
+            linear_velocity=frames.vector_to_ros(course.linear_velocity[own]),
+            angular_velocity=frames.vector_to_ros(course.angular_velocity[own]),
+            fuel=np.full(count, last.fuel[lane]), mass=np.full(count, last.mass[lane]))
+    return ends

@@ -46,7 +46,7 @@ class Trajectory:
 
     Vectors are `(T, K, 3)`, `orientation` `(T, K, 4)` x y z w, `contact` `(T, K, 2)` left and
     right foot in the plane. Yaw is kept; the lean across the plane dies out within BLEND_TIME.
-    Who is at rest stays where it is.
+    Who is at rest stays where it is; `length` `(K,)` is the number of moments until it is known.
     """
 
     position: F64
@@ -54,6 +54,7 @@ class Trajectory:
     linear_velocity: F64
     angular_velocity: F64
     contact: NDArray[np.bool_]
+    length: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,9 @@ class _Course(NamedTuple):
     """How K touchdowns went, each in its plane; the last axis is x, y, angle or their rates."""
 
     steps: NDArray[np.int64]
+    """until it was still"""
+    followed: NDArray[np.int64]
+    """steps until it had been still for long enough"""
     resting: NDArray[np.bool_]
     hull: NDArray[np.bool_]
     rebound: F64
@@ -156,8 +160,9 @@ def _touch_down(pose: F64, velocity: F64, mass: F64, feet: F64, s: PlanarSetting
     count = len(mass)
     most = max(1, int(np.floor(s.touchdown_limit / s.dt + 1e-9)))
     course = _Course(
-        np.full(count, most), np.zeros(count, np.bool_), np.zeros(count, np.bool_),
-        np.zeros(count), [pose], [velocity], [np.zeros((count, 2), np.bool_)])
+        np.full(count, most), np.full(count, most), np.zeros(count, np.bool_),
+        np.zeros(count, np.bool_), np.zeros(count), [pose], [velocity],
+        [np.zeros((count, 2), np.bool_)])
     rows = np.arange(count)
     if not count:
         return course
@@ -177,6 +182,7 @@ def _touch_down(pose: F64, velocity: F64, mass: F64, feet: F64, s: PlanarSetting
         done = contact.resting[rows]
         course.resting[rows[done]] = True
         course.steps[rows[done]] = step - contact.still[rows[done]]
+        course.followed[rows[done]] = step
         contact.end(rows[done])
         rows = rows[~done]
         course.pose.append(pose)
@@ -200,4 +206,5 @@ def _in_space(course: _Course, plane: LandingPlane, dt: float) -> Trajectory:
             plane.vector(velocity[:, 0], velocity[:, 1]) for velocity in course.velocity]),
         angular_velocity=np.stack([plane.spin(velocity[:, 2]) for velocity in course.velocity]),
         contact=np.stack(course.contact),
+        length=course.followed + 1,
     )
