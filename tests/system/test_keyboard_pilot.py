@@ -23,6 +23,8 @@ from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+FLYING = 'arrows lean'
+"""what the screen says in flight, and not before"""
 
 
 @pytest.fixture
@@ -119,7 +121,7 @@ def test_terminal_is_put_back_however_it_ends(
         cabin.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
         if end == 'SIGTERM':
             cabin.press(b'r')
-            cabin.wait_for('throttle')
+            cabin.wait_for(FLYING)
         if end == 'Ctrl-C':
             cabin.press(b'\x03')
         elif end == 'Ctrl-D':
@@ -145,6 +147,33 @@ def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin)
     assert_restored(cabin)
     # It came when the first screen was back.
     assert cabin.output.index('kept for later') > cabin.output.index('\x1b[?1049l')
+
+
+def test_ctrl_c_does_not_throw_away_a_key_that_is_about_to_be_read(
+        processes: Processes, cabin: Cabin) -> None:
+    """The reading would wait for the next key, and whoever pressed Ctrl-C for the end."""
+    child = cabin.start(
+        sys.executable, '-c',
+        'import select, signal, time\n'
+        'from ppo_agent_node.cockpit.raw_terminal import RawTerminal\n'
+        'heard, look = [], select.select\n'
+        'signal.signal(signal.SIGINT, lambda *_: heard.append(1))\n'
+        'def slow(*given):\n'
+        '    found = look(*given)\n'
+        '    end = time.monotonic() + 10\n'
+        '    while found[0] and not heard and time.monotonic() < end: time.sleep(0.01)\n'
+        '    return found\n'
+        'select.select = slow\n'
+        'with RawTerminal() as terminal:\n'
+        "    terminal.draw(['ready'])\n"
+        '    key = terminal.read(10.0)\n'
+        "print('read', key, 'heard', heard)\n", env=processes.env)
+    cabin.wait_for('ready')
+    cabin.press(b'r')
+    time.sleep(0.2)
+    cabin.press(b'\x03')
+    assert child.wait(20.0) == 0
+    cabin.wait_for("read b'r' heard [1]")
 
 
 def test_without_a_terminal_it_says_so(processes: Processes) -> None:
@@ -191,7 +220,7 @@ def test_killed_simulator_is_told_and_a_new_one_flown(
         processes: Processes, simulator: Process, cabin: Cabin) -> None:
     child = cabin.fly(processes.env)
     cabin.press(b'r')
-    cabin.wait_for('throttle')
+    cabin.wait_for(FLYING)
     simulator.signal(signal.SIGKILL)
     cabin.wait_for('is it running')
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime',
@@ -280,7 +309,7 @@ def test_fly_ends_all_with_ctrl_c(
         f'output:={recording}', env=processes.env)
     cabin.wait_for('press r to fly', 60.0)
     cabin.press(b'r')
-    cabin.wait_for('throttle')
+    cabin.wait_for(FLYING)
     cabin.press(b'\x03')
     assert child.wait(20.0) == 0
     assert_restored(cabin)

@@ -55,6 +55,9 @@ class RawTerminal:
             now = termios.tcgetattr(_INPUT)
             now[0] &= ~(termios.IXON | termios.IXOFF)
             now[3] &= ~(termios.ICANON | termios.ECHO | termios.IEXTEN)
+            # Ctrl-C shall not throw away keys between a look for them and their reading, which
+            # would then wait for others.
+            now[3] |= termios.NOFLSH
             now[6] = list(now[6])
             now[6][termios.VMIN], now[6][termios.VTIME] = 1, 0
             disabled = os.fpathconf(_INPUT, 'PC_VDISABLE')
