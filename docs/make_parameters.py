@@ -9,9 +9,11 @@ from ppo_agent_node.learning import config
 from ppo_agent_node.nodes import connection
 from ppo_agent_node.nodes import evaluate
 from ppo_agent_node.nodes import inference
+from ppo_agent_node.nodes import keyboard_pilot
 from ppo_agent_node.nodes import piloting
 from ppo_agent_node.nodes import ppo_agent
 from ppo_agent_node.nodes import training
+from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.nodes import simulator
@@ -75,8 +77,12 @@ def text() -> str:
         table('`ppo_agent`', describe(ppo_agent.AgentParameters)),
         *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
         table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),
+        table('`keyboard_pilot`', (
+            *describe(keyboard_pilot.KeyboardParameters), *describe(keyboard.KeyboardSettings))),
         table('`evaluate`', describe(evaluate.EvaluationParameters)),
-        table('All nodes of `ppo_agent_node`', describe(connection.ConnectionParameters)),
+        table(
+            'All nodes of `ppo_agent_node` but `watch`',
+            describe(connection.ConnectionParameters)),
     ])
 
 

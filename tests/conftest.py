@@ -90,10 +90,11 @@ def make_node(
     from rclpy.executors import Executor
     from rclpy.node import Node
 
+    from rocket_sim_node.wire.inbox import Mailbox
     from rocket_sim_node.wire.running import make_executor
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    contexts = []
+    contexts, nodes = [], []
 
     def make(namespace: str = '') -> tuple[Node, Executor]:
         context = Context()
@@ -102,9 +103,12 @@ def make_node(
         node = Node('tester', context=context, namespace=namespace)
         executor = make_executor(context)
         executor.add_node(node)
+        nodes.append(node)
         return node, executor
 
     yield make
+    for node in nodes:
+        Mailbox.destroy_all(node)
     for context in contexts:
         rclpy.shutdown(context=context)
 

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes docs/performance.md and its plots from what the benchmarks measured.
 
-Of each part the newest figures below `runs/` are taken, with what they were measured on.
+Of each part the newest figures below `runs/` are taken, with what they were measured on. The
+section of a part without any stays as it is on the page.
 """
 from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,12 +58,19 @@ def plots(path: Path, title: str, figures: dict[str, Any], images: Path) -> list
     return drawn
 
 
-def sections(runs: Path, images: Path) -> Iterator[str]:
-    """Yield the page's sections; draw their plots into a folder."""
+def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
+    """Yield the page's sections; draw their plots into a folder.
+
+    :param page: as it is.
+    """
+    there = {
+        section.partition('\n')[0]: f'## {section.rstrip()}\n'
+        for section in re.split('^## ', page, flags=re.MULTILINE)[1:]}
     for part, (title, text) in SECTIONS.items():
         path = newest(runs, part)
         if path is None:
-            yield f'## {title}\n\nNot measured: `./launch_scripts/bench {part}`.\n'
+            yield there.get(
+                title, f'## {title}\n\nNot measured: `./launch_scripts/bench {part}`.\n')
             continue
         figures = json.loads(path.read_text('utf-8'))
         table = path.with_suffix('.txt').read_text('utf-8').rstrip()
@@ -83,7 +92,8 @@ def main() -> None:
     options = parser.parse_args()
     images = options.page.parent / 'images'
     images.mkdir(parents=True, exist_ok=True)
-    page = '\n'.join([_HEAD, *sections(options.runs, images)])
+    before = options.page.read_text('utf-8') if options.page.exists() else ''
+    page = '\n'.join([_HEAD, *sections(options.runs, images, before)])
     write_atomically(options.page, page.encode())
     print(f'written: {options.page}')
 

@@ -33,24 +33,26 @@ def _budget(f: Figures) -> str:
         'Where the time of one lock-step step of a training roll-out goes, 256 rockets, one '
         'simulator. Agent and simulator take turns '
         'here; with two simulators or more they work at once (next table), so that only what the '
-        'agent does remains.')
+        'agent does remains. Medians, which need not add up to the whole.')
 
 
 def _rollouts(f: Figures) -> str:
     rows = f['rollouts']
-    best = max(rows.items(), key=lambda item: item[1]['ratio']['DDS, 2'])
-    size, least = next(iter(rows.items()))
-    speed = least['steps_per_second']
-    split = speed['in process, 2'] / speed['in process, 1']
+    def each(value: Callable[[Figures], float]) -> str:
+        return ', '.join(f'{value(row):.2f} with {size}' for size, row in rows.items())
+
     return (
         'Training roll-outs, policy, buffers and snapshots included, over DDS and in one process '
         'without ROS. With two simulators the agent thinks '
         'about one batch while the other moves. What was flown is compared, bit for bit, with the '
         'same flights in process. '
-        f'Best: {best[1]["ratio"]["DDS, 2"]:.2f} of the speed in process, at {best[0]} rockets. '
-        f'Two batches of half the size cost more than one even without ROS: with {size} rockets '
-        f'that alone leaves {split:.2f}; beside equal batches in process ("of equals") two '
-        f'simulators make {least["ratio_of_equals"]["DDS, 2"]:.2f}.')
+        'Two simulators make, of the speed of one world in process: '
+        f'{each(lambda row: row["ratio"]["DDS, 2"])} rockets. That two batches of half the size '
+        'are not as fast as one, even without ROS, is part of it (two worlds of one: '
+        + each(lambda row: row['steps_per_second']['in process, 2']
+               / row['steps_per_second']['in process, 1'])
+        + '); of the speed of two worlds in process ("of equals") two simulators make '
+        f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}.')
 
 
 def _fleet(f: Figures) -> str:
@@ -59,8 +61,9 @@ def _fleet(f: Figures) -> str:
     return (
         'What another simulator costs its agent, in processor time of the agent for an exchange: '
         f'{rows[first]["cpu_us"]:.0f} us with {first}, {rows[last]["cpu_us"]:.0f} us with {last} '
-        f'({rows[last]["ratio"]:.2f} times). Wall clock grows only because all of them share the '
-        'cores of this machine.\n\n' + _saturation(f))
+        f'({rows[last]["ratio"]:.2f} times). In wall clock an exchange takes '
+        f'{rows[first]["wall_us"]:.0f} us with {first}, {rows[last]["wall_us"]:.0f} us with '
+        f'{last}, all of them on the cores of this machine.\n\n' + _saturation(f))
 
 
 def _saturation(f: Figures) -> str:
@@ -74,8 +77,9 @@ def _saturation(f: Figures) -> str:
         'How many simulators of 256 rockets can one agent feed on while it rolls out? Its work '
         f'for an exchange is {wire:.0f} us of wire and {think:.0f} us of inference on one core, '
         f'so it takes {agent:,.0f} exchanges/s, {256 * agent:,.0f} rocket steps/s. A simulator '
-        f'with a core of its own needs about {simulator:.0f} us for a step, so '
-        f'{(wire + think) / simulator:.1f} of them keep one agent busy. An exchange is '
+        f'with a core of its own needs about {simulator:.0f} us for a step, meanwhile the agent '
+        f'can serve others: {1 + simulator / (wire + think):.1f} simulators keep it busy. An '
+        'exchange is '
         f'{f["bytes_per_exchange"]:,} bytes; 1 Gbit/s carries {network:,.0f} of them a second, '
         f'{network / agent:.1f} times what the agent takes. So what saturates first is {first}. '
         'More simulators than that make sense where a step is dearer than in world `rocket`, or '
@@ -123,7 +127,10 @@ def _result(f: Figures) -> str:
 def _recorder(f: Figures) -> str:
     return (
         'Speed of simulator and agent with a recorder beside them, in turns with none: '
-        + ' and '.join(f'{name} {part["ratio"]:.3f}' for name, part in f.items()) + '.')
+        + ' and '.join(
+            f'{name} {part["ratio"]:.3f} ({part["low"]:.3f} to {part["high"]:.3f})'
+            for name, part in f.items())
+        + ', mean and 95 % interval.')
 
 
 def _stopping(f: Figures) -> str:

@@ -2,7 +2,9 @@
 """Speed of simulator and agent with a recorder beside them, and without.
 
 One simulator and one agent run all the time; the recorder is started and ended in turns, so that
-both cases see the same processes and what disturbs the machine disturbs both. Twice: an agent
+both cases see the same processes and what disturbs the machine disturbs both. Each turn beside it
+is compared with those before and after it. The interval is Student's, for the mean logarithm of
+these ratios: turns differ by more than a recorder costs, so it takes many of them. Twice: an agent
 that trains, of which some flights are recorded, and a policy that flies, all of whose flights (of
 the first four rockets) are recorded.
 """
@@ -10,10 +12,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,9 +25,11 @@ from dataclasses import field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from processes import Process
 from processes import Processes
 from processes import wait_until
+from scipy import stats
 
 from ppo_agent_node.evaluation.metrics import write_json
 
@@ -34,22 +40,23 @@ _START = 60.0
 
 @dataclass
 class Speeds:
-    """Steps/s, measured in turns, and the recorder's share of a core."""
+    """Steps/s of n turns beside a recorder and n + 1 between them; its share of a core."""
 
     without: list[float] = field(default_factory=list)
     beside: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
 
     def summary(self) -> dict[str, Any]:
-        """Return medians and their ratio."""
-        without, beside = statistics.median(self.without), statistics.median(self.beside)
-        # What disturbs the machine for longer than a turn disturbs both of a pair.
-        pairs = [b / w for b, w in zip(self.beside, self.without, strict=False)]
+        """Return medians, and the mean ratio with its 95 % interval."""
+        around = np.log(self.without)
+        change = np.log(self.beside) - (around[:-1] + around[1:]) / 2
+        mean, error = float(change.mean()), float(change.std(ddof=1)) / len(change)**0.5
+        reach = float(stats.t.ppf(0.975, len(change) - 1)) * error
         return {
-            'without': without, 'with': beside, 'ratio': beside / without,
-            'ratio_of_pairs': statistics.median(pairs),
-            'recorder_cpu': statistics.median(self.cpu), 'turns': len(self.beside),
-            'all_without': self.without, 'all_with': self.beside}
+            'without': statistics.median(self.without), 'with': statistics.median(self.beside),
+            'ratio': math.exp(mean), 'low': math.exp(mean - reach),
+            'high': math.exp(mean + reach), 'recorder_cpu': statistics.median(self.cpu),
+            'turns': len(self.beside), 'all_without': self.without, 'all_with': self.beside}
 
 
 def cpu_seconds(pid: int) -> float:
@@ -100,6 +107,19 @@ class Log:
         return rates
 
 
+def measure(
+    processes: Processes, turns: int, rate: Callable[[], float], speeds: Speeds,
+) -> None:
+    """Measure a rate in turns, with a recorder and without."""
+    speeds.without.append(rate())
+    for turn in range(turns):
+        with recorder(processes, turn) as pid:
+            began, used = time.monotonic(), cpu_seconds(pid)
+            speeds.beside.append(rate())
+            speeds.cpu.append((cpu_seconds(pid) - used) / (time.monotonic() - began))
+        speeds.without.append(rate())
+
+
 def training(folder: Path, turns: int, iterations: int) -> Speeds:
     """Measure while an agent trains."""
     processes, speeds = Processes(folder), Speeds()
@@ -112,12 +132,11 @@ def training(folder: Path, turns: int, iterations: int) -> Speeds:
             demonstration_episodes=0, selection_interval=1_000_000)
         log = Log(run / 'train.jsonl', agent)
         log.next(2)
-        for turn in range(turns):
-            speeds.without += log.next(iterations)
-            with recorder(processes, turn) as pid:
-                began, used = time.monotonic(), cpu_seconds(pid)
-                speeds.beside += log.next(iterations)
-                speeds.cpu.append((cpu_seconds(pid) - used) / (time.monotonic() - began))
+
+        def rate() -> float:
+            return statistics.mean(log.next(iterations))
+
+        measure(processes, turns, rate, speeds)
     finally:
         processes.end()
     return speeds
@@ -155,13 +174,7 @@ def flying(folder: Path, turns: int, seconds: float) -> Speeds:
                     return count / elapsed
 
                 rate()
-                for turn in range(turns):
-                    speeds.without.append(rate())
-                    with recorder(processes, turn) as pid:
-                        began, used = time.monotonic(), cpu_seconds(pid)
-                        speeds.beside.append(rate())
-                        speeds.cpu.append(
-                            (cpu_seconds(pid) - used) / (time.monotonic() - began))
+                measure(processes, turns, rate, speeds)
         finally:
             processes.end()
     return speeds
@@ -176,8 +189,10 @@ def main() -> None:
     parser.add_argument('--parts', nargs='+', choices=PARTS, default=list(PARTS))
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
-    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"pairs":>8}'
-          f'{"recorder":>22}')
+    if options.turns < 2:
+        parser.error(f'--turns: got {options.turns}, expected 2 or more: one has no interval')
+    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"95 %":>16}'
+          f'{"turns":>7}{"recorder":>18}')
     figures = {}
     for name in options.parts:
         with tempfile.TemporaryDirectory() as folder:
@@ -185,9 +200,11 @@ def main() -> None:
                 training(Path(folder), options.turns, options.iterations) if name == 'training'
                 else flying(Path(folder), options.turns, options.seconds))
         figures[name] = summary = speeds.summary()
-        share = f'{100 * summary["recorder_cpu"]:.0f} % of a core'
+        share = f'{100 * summary["recorder_cpu"]:.1f} % of a core'
+        interval = f'[{summary["low"]:.3f}, {summary["high"]:.3f}]'
         print(f'{name:<16}{summary["without"]:>12,.0f}{summary["with"]:>12,.0f}'
-              f'{summary["ratio"]:>8.3f}{summary["ratio_of_pairs"]:>8.3f}{share:>22}', flush=True)
+              f'{summary["ratio"]:>8.3f}{interval:>16}{summary["turns"]:>7}{share:>18}',
+              flush=True)
     if options.output:
         write_json(options.output, figures)
 

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import soak_plot
+from benchmarks.soak_nodes import NODES
 from benchmarks.soak_nodes import Nodes
 from benchmarks.soak_samples import SHARED_FIELDS
 from benchmarks.soak_samples import Iterations
@@ -41,9 +42,7 @@ _SPELL = 10.0
 """s of undisturbed training that make a point of steps/s"""
 _SAVED = 60.0
 """s between two savings of what is known so far"""
-_KINDS = {
-    'sim_0': 'simulator', 'sim_1': 'simulator', 'agent': 'agent', 'recorder_0': 'recorder',
-    'recorder_1': 'recorder'}
+_KINDS = {node: node.partition('_')[0].replace('sim', 'simulator') for node in NODES}
 _FIGURES = {
     'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}

@@ -95,7 +95,7 @@ def main() -> None:
         del peers['EnvPool']
     table: dict[str, dict[int, float]] = {name: {} for name in peers}
     print(f'steps/s on one core, median of {options.rounds} rounds, random actions')
-    print(f'{"batch":>6}' + ''.join(f'{name:>12}' for name in peers))
+    print(f'{"batch":>6}' + ''.join(f'{name:>13}' for name in peers))
     for size in options.sizes:
         made = {
             name: (make(size), random_actions(name, size)) for name, make in peers.items()

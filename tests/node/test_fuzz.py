@@ -213,7 +213,7 @@ def test_a_hundred_thousand_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -
           f'(95 %: {low:+.2f} to {high:+.2f}); {lines} lines of log')
     assert fuzzer.sent >= 99_900
     assert fuzzer.client.snapshot() == fuzzer.world.snapshot()
-    assert low < 5.0, 'it grows with each message'
+    assert high < 5.0, 'it may grow with each message'
     assert lines < time.monotonic() - begun + 10
     assert fuzzer.counts()['agent'] == f'{AGENT:016x}'
 

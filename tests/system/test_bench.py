@@ -63,10 +63,14 @@ def test_stepping(tmp_path: Path) -> None:
 
 def test_recorder(tmp_path: Path) -> None:
     text, figures = run(
-        'recorder', tmp_path / 'out.json', '--turns', '1', '--seconds', '0.5', '--parts', 'flying')
+        'recorder', tmp_path / 'out.json', '--turns', '2', '--seconds', '0.5', '--parts', 'flying')
     flying = figures['flying']
-    assert flying['ratio'] == pytest.approx(flying['with'] / flying['without'])
-    assert flying['turns'] == 1
+    assert len(flying['all_with']) == flying['turns'] == 2
+    before, between, after = flying['all_without']
+    first, second = flying['all_with']
+    assert flying['ratio']**2 == pytest.approx(
+        first * second / between / (before * after)**0.5)
+    assert flying['low'] < flying['ratio'] < flying['high']
     assert 'flying' in text
 
 

@@ -30,7 +30,7 @@ def test_the_newest_figures_are_taken_and_drawn(tmp_path: Path) -> None:
     (folder / 'machine.json').write_text(json.dumps({
         'date': '2026-01-02', 'commit': 'abc', 'cores': 2, 'processor': 'P', 'memory_gib': 1.0,
         'system': 'S', 'versions': {'python': '3', 'envpool': 'missing'}}))
-    page = '\n'.join(performance.sections(tmp_path, tmp_path))
+    page = '\n'.join(performance.sections(tmp_path, tmp_path, ''))
     assert 'a new table' in page
     assert 'an old table' not in page
     assert '`./launch_scripts/bench hosts --rounds 3`' in page
@@ -45,6 +45,38 @@ def test_the_newest_figures_are_taken_and_drawn(tmp_path: Path) -> None:
 def test_plots_that_a_part_drew_itself_are_kept(tmp_path: Path) -> None:
     folder = write(tmp_path / 'runs', 'bench-1', 'result', {}, 'table')
     (folder / 'result_rocket.png').write_bytes(b'picture')
-    page = '\n'.join(performance.sections(tmp_path / 'runs', tmp_path))
+    page = '\n'.join(performance.sections(tmp_path / 'runs', tmp_path, ''))
     assert 'images/performance_result_rocket.png' in page
     assert (tmp_path / 'performance_result_rocket.png').read_bytes() == b'picture'
+
+
+def test_a_part_without_figures_stays_as_it_is(tmp_path: Path) -> None:
+    write(tmp_path, 'bench-1', 'hosts', {'hosts': HOSTS}, 'a table')
+    before = (
+        '# Performance\n\n## The recorder\n\nIt costs nothing.\n\n```\n# table\n```\n\n'
+        '## Two hosts\n\nstale\n')
+    page = '\n'.join(performance.sections(tmp_path, tmp_path, before))
+    assert '## The recorder\n\nIt costs nothing.\n\n```\n# table\n```\n' in page
+    assert 'stale' not in page
+    assert 'a table' in page
+    again = '\n'.join(performance.sections(tmp_path, tmp_path, page))
+    assert again == page
+
+
+def test_what_is_said_of_roll_outs_and_of_many_simulators() -> None:
+    speed = {'in process, 1': 100.0, 'in process, 2': 80.0}
+    said = SECTIONS['rollouts'][1]({'rollouts': {
+        size: {'steps_per_second': speed, 'ratio': {'DDS, 2': ratio},
+               'ratio_of_equals': {'DDS, 2': ratio / 0.8}}
+        for size, ratio in (('256', 0.4), ('4096', 0.72))}})
+    assert '0.40 with 256, 0.72 with 4096 rockets' in said
+    assert '0.50 with 256, 0.90 with 4096' in said
+    assert '0.80 with 256' in said
+    said = SECTIONS['fleet'][1]({
+        'fleet': {
+            '1': {'cpu_us': 100.0, 'ratio': 1.0, 'wall_us': 300.0},
+            '16': {'cpu_us': 90.0, 'ratio': 0.9, 'wall_us': 280.0}},
+        'wire_us': 200.0, 'inference_us': 300.0, 'physics_us': 100.0,
+        'bytes_per_exchange': 20_000})
+    assert '300 us with 1, 280 us with 16' in said
+    assert '1.6 simulators keep it busy' in said

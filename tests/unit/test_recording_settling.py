@@ -113,40 +113,82 @@ def test_the_vehicle_goes_on_moving(settled: Path) -> None:
 def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     """They settle together: when there are many, some seconds after the first, at the end."""
     asked: list[int] = []
+    worlds_asked: list[Stage] = []
 
     def settle(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
         asked.append(len(flights))
+        worlds_asked.append(stage)
         return topple(flights, stage)
+
+    def fly(session: int) -> None:
+        recorder.states(session, dataclasses.replace(
+            two_flights(), step=np.arange(2 * FLIGHT) + 1000 * session))
 
     now = 0.0
     path = tmp_path / 'run.rrd'
     sink = FileSink(path, lambda *note: None)
     recorder = Recorder(Choice(), [sink], lambda *note: None, lambda: now, settle)
     recorder.world(STAGE)
-    recorder.states(1, two_flights())
+    fly(1)
     recorder.tick()
     assert asked == []
     now = HELD
     recorder.tick()
     assert asked == [2]
     for session in range(2, 2 + MOST_HELD // 2 + 1):
-        recorder.states(session, two_flights())
+        fly(session)
     assert asked == [2, MOST_HELD + 1]
     # Of a world that is another one, others will settle in another way.
     recorder.world(dataclasses.replace(STAGE, settings={'dry_mass': 22_000.0, 'gravity': 1.6}))
     assert asked == [2, MOST_HELD + 1, 1]
+    assert worlds_asked == [STAGE] * 3
     # What an agent flies that learns does not settle, and is recorded at once.
-    recorder.states(100, two_flights())
+    fly(100)
     recorder.training(Training('finetune', 1, {}))
     assert asked == [2, MOST_HELD + 1, 1, 2]
-    recorder.states(101, two_flights())
+    fly(101)
     assert recorder.flights == 2 + MOST_HELD + 1 + 1 + 2 + 1  # of the last only every fifth
     recorder.close()
     assert asked == [2, MOST_HELD + 1, 1, 2]
     flights = read.trajectories(path)
     assert [flight.summary['settled'] for flight in flights] == [AFTER, 0] * 11 + [0]
-    order = [flight.start for flight in flights]
+    order = [flight.summary['simulator_step'] for flight in flights]
     assert order == sorted(order)
+    assert len(set(order)) == len(order)
+
+
+def test_what_is_reported_comes_after_the_flights_before_it(tmp_path: Path) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(
+        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=topple)
+    recorder.world(STAGE)
+    recorder.training(Training('evaluate', 1, {}))
+    recorder.states(1, two_flights())
+    recorder.training(Training('evaluate', 1, {}, 'flown'))
+    recorder.states(2, two_flights())
+    recorder.training(Training('done', 1, {}))
+    recorder.close()
+    told = dict((text[0], step) for step, text in rows_of(path, scene.LOG, 'TextLog:text'))
+    flights = read.trajectories(path)
+    ends = [flight.summary['first_step'] + flight.summary['samples'] for flight in flights]
+    assert len(ends) == 4
+    flown, done = (
+        next(step for text, step in told.items() if word in text) for word in ('flown', 'done'))
+    assert ends[1] <= flown < ends[2]
+    assert done >= ends[3]
+
+
+def test_room_that_ends_amid_flights_that_settle_together(tmp_path: Path) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(
+        Choice(max_steps=3 * FLIGHT + AFTER), [FileSink(path, lambda *note: None)],
+        lambda *note: None, settle=topple)
+    recorder.world(STAGE)
+    for session in range(1, 4):
+        recorder.states(session, two_flights())
+    recorder.close()
+    assert recorder.steps == 3 * FLIGHT + AFTER - FLIGHT
+    assert [flight.summary['settled'] for flight in read.trajectories(path)] == [AFTER, 0]
 
 
 def test_it_is_said(settled: Path) -> None:

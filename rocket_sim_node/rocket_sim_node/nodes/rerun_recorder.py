@@ -44,6 +44,8 @@ _QUIET = 0.2
 _DRAIN = 1.5
 """s without a message after which, and s after which at the latest, a recorder told to end does"""
 _DRAINED_AT_ONCE = 20
+_AGENT_GONE = 3.0
+"""s without anybody who might report a training after which it is over"""
 _NICENESS = 10
 """how far it stands behind simulator and agent where there are not cores enough"""
 
@@ -71,6 +73,7 @@ class RecorderNode:
         """Subscribe."""
         self._node = node
         self._recorder = recorder
+        self._agent_there = time.monotonic()
         self.count = 0
         for kind, topic, callback, profile in (
             (msg.World, 'world', self._on_world, qos.WORLD),
@@ -82,12 +85,14 @@ class RecorderNode:
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
         try:
-            self._recorder.world(Stage.build(
+            stage = Stage.build(
                 message.world, message.dt, tuple(message.outcomes),
-                messages.settings_from_message(message.settings)))
+                messages.settings_from_message(message.settings))
         except (ValueError, KeyError) as error:
             self._node.get_logger().warning(
                 f'world left out: {error}', throttle_duration_sec=1.0)
+            return
+        self._recorder.world(stage)
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1
@@ -101,7 +106,16 @@ class RecorderNode:
 
     def _on_training(self, message: msg.TrainingStatus) -> None:
         self.count += 1
+        self._agent_there = time.monotonic()
         self._recorder.training(training_from_message(message))
+
+    def look_after_agents(self) -> None:
+        """Tell the recorder when the last agent has gone; it may not have been able to say so."""
+        now = time.monotonic()
+        if self._node.count_publishers('training'):
+            self._agent_there = now
+        elif now - self._agent_there > _AGENT_GONE:
+            self._recorder.training_is_over()
 
 
 def samples_from_message(message: msg.RocketState) -> Samples:
@@ -156,14 +170,16 @@ def record(node: Node, executor: Executor) -> None:
             note('INFO', f'{INVITATION}{page.page}')
         if destinations.output:
             sinks.append(FileSink(Path(destinations.output).absolute(), note))
-            note('INFO', f'recording to {destinations.output}')
         if not sinks:
             note('WARN', 'nothing to do: set output, connect or serve_web')
         recorder = Recorder(choice, sinks, note, settle=touchdown.follow)
         heard = RecorderNode(node, recorder)
+        if destinations.output:
+            note('INFO', f'recording to {destinations.output}')
         try:
             while not stopping.requested():
                 executor.spin_once(timeout_sec=_SPIN_PERIOD)
+                heard.look_after_agents()
                 recorder.tick()
             _drain(executor, heard)
         finally:

@@ -10,6 +10,8 @@ from rocket_sim_node.recording.flight import FlightBuffer
 
 PERIOD = 0.05
 """s of wall clock between two looks at a flight"""
+STALLED = 5.0
+"""s of wall clock without a new sample after which a flight is no longer waited for"""
 DWELL = 2.0
 """s of wall clock for which the end of a flight is seen before another one is followed"""
 
@@ -28,7 +30,7 @@ class Follower:
         """
         self._buffers = buffers
         self._clock = clock
-        self._due = 0.0
+        self._due = self._grown = 0.0
         self.flight: Flight | None = None
         """the flight followed, as it was last seen"""
 
@@ -48,6 +50,11 @@ class Follower:
         flight = self.flight
         return flight is not None and (
             not self._continues(flight) or len(self._buffers[flight.row]) < len(flight))
+
+    @property
+    def stalled(self) -> bool:
+        """Whether the flight does not go on: who flew it may have died."""
+        return self.flight is not None and self._clock() - self._grown >= STALLED
 
     def _continues(self, flight: Flight) -> bool:
         buffer = self._buffers[flight.row]
@@ -71,7 +78,10 @@ class Follower:
         else:
             row = self.flight.row
         self._due = now + PERIOD
-        self.flight = self._buffers[row].so_far(row)
+        seen = self._buffers[row].so_far(row)
+        if self.flight is None or len(seen) != len(self.flight):
+            self._grown = now
+        self.flight = seen
         return self.flight
 
     def end(self) -> None:

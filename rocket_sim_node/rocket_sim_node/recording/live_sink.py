@@ -26,7 +26,7 @@ KEPT_FLIGHTS = 64
 KEPT_REPORTS = 2000
 """flights, and other entries, that a viewer gets which comes late"""
 _LOOK_OUT = 1.0
-"""s between two looks for a viewer while nothing is to be sent"""
+"""s between two looks for a viewer, or whether it is still there, while nothing is to be sent"""
 
 
 def parse(url: str) -> tuple[str, int]:
@@ -137,6 +137,7 @@ class LiveSink:
             try:
                 item = self._queue.get(timeout=_LOOK_OUT)
             except queue.Empty:
+                self._flush()
                 self._connect()
                 continue
             if item is None:
@@ -187,12 +188,19 @@ class LiveSink:
             item.put(cast('rr.RecordingStream', self._unsent))
         else:
             item.put(self._stream)
+        self._flush()
+        if self._stream is None:
+            self.dropped += 1
+
+    def _flush(self) -> None:
+        """Wait until the viewer, if there is one, has what was sent; let go of one that died."""
+        if self._stream is None:
+            return
         try:
             self._stream.flush(timeout_sec=self._patience)
         except RuntimeError as error:
             self._note('WARN', f'the viewer at {self._url} is gone: {error}')
             stream, self._stream = self._stream, None
-            self.dropped += 1
             # It goes on trying for some seconds; nobody needs to wait for that.
             threading.Thread(target=stream.disconnect, daemon=True).start()
 

@@ -2,8 +2,10 @@
 """From samples and training reports to recordings."""
 from __future__ import annotations
 
+import operator
 import time
 from collections.abc import Callable
+from collections.abc import Iterator
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,7 +41,8 @@ class Recorder:
     Flights that overlapped in the simulation are shown in the order in which they ended, with a
     short pause after each; so `sim_time` is the time of the recording. Where a live viewer is
     among the sinks, one flight at a time is shown while it goes on, and those that end meanwhile
-    come after it. Where none is, landings wait for a few others, together with which they settle.
+    come after it. Where none is and no agent learns, flights wait some seconds for others with
+    which they settle.
     """
 
     def __init__(
@@ -96,17 +99,20 @@ class Recorder:
         of their world on the wire: they wait for it.
         """
         if self._stage is None:
-            self._early = [*self._early[-EARLY:], (session, samples)]
+            self._early = [*self._early, (session, samples)][-EARLY:]
             return
         if session != self._session:
             self._let_go()
             self._session = session
             for buffer in self._buffers.values():
                 buffer.clear()
+        ended: list[tuple[int, Flight]] = []
         for row, buffer in self._buffers.items():
             index = np.flatnonzero(samples.row == row)
             if index.size:
-                self._add(row, buffer, samples.take(index))
+                ended += self._add(row, buffer, samples.take(index))
+        for _, flight in sorted(ended, key=operator.itemgetter(0)):
+            self._finish(flight)
         if self._live:
             self._show_under_way()
 
@@ -117,15 +123,25 @@ class Recorder:
             if self._stage is not None:  # otherwise it is done when the world is known
                 self._begin(self._stage)
         if training.learning != self._reel.learning:
-            self._record_held(now=True)  # they were flown before
+            self._let_go()
+        if self._training.news(training):
+            self._record_held(now=True)  # which were flown before it
         self._training.add(training, self._reel.end, self._dt)
         self._reel.learning = training.learning
         self._reel.iteration = self._training.iteration
+
+    def training_is_over(self) -> None:
+        """Take note that no agent is there any more that might report."""
+        if self._reel.learning:
+            self._let_go()
+            self._reel.learning = False
 
     def tick(self) -> None:
         """Log what has waited long enough; call it once a second or so."""
         if self._training is not None:
             self._training.tick(self._dt)
+        if self._follower.stalled:
+            self._let_go()
         self._record_held()
 
     def close(self) -> None:
@@ -163,12 +179,18 @@ class Recorder:
         for sink in self._sinks:
             sink.write(put)
 
-    def _add(self, row: int, buffer: FlightBuffer, samples: Samples) -> None:
-        """Take samples of one rocket: the rest of a flight, whole flights, the start of one."""
+    def _add(
+        self, row: int, buffer: FlightBuffer, samples: Samples,
+    ) -> Iterator[tuple[int, Flight]]:
+        """Take samples of one rocket: the rest of a flight, whole flights, the start of one.
+
+        :return: flights that ended, each with its last step.
+        """
         start = 0
         for end in (np.flatnonzero(samples.outcome != FLYING) + 1).tolist():
             if buffer.extend(samples.take(slice(start, end))):
-                self._finish(buffer.finish(row, self._name(int(samples.outcome[end - 1]))))
+                name = self._name(int(samples.outcome[end - 1]))
+                yield int(samples.step[end - 1]), buffer.finish(row, name)
             start = end
         if start < len(samples.step):
             buffer.extend(samples.take(slice(start, None)))
@@ -203,7 +225,7 @@ class Recorder:
         """Record flights that waited long enough.
 
         That is until there is nothing more to be seen of the one followed; or, where there is no
-        viewer, until others have come with which they settle.
+        viewer, for HELD. MOST_HELD is enough in either case.
 
         :param now: be that as it may; not while one is followed.
         """

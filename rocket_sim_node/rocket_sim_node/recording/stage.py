@@ -34,7 +34,6 @@ class Stage:
     range_limit: float = 200.0
     fuel: float = 2_000.0
     max_torque: float = 2e6
-    level: int = 0
     stance: float = 6.7
     field_half_width: float = 10.0
     settings: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
@@ -57,7 +56,6 @@ class Stage:
             range_limit=value('range_limit', cls.range_limit),
             fuel=value('fuel', cls.fuel),
             max_torque=value('rcs_torque', cls.max_torque),
-            level=int(value('level', cls.level)),
             stance=value('stance', cls.stance),
             field_half_width=value('field_half_width', cls.field_half_width),
             settings=dict(settings),

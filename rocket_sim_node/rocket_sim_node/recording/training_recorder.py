@@ -27,12 +27,15 @@ class TrainingRecorder:
         self._pending: list[tuple[Place, Training]] = []
         self._pending_since = 0.0
         self._stage = ''
-        self.learning = False
 
     @property
     def iteration(self) -> int:
         """The number of the run's iteration, counted through all stages."""
         return self._iterations.count
+
+    def news(self, training: Training) -> bool:
+        """Tell whether a report begins a stage or has something to say."""
+        return training.stage != self._stage or bool(training.message)
 
     def add(self, training: Training, step: int, dt: float) -> None:
         """Take a report that came at a step of the recording.
@@ -40,7 +43,7 @@ class TrainingRecorder:
         :param dt: s, of a step.
         """
         new_stage = training.stage != self._stage
-        self._stage, self.learning = training.stage, training.learning
+        self._stage = training.stage
         place = Place(step, self._iterations.add(training))
         if not self._pending:
             self._pending_since = self._clock()
