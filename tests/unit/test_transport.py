@@ -192,6 +192,28 @@ def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
             pass
 
 
+def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
+        schema: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    for address, wider, told in (('', '', 1), ('127.0.0.1', '', 0), ('', 'SUBNET', 0)):
+        with (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
+              monkeypatch.context() as patch):
+            patch.setenv(transport.RANGE, wider)
+            with transport.prepared(RMW):
+                probe.bind((address, 0))
+        said = ''.join(capfd.readouterr())
+        assert said.count('others than this machine may be heard') == told, said
+
+
+def test_profiles_that_lie_where_fast_dds_looks_count_as_set_up(
+        schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not transport.set_up_by_user()
+    (tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml').write_text(GOOD)
+    assert transport.set_up_by_user()
+    monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
+    assert not transport.set_up_by_user()
+
+
 def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(transport.RANGE, 'localhost')
     with pytest.raises(transport.TransportError, match=f"{transport.RANGE}: got 'localhost'"):

@@ -19,6 +19,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from rclpy.logging import get_logger
+
 from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
 
@@ -58,14 +60,23 @@ def beyond_machine() -> bool:
 
 def set_up_by_user() -> bool:
     """Return whether Fast DDS was told otherwise where its peers are, or how to reach them."""
-    return any(os.environ.get(name) for name in (*_PROFILES, *_OWN_SETUP))
+    return bool(_user_profiles()) or any(os.environ.get(name) for name in _OWN_SETUP)
+
+
+def _user_profiles() -> list[Path]:
+    """Return the user's profiles: named, or lying where Fast DDS looks for one."""
+    paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
+    if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
+        paths.append(_DEFAULT_PROFILE.absolute())
+    return paths
 
 
 @contextmanager
 def prepared(rmw: str) -> Iterator[None]:
     """Have what is made inside, a context and its first node, use the right transport.
 
-    The environment is as it was afterwards.
+    The environment is as it was afterwards. Where the user's own set-up opens sockets beyond this
+    machine although the range does not say so, that is told.
 
     :param rmw: name of the implementation of ROS 2's middleware.
     :raises ProfileError: for a profile of the user's that Fast DDS would not take.
@@ -94,20 +105,22 @@ def prepared(rmw: str) -> Iterator[None]:
         yield
     finally:
         _set(before)
-    if closed and (found := sorted(set(open_ports()) - set(opened))):
+    found = ', '.join(sorted(set(open_ports()) - set(opened)))
+    if closed and found:
         raise TransportError(
-            f'Fast DDS listens on {", ".join(found)}, expected 127.0.0.1 only: it did not take '
+            f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take '
             f'{settings[_PROFILES[0]]}')
+    if found and set_up_by_user() and not beyond_machine():
+        get_logger('transport').warning(
+            f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
+            f'heard, although {RANGE} is {discovery_range()}')
 
 
 def _own_setup(schema: Path) -> bool:
     """Return whether Fast DDS is set up by its user; check what profiles there are."""
-    paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
-    if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
-        paths.append(_DEFAULT_PROFILE.absolute())
-    for path in paths:
+    for path in _user_profiles():
         check_profile(path, schema)
-    return bool(paths) or set_up_by_user()
+    return set_up_by_user()
 
 
 def _domain() -> int:
