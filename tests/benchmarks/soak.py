@@ -7,6 +7,9 @@ a stop for a few seconds. Every few seconds each is looked at. At the end each f
 an hour with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when
 the slope is below 1 % of the mean.
 
+Each node has a row of its own: of those that live through it all, `sim_0` and `recorder_0`, the
+slope tells most; those that are killed every few minutes are mostly young.
+
 Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
 Steps per second of processor time, of agent and simulators, are what other load on the machine
 disturbs less.
@@ -28,8 +31,9 @@ from benchmarks.soak_nodes import NODES
 from benchmarks.soak_nodes import Nodes
 from benchmarks.soak_samples import SHARED_FIELDS
 from benchmarks.soak_samples import Iterations
+from benchmarks.soak_samples import Row
 from benchmarks.soak_samples import Samples
-from benchmarks.soak_slopes import Slope
+from benchmarks.soak_samples import read
 from benchmarks.soak_slopes import fit
 from benchmarks.soak_slopes import in_blocks
 from ppo_agent_node.evaluation.metrics import write_json
@@ -42,12 +46,38 @@ _SPELL = 10.0
 """s of undisturbed training that make a point of steps/s"""
 _SAVED = 60.0
 """s between two savings of what is known so far"""
-_KINDS = {node: node.partition('_')[0].replace('sim', 'simulator') for node in NODES}
 _FIGURES = {
     'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}
 _RATES = {
     'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second'}
+
+
+def slopes(
+    looks: list[Row], shared: list[Row], rates: list[Row], length: float,
+) -> list[dict[str, Any]]:
+    """Return each figure's slope, node by node.
+
+    :param looks: at the nodes, in order; `shared`: at what they share; `rates`: of the training.
+    :param length: of the soak, s.
+    """
+    warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
+
+    def one(what: str, of: str, rows: list[Row], name: str) -> dict[str, Any]:
+        found = None
+        if rows:
+            lives = np.array([row.get('life', 1) for row in rows], np.float64)
+            found = fit(*in_blocks(
+                np.array([row['time'] for row in rows]), np.array([row[name] for row in rows]),
+                lives, warm_up, block))
+        return {'what': what, 'of': of, **(vars(found) if found else {}),
+                'flat': found.flat if found else None}
+
+    return [
+        *(one(title, node, [row for row in looks if row['node'] == node], figure)
+          for figure, title in _FIGURES.items() for node in NODES),
+        *(one(f'/dev/shm, {figure}', 'all', shared, figure) for figure in SHARED_FIELDS),
+        *(one(title, 'all', rates, figure) for figure, title in _RATES.items())]
 
 
 class Soak:
@@ -63,39 +93,13 @@ class Soak:
         self.iterations = Iterations(nodes.run / 'train.jsonl', min(_SPELL, every / 4))
         self.elapsed = 0.0
 
-    def rows(self) -> Iterator[tuple[str, str, Slope | None]]:
-        """Yield what was measured, of what kind of node, and its slope."""
-        warm_up, block = max(5.0, self.length / 30), max(5.0, self.length / 60)
-
-        def slope(rows: list[dict[str, Any]], name: str, lives: list[str]) -> Slope | None:
-            if not rows:
-                return None
-            numbers = np.unique(lives, return_inverse=True)[1].astype(np.float64)
-            return fit(*in_blocks(
-                np.array([row['time'] for row in rows]), np.array([row[name] for row in rows]),
-                numbers, warm_up, block))
-
-        for figure, title in _FIGURES.items():
-            for kind in dict.fromkeys(_KINDS.values()):
-                rows = [row for row in self.samples.rows if _KINDS[row['node']] == kind]
-                lives = [f'{row["node"]} {row["life"]}' for row in rows]
-                yield title, kind, slope(rows, figure, lives)
-        for figure in SHARED_FIELDS:
-            shared = self.samples.shared
-            yield f'/dev/shm, {figure}', 'all', slope(shared, figure, ['1'] * len(shared))
-        for figure, title in _RATES.items():
-            rates = self.iterations.rows
-            yield title, 'all', slope(rates, figure, ['1'] * len(rates))
-
     def figures(self) -> dict[str, Any]:
         """Return all that is known."""
-        slopes = [
-            {'what': what, 'of': kind, **(vars(slope) if slope else {}),
-             'flat': slope.flat if slope else None}
-            for what, kind, slope in self.rows()]
         return {
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
-            **self.nodes.told(), 'spells': len(self.iterations.rows), 'slopes': slopes}
+            **self.nodes.told(), 'spells': len(self.iterations.rows),
+            'slopes': slopes(
+                self.samples.rows, self.samples.shared, self.iterations.rows, self.length)}
 
     def run(self, period: float, save: Path | None) -> None:
         """Watch until the time is over.
@@ -130,9 +134,19 @@ def table(figures: dict[str, Any]) -> Iterator[str]:
     """Yield the lines that say it all."""
     faults = ', '.join(f'{what} {count}' for what, count in sorted(figures['faults'].items()))
     yield f'{figures["minutes"]:.1f} of {figures["planned_minutes"]:g} minutes; {faults or "-"}'
+    yield from slope_lines(figures['slopes'])
+    for line in figures['unexpected']:
+        yield f'unexpected: {line}'
+    if 'ended' in figures:
+        ended = ', '.join(f'{name} {status}' for name, status in figures['ended'].items())
+        yield f'told to end, they ended with: {ended}; files left in /dev/shm: {figures["left"]}'
+
+
+def slope_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each slope."""
     yield (f'{"":<28}{"of":<11}{"lives":>6}{"mean":>10}{"an hour":>10}{"":>9}'
            f'{"95 %":>22}')
-    for row in figures['slopes']:
+    for row in rows:
         head = f'{row["what"]:<28}{row["of"]:<11}'
         if row['flat'] is None:
             yield f'{head}  too short to say'
@@ -142,11 +156,6 @@ def table(figures: dict[str, Any]) -> Iterator[str]:
         verdict = 'flat' if row['flat'] else 'NOT FLAT'
         yield (f'{head}{row["lives"]:>6}{row["mean"]:>10.5g}{row["per_hour"]:>+10.3g}'
                f'{part:>+7.2f} %{interval:>22}  {verdict}')
-    for line in figures['unexpected']:
-        yield f'unexpected: {line}'
-    if 'ended' in figures:
-        ended = ', '.join(f'{name} {status}' for name, status in figures['ended'].items())
-        yield f'told to end, they ended with: {ended}; files left in /dev/shm: {figures["left"]}'
 
 
 def main() -> None:
@@ -159,7 +168,12 @@ def main() -> None:
     parser.add_argument('--steps', type=int, default=128, help='of a roll-out, per rocket')
     parser.add_argument('--seed', type=int, default=1, help='of the faults')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--again', type=Path, help='fit to the samples of a soak that was, CSV')
     options = parser.parse_args()
+    if options.again:
+        looks, shared = read(options.again)
+        print('\n'.join(slope_lines(slopes(looks, shared, [], looks[-1]['time']))))
+        return
     print(f'faults of seed {options.seed}', flush=True)
     # What ends this ends the nodes, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -19,6 +19,7 @@ FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu'
 """s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
 SHARED_FIELDS = ('shm files', 'shm MiB', 'shm of the dead')
 _MIB = 2.0**20
+Row = dict[str, Any]
 
 
 def shared_names(pid: int) -> set[str]:
@@ -54,8 +55,8 @@ class Samples:
 
     def __init__(self, path: Path) -> None:
         """Begin a table."""
-        self.rows: list[dict[str, Any]] = []
-        self.shared: list[dict[str, Any]] = []
+        self.rows: list[Row] = []
+        self.shared: list[Row] = []
         self._seen: set[str] = set()
         self._file = path.open('w', newline='', encoding='utf-8')
         self._table = csv.DictWriter(self._file, (*FIELDS, *SHARED_FIELDS), restval='')
@@ -110,6 +111,18 @@ class Samples:
     def close(self) -> None:
         """End the table."""
         self._file.close()
+
+
+def read(path: Path) -> tuple[list[Row], list[Row]]:
+    """Return the looks at nodes, and at what they share, from a table that Samples wrote."""
+    looks: list[Row] = []
+    shared: list[Row] = []
+    with path.open(newline='', encoding='utf-8') as file:
+        for line in csv.DictReader(file):
+            row = {name: text if name == 'node' else float(text)
+                   for name, text in line.items() if text}
+            (shared if row['node'] == 'all' else looks).append(row)
+    return looks, shared
 
 
 class Iterations:

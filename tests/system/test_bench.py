@@ -191,7 +191,7 @@ def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
     assert figures['unexpected'] == []
     assert 0 < figures['minutes'] < figures['planned_minutes'] == 60
     rows = {(row['what'], row['of']) for row in figures['slopes']}
-    assert {('memory of its own, MiB', 'agent'), ('open files', 'simulator'),
+    assert {('memory of its own, MiB', 'agent'), ('open files', 'sim_0'),
             ('/dev/shm, shm files', 'all'), ('steps/s', 'all')} <= rows
     assert 'interrupted' in soak.output()
     assert (tmp_path / 'out_samples.csv').read_text('utf-8').count('agent') > 0

@@ -35,6 +35,9 @@ from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.screenshot import Picture
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.training_recorder import LONGEST_PERIOD
+from rocket_sim_node.recording.training_recorder import PERIOD
+from rocket_sim_node.recording.training_recorder import TrainingRecorder
 from rocket_sim_node.worlds import make
 
 OUTCOMES = ('landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds')
@@ -408,3 +411,31 @@ def test_no_recording_is_named(tmp_path: Path) -> None:
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
     with pytest.raises(OSError, match='not a readable recording'):
         read.trajectories(tmp_path / 'junk.rrd')
+
+
+def test_a_long_training_is_logged_in_ever_larger_parts() -> None:
+    """Each part stays in memory, in the index: a day of training has few hundreds of them."""
+    now, puts = 0.0, 0
+
+    def put(logged: object) -> None:
+        nonlocal puts
+        puts += 1
+
+    training = TrainingRecorder(put, lambda: now)
+    waited, gathered = 0.0, 0.0
+    for second in range(24 * 3600):
+        now = float(second)
+        before = puts
+        text = 'saved' if second % 5 == 0 else ''
+        training.add(Training('finetune', second + 1, {}, text), 0, 0.02)
+        if puts > before:
+            waited, gathered = max(waited, now - gathered), now
+        if second == 600:
+            assert puts > 2 * 600 / PERIOD * 0.9, 'at first they are seen soon'
+            assert waited <= PERIOD + 1.0
+    assert waited <= LONGEST_PERIOD + 1.0
+    assert puts < 2 * 24 * 3600 / LONGEST_PERIOD * 1.2
+    training.flush(0.02)
+    after = puts
+    training.flush(0.02)
+    assert puts == after

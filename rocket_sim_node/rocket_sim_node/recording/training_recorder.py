@@ -9,12 +9,18 @@ from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.sink import Put
 from rocket_sim_node.recording.training_log import Training
 
-PERIOD = 10.0
-"""s of wall clock for which iterations are gathered before they are logged"""
+PERIOD, LONGEST_PERIOD = 10.0, 120.0
+"""s of wall clock for which reports are gathered before they are logged: at first, and at most"""
+PERIOD_SHARE = 1 / 60
+"""of the training so far, for which reports are gathered when that is longer"""
 
 
 class TrainingRecorder:
-    """Gathers iterations and logs them together, stages and messages at once."""
+    """Gathers what an agent reports and logs it together; at once where a stage begins.
+
+    Each logging adds chunks to the recording, and each chunk some 2 KiB to its index, which Rerun
+    keeps in memory until the end: the longer a training, the more is gathered.
+    """
 
     def __init__(self, put: Callable[[Put], None], clock: Callable[[], float]) -> None:
         """Begin before the first report.
@@ -25,7 +31,8 @@ class TrainingRecorder:
         self._clock = clock
         self._iterations = training_log.IterationCounter()
         self._pending: list[tuple[Place, Training]] = []
-        self._pending_since = 0.0
+        self._texts: list[tuple[Place, str, str]] = []
+        self._began = self._pending_since = clock()
         self._stage = ''
 
     @property
@@ -45,7 +52,7 @@ class TrainingRecorder:
         new_stage = training.stage != self._stage
         self._stage = training.stage
         place = Place(step, self._iterations.add(training))
-        if not self._pending:
+        if not self._pending and not self._texts:
             self._pending_since = self._clock()
         if training.learning:
             self._pending.append((place, training))
@@ -53,13 +60,18 @@ class TrainingRecorder:
             self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
         text = training.message or (f'stage {training.stage}' if new_stage else '')
         if text:
-            self._put(lambda stream: training_log.log_text(
-                stream, [(place, f'{training.stage}: {text}', 'INFO')], dt))
+            self._texts.append((place, f'{training.stage}: {text}', 'INFO'))
+        if text and (new_stage or not training.learning):
+            self.flush(dt)
         self.tick(dt)
 
     def tick(self, dt: float) -> None:
         """Log what has waited long enough."""
-        if self._pending and self._clock() - self._pending_since >= PERIOD:
+        if not self._pending and not self._texts:
+            return
+        now = self._clock()
+        period = min(max(PERIOD, PERIOD_SHARE * (now - self._began)), LONGEST_PERIOD)
+        if now - self._pending_since >= period:
             self.flush(dt)
 
     def flush(self, dt: float) -> None:
@@ -67,3 +79,6 @@ class TrainingRecorder:
         if self._pending:
             rows, self._pending = self._pending, []
             self._put(lambda stream: training_log.log_training(stream, rows, dt))
+        if self._texts:
+            lines, self._texts = self._texts, []
+            self._put(lambda stream: training_log.log_text(stream, lines, dt))
