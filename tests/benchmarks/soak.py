@@ -12,7 +12,8 @@ slope tells most; those that are killed every few minutes are mostly young.
 
 Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
 Steps per second of processor time, of agent and simulators, are what other load on the machine
-disturbs less.
+disturbs less; steps in the time that a fixed piece of work takes (`soak_samples.piece_of_work`),
+what is disturbed less by a machine that is faster at one time than at another.
 """
 from __future__ import annotations
 
@@ -50,7 +51,8 @@ _FIGURES = {
     'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}
 _RATES = {
-    'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second'}
+    'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second',
+    'steps_per_piece': 'steps per piece of work'}
 
 
 def slopes(

@@ -39,7 +39,7 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
         axes[3].legend(fontsize='small')
         for panel, name, title in (
             (axes[4], 'steps_per_second', 'rocket steps/s'),
-            (axes[5], 'steps_per_cpu_second', 'rocket steps per CPU-second'),
+            (axes[5], 'steps_per_piece', 'rocket steps per piece of work'),
         ):
             panel.set_title(title)
             panel.plot(

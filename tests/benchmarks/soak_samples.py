@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import statistics
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 from processes import Process
 
@@ -44,6 +47,21 @@ def own_memory(pid: int) -> float:
     status = Path(f'/proc/{pid}/status').read_text('utf-8')
     line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))
     return int(line.split()[1]) / 1024.0
+
+
+def piece_of_work() -> float:
+    """Return the processor time that a fixed piece of work takes, s.
+
+    How fast a shared machine is changes by the minute; so much less or more does everybody in it.
+    One time says little, as a clock of processor time may go by ticks of milliseconds.
+    """
+    began = time.process_time()
+    numbers = np.linspace(-3.0, 3.0, 20_000, dtype=np.float32)
+    for _ in range(20):
+        names = {str(number): number for number in range(2000)}
+        numbers = np.tanh(numbers)
+    assert len(names) == 2000
+    return time.process_time() - began
 
 
 class Samples:
@@ -137,6 +155,7 @@ class Iterations:
         self._spell = spell
         self._cpu: float | None = None
         self._steps = self._seconds = 0.0
+        self._pieces: list[float] = []
         self.rows: list[dict[str, float]] = []
         self._follow()
 
@@ -176,6 +195,7 @@ class Iterations:
         except OSError:
             self._cpu = None
             return
+        self._pieces.append(piece_of_work())
         if self._cpu is not None:
             self._steps += sum(line['steps_per_second'] * line['seconds'] for line in lines)
             self._seconds += sum(line['seconds'] for line in lines)
@@ -183,7 +203,10 @@ class Iterations:
         if self._cpu is not None and not unlike and self._seconds < self._spell:
             return
         if self._cpu is not None and not unlike and cpu > self._cpu:
+            rate = self._steps / (cpu - self._cpu)
             self.rows.append({
                 'time': seconds, 'steps_per_second': self._steps / self._seconds,
-                'steps_per_cpu_second': self._steps / (cpu - self._cpu)})
+                'steps_per_cpu_second': rate,
+                'steps_per_piece': rate * statistics.mean(self._pieces)})
         self._cpu, self._steps, self._seconds = cpu, 0.0, 0.0
+        self._pieces.clear()
