@@ -38,6 +38,7 @@ def _budget(f: Figures) -> str:
 
 def _rollouts(f: Figures) -> str:
     rows = f['rollouts']
+
     def each(value: Callable[[Figures], float]) -> str:
         return ', '.join(f'{value(row):.2f} with {size}' for size, row in rows.items())
 

@@ -183,8 +183,8 @@ def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
     figures = json.loads(output.read_text('utf-8'))
     assert figures['ended'].keys() == {
         'sim_0', 'sim_1', 'recorder_0', 'recorder_1', 'agent'}
-    # One that had just been started may not have been ready to be asked: Python ends by the
-    # signal then, or with 1 where a library makes an error of it.
+    # One that had just been started may not have been ready to be asked: the signal ends it then,
+    # or Python does, with 1, where it was itself just starting.
     young = set(re.findall(r'(\w+) killed', soak.output()))
     assert {status for name, status in figures['ended'].items() if name not in young} == {0}
     assert {figures['ended'][name] for name in young} <= {0, 1, -signal.SIGINT}

@@ -148,10 +148,15 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     assert asked == [2, MOST_HELD + 1, 1, 2]
     fly(101)
     assert recorder.flights == 2 + MOST_HELD + 1 + 1 + 2 + 1  # of the last only every fifth
+    # An agent that was killed is no agent, and comes back in the stage that it was in.
+    recorder.training_is_over()
+    fly(102)
+    recorder.training(Training('finetune', 2, {}))
+    assert asked == [2, MOST_HELD + 1, 1, 2, 2]
     recorder.close()
-    assert asked == [2, MOST_HELD + 1, 1, 2]
+    assert asked == [2, MOST_HELD + 1, 1, 2, 2]
     flights = read.trajectories(path)
-    assert [flight.summary['settled'] for flight in flights] == [AFTER, 0] * 11 + [0]
+    assert [flight.summary['settled'] for flight in flights] == [AFTER, 0] * 11 + [0, AFTER, 0]
     order = [flight.summary['simulator_step'] for flight in flights]
     assert order == sorted(order)
     assert len(set(order)) == len(order)

@@ -84,8 +84,7 @@ class Recorder:
         """Take note of a world; what came before it was kept for it."""
         if stage == self._stage:
             return
-        self._let_go()
-        self._record_held(now=True)
+        self._finish_all()
         self._stage = stage
         self._begin(stage)
         early, self._early = self._early, []
@@ -123,8 +122,8 @@ class Recorder:
             if self._stage is not None:  # otherwise it is done when the world is known
                 self._begin(self._stage)
         if training.learning != self._reel.learning:
-            self._let_go()
-        if self._training.news(training):
+            self._finish_all()
+        elif self._training.news(training):
             self._record_held(now=True)  # which were flown before it
         self._training.add(training, self._reel.end, self._dt)
         self._reel.learning = training.learning
@@ -133,7 +132,7 @@ class Recorder:
     def training_is_over(self) -> None:
         """Take note that no agent is there any more that might report."""
         if self._reel.learning:
-            self._let_go()
+            self._finish_all()
             self._reel.learning = False
 
     def tick(self) -> None:
@@ -156,8 +155,7 @@ class Recorder:
                 row = followed.row if followed is not None and followed.row in rows else rows[0]
                 self._reel.record([self._buffers[row].finish(row, '')], self._stage)
                 self._follower.end()
-        self._let_go()
-        self._record_held(now=True)
+        self._finish_all()
         if self._training is not None:
             self._training.flush(self._dt)
         for sink in self._sinks:
@@ -220,6 +218,11 @@ class Recorder:
             self._follower.end()
         elif followed:
             self._let_go()
+
+    def _finish_all(self) -> None:
+        """Leave the flight that is followed, record those that wait: others are to come."""
+        self._let_go()
+        self._record_held(now=True)
 
     def _record_held(self, now: bool = False) -> None:
         """Record flights that waited long enough.

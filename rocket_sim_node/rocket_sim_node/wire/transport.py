@@ -88,8 +88,9 @@ def prepared(rmw: str) -> Iterator[None]:
             f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
     settings: dict[str, str | None] = {RANGE: discovery_range()}
     closed = False
-    schema = schema_path()
-    if rmw.startswith('rmw_fastrtps') and schema is not None and not _own_setup(schema):
+    schema = schema_path() if rmw.startswith('rmw_fastrtps') else None
+    own = schema is not None and _own_setup(schema)
+    if schema is not None and not own:
         closed = not beyond_machine()
         folder = Path(__file__).parent / 'profiles'
         settings |= {
@@ -110,7 +111,7 @@ def prepared(rmw: str) -> Iterator[None]:
         raise TransportError(
             f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take '
             f'{settings[_PROFILES[0]]}')
-    if found and set_up_by_user() and not beyond_machine():
+    if found and own and not beyond_machine():
         get_logger('transport').warning(
             f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
             f'heard, although {RANGE} is {discovery_range()}')
