@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rerun.chunk import RrdReader
 
+from rocket_sim_node.recording import plots
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.recorder import Recorder
@@ -72,6 +73,12 @@ def rows_of(
             batch.column(timeline).to_pylist(), batch.column(component).to_pylist(), strict=True)
             if None not in row]
     return sorted(rows, key=lambda row: row[0])
+
+
+def lines_of(path: Path, entity: str, name: str) -> list[tuple[int, list[float]]]:
+    """Return (step, values of its lines) of a plot of a rocket's entity, in the order of steps."""
+    return [
+        (step, records[0][name]) for step, records in rows_of(path, entity, plots.SAMPLE)]
 
 
 def view_classes(path: Path) -> list[str]:

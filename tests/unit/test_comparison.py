@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from recordings import lines_of
 from recordings import record
-from recordings import rows_of
 from recordings import view_classes
 from rerun.chunk import RrdReader
 
@@ -128,7 +128,7 @@ def test_the_plots_hold_what_was_flown(run: Path) -> None:
         ('speed', np.linalg.norm(flight.velocity, axis=1)),
         ('fuel_used', flight.fuel[0] - flight.fuel),
     ):
-        rows = rows_of(path, f'/2_cloned{scene.ROCKET}', f'Flight:{name}')[:len(expected)]
+        rows = lines_of(path, f'/2_cloned{scene.ROCKET}', name)[:len(expected)]
         np.testing.assert_allclose(
             [value[0] for _, value in rows], expected, atol=2e-3, err_msg=name)
 

@@ -217,7 +217,7 @@ def test_a_flight_that_breaks_off_leaves_room_for_the_next(
     assert set(range(39)) < set(seen)
     # The lines of the plots end between the two.
     gap = [step for step in seen if 39 <= step < first['first_step']]
-    assert any(np.isnan(seen[step]['Flight:motion'][0]) for step in gap)
+    assert any(np.isnan(seen[step]['Flight:sample'][0]['motion'][0]) for step in gap)
 
 
 def test_nothing_is_followed_that_is_not_recorded(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rendering
+from recordings import lines_of
 from recordings import record
 from recordings import rows_of
 
@@ -105,7 +106,7 @@ def test_the_vehicle_goes_on_moving(settled: Path) -> None:
     for k in (0, 50, AFTER - 1):
         np.testing.assert_allclose(
             poses[FLIGHT + k][0], settling.values[k, FIELDS['position']], atol=1e-5)
-    tilt = dict(rows_of(settled, scene.ROCKET, 'Flight:tilt'))
+    tilt = dict(lines_of(settled, scene.ROCKET, 'tilt'))
     assert tilt[FLIGHT + AFTER - 1][0] == pytest.approx(90.0)
     assert np.isnan(tilt[FLIGHT + AFTER][0]), 'a gap ends the lines'
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the viewer shows a recording: the landing on the left, its numbers on the right.
 
-Every entity and component of a blueprint costs the file some kilobytes, so a plot is one
-component of the rocket's entity, and legends and bounds are left to the viewer where they are
-good enough.
+Every entity and component of a blueprint costs the file some kilobytes, so a plot is one field
+of the rocket's samples, and legends and bounds are left to the viewer where they are good
+enough.
 """
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from rerun.blueprint.encodings import ComponentSourceKind
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.plots import SAMPLE
+from rocket_sim_node.recording.plots import STYLES
 from rocket_sim_node.recording.plots import Plot
 from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.training_log import CURVES
@@ -23,9 +25,21 @@ PLOT_AHEAD = 3.0
 TABS = ('flight', 'log', 'training')
 
 
+class Layout(rrb.Blueprint):
+    """A blueprint without the time at which each of its parts was made.
+
+    Nobody asks for that time, and its columns have a place in the file's index: 14 KiB of every
+    recording.
+    """
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        stream.set_log_time_enabled(False)
+        super()._log_to_stream(stream)
+
+
 def blueprint(
     live: bool = False, training: bool = False, tab: str = 'flight', world: str = '',
-) -> rrb.Blueprint:
+) -> Layout:
     """Return the layout of a recording.
 
     :param live: follow what arrives instead of playing from the start.
@@ -38,7 +52,7 @@ def blueprint(
     if training:
         tabs.append(_training_tab())
     timeline = 'iteration' if tab == 'training' else 'sim_time'
-    return rrb.Blueprint(
+    return Layout(
         rrb.Horizontal(
             look.view(), rrb.Tabs(*tabs, active_tab=TABS.index(tab)), column_shares=[3, 2]),
         rrb.BlueprintPanel(state='collapsed'),
@@ -56,46 +70,51 @@ def around_cursor() -> rrb.TimeAxis:
         end=rrb.TimeRangeBoundary.cursor_relative(seconds=PLOT_AHEAD)))
 
 
+def without_origin(view: rrb.View) -> rrb.View:
+    """Take a view's origin away: its contents say in full what it shows."""
+    view.origin = None  # type: ignore[assignment]  # Rerun logs none then, and the viewer's is /
+    return view
+
+
 def _flight_tab(plots: tuple[Plot, ...]) -> rrb.Vertical:
     """Return the plots of a flight, some seconds around the cursor."""
     shares = [3, *[2] * (len(plots) - 1)]
     views = [
-        rrb.TimeSeriesView(
-            name=plot.title, origin=scene.ROCKET, contents=[scene.ROCKET],
-            axis_x=around_cursor(), overrides={scene.ROCKET: lines(plot, _style(plot))})
+        without_origin(rrb.TimeSeriesView(
+            name=plot.title, contents=[scene.ROCKET], axis_x=around_cursor(),
+            overrides={scene.ROCKET: lines(plot)}))
         for plot in plots]
-    phase = rrb.StateTimelineView(name='Phase', origin=scene.PHASE, contents=[scene.PHASE])
+    phase = without_origin(rrb.StateTimelineView(name='Phase', contents=[scene.PHASE]))
     # It has a time axis like the plots, but its constructor has no argument for it.
     phase.properties['TimeAxis'] = around_cursor()
     return rrb.Vertical(
         *views, phase, name='Flight', row_shares=[*shares, sum(shares) * 2 / 15])
 
 
-def lines(plot: Plot, style: rr.SeriesLines) -> rrb.Visualizer:
-    """Return what draws the component of a plot as lines."""
-    return style.visualizer(mappings=[VisualizerComponentMapping(
-        'Scalars:scalars', ComponentSourceKind.SourceComponent,
-        source_component=plot.component)])
+def lines(plot: Plot, *, styled: bool = True) -> rrb.Visualizer:
+    """Return what draws the samples' field of a plot as lines.
 
-
-def _style(plot: Plot) -> rr.SeriesLines:
-    return rr.SeriesLines(
-        names=list(plot.names), colors=list(plot.colours), widths=[2.0] * len(plot.names))
+    :param styled: as :func:`plots.log_styles` says for each plot, otherwise as the entity does.
+    """
+    sources = {'Scalars:scalars': SAMPLE, **(STYLES if styled else {})}
+    return rr.SeriesLines().visualizer(mappings=[
+        VisualizerComponentMapping(
+            target, ComponentSourceKind.SourceComponent, source_component=component,
+            selector=plot.selector)
+        for target, component in sources.items()])
 
 
 def _training_tab() -> rrb.Vertical:
     """Return the curves of a training run."""
-    views = []
-    for entity, (title, _) in CURVES.items():
-        path = f'{scene.TRAINING}/{entity}'
-        views.append(rrb.TimeSeriesView(name=title, origin=path, contents=[path]))
+    views = [
+        without_origin(rrb.TimeSeriesView(name=title, contents=[f'{scene.TRAINING}/{entity}']))
+        for entity, (title, _) in CURVES.items()]
     return rrb.Vertical(
         rrb.Grid(*views, grid_columns=2),
-        rrb.StateTimelineView(
-            name='Stage', origin=scene.TRAINING_STAGE, contents=[scene.TRAINING_STAGE]),
+        without_origin(rrb.StateTimelineView(name='Stage', contents=[scene.TRAINING_STAGE])),
         name='Training', row_shares=[9, 1])
 
 
-def _log_view() -> rrb.TextLogView:
+def _log_view() -> rrb.View:
     """Return the log of outcomes and stages."""
-    return rrb.TextLogView(name='Log', origin=scene.LOG, contents=[scene.LOG, scene.LANDINGS])
+    return without_origin(rrb.TextLogView(name='Log', contents=[scene.LOG, scene.LANDINGS]))

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Protocol
 from typing import cast
 
-import rerun as rr
 import rerun.blueprint as rrb
 
 from rocket_sim_node.recording import comparison_plots
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording.blueprint import Layout
 from rocket_sim_node.recording.blueprint import around_cursor
 from rocket_sim_node.recording.blueprint import lines
 from rocket_sim_node.recording.comparison_plots import Named
@@ -30,7 +30,7 @@ class Titled(Named, Protocol):
         ...
 
 
-def blueprint(sides: Sequence[Titled], stage: Stage) -> rrb.Blueprint:
+def blueprint(sides: Sequence[Titled], stage: Stage) -> Layout:
     """Return the layout of a comparison."""
     phases = rrb.StateTimelineView(
         name='Phases', origin='/', contents=[f'/{side.key}{scene.PHASE}' for side in sides])
@@ -41,7 +41,7 @@ def blueprint(sides: Sequence[Titled], stage: Stage) -> rrb.Blueprint:
         _plot(plot, sides, legend=number == 0)
         for number, plot in enumerate(comparison_plots.plots(stage))]
     results = rrb.TextDocumentView(name='Results', origin=RESULTS, contents=[RESULTS])
-    return rrb.Blueprint(
+    return Layout(
         rrb.Vertical(
             rrb.Horizontal(*(_view(side, stage) for side in sides)),
             rrb.Horizontal(
@@ -68,7 +68,7 @@ def _view(side: Titled, stage: Stage) -> rrb.View:
 
 def _plot(plot: Plot, sides: Sequence[Titled], *, legend: bool) -> rrb.TimeSeriesView:
     """Return the plot of a quantity, one line a pilot, some seconds around the cursor."""
-    shown = lines(plot, rr.SeriesLines())
+    shown = lines(plot, styled=False)
     entities = [comparison_plots.entity(side) for side in sides]
     return rrb.TimeSeriesView(
         name=plot.title, origin='/', contents=entities, axis_x=around_cursor(),

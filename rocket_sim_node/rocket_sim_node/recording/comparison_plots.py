@@ -64,7 +64,7 @@ def plots(stage: Stage) -> tuple[Plot, ...]:
 
 def look(stage: Stage) -> Scenery:
     """Return the scenery of a world, with these plots in place of its own."""
-    return replace(scenery(stage.world), plots=plots(stage))
+    return replace(scenery(stage.world), plots=plots(stage), unseen=())
 
 
 def entity(side: Named) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording.flight import Flight
+from rocket_sim_node.recording.geometry import Mesh
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import changed
 from rocket_sim_node.recording.stage import Stage
@@ -22,21 +23,28 @@ EFFECT_STEP = 5
 
 def log_body(stream: rr.RecordingStream, scale: float) -> None:
     """Log where flame and gas come from, and their shapes."""
-    for entity, height in (
-            (scene.ENGINE, vehicle.NOZZLE_EXIT), (scene.THRUSTERS, vehicle.FINS + 2.2)):
-        stream.log(entity, rr.Transform3D(translation=(0, 0, height * scale)), static=True)
-    log_flame_shape(stream)
-    stream.log(
-        f'{scene.PUFF}/gas', scene.archetype(vehicle.puff(), shaded=False, opacity=150),
-        static=True)
+    log_flame_shape(stream, vehicle.NOZZLE_EXIT * scale)
+    log_puff_shape(stream, vehicle.puff(), (vehicle.FINS + 2.2) * scale, opacity=150)
 
 
-def log_flame_shape(stream: rr.RecordingStream) -> None:
-    """Log the flame, 1 m long."""
+def log_flame_shape(stream: rr.RecordingStream, height: float) -> None:
+    """Log the flame, 1 m long, which begins at a height in the body frame."""
     core, glow = vehicle.flame()
-    stream.log(f'{scene.FLAME}/core', scene.archetype(core, shaded=False), static=True)
+    stream.log(
+        scene.FLAME, _at(height), scene.archetype(core, shaded=False), static=True)
     stream.log(
         f'{scene.FLAME}/glow', scene.archetype(glow, shaded=False, opacity=120), static=True)
+
+
+def log_puff_shape(stream: rr.RecordingStream, mesh: Mesh, height: float, opacity: int) -> None:
+    """Log the gas of a thruster, which begins at a height in the body frame."""
+    stream.log(
+        scene.PUFF, _at(height), scene.archetype(mesh, shaded=False, opacity=opacity), static=True)
+
+
+def _at(height: float) -> rr.Transform3D:
+    """Return where something begins; its size and attitude are those of the flight."""
+    return rr.Transform3D.from_fields(translation=(0.0, 0.0, height))
 
 
 def to_body(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from rocket_sim_node.recording.sceneries import Scenery
 from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.stage import Stage
 
-TRAIL_STEP = 12
+TRAIL_STEP = 20
 PATH_POINTS = 40
 
 
@@ -87,7 +87,7 @@ def _rocket(
                 quaternion=quaternion.astype(np.float32)),
             *rr.Arrows3D.columns(
                 vectors=arrows.reshape(-1, 3).astype(np.float32)).partition([count] * (n + 1)),
-            *plots.columns(look.plots, flight, stage),
+            *plots.columns(look.plots + look.unseen, flight, stage),
         ])
 
 
@@ -182,9 +182,9 @@ def _landing(
     text = (
         f'rocket {flight.row}, episode {flight.episode}: '
         f'{ending(flight, settling)}, {describe(flight, stage)}')
-    times = [
-        *place.times(np.array([last]), stage.dt),
-        rr.TimeColumn('iteration', sequence=[place.iteration])]
+    times = place.times(np.array([last]), stage.dt)
+    if place.iteration:
+        times.append(rr.TimeColumn('iteration', sequence=[place.iteration]))
     stream.send_columns(scene.PATHS, times, rr.LineStrips3D.columns(
         strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 110)]))
     stream.send_columns(

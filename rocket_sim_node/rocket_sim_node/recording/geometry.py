@@ -52,7 +52,7 @@ def transform(mesh: Mesh, scale: float = 1.0, yaw: float = 0.0,
 
 
 def revolve(
-    profile: Sequence[tuple[float, float, Colour]], sides: int = 20,
+    profile: Sequence[tuple[float, float, Colour]], sides: int = 16,
 ) -> Mesh:
     """Return the body that a profile sweeps around z.
 
@@ -138,7 +138,7 @@ def strut(start: Point, end: Point, width: tuple[float, float], colour: Colour) 
 
 
 def ring(inner: float, outer: float, height: float, colours: tuple[Colour, Colour],
-         sides: int = 48) -> Mesh:
+         sides: int = 40) -> Mesh:
     """Return a flat ring, a disc when `inner` is 0; colours are those inside and outside."""
     mesh = revolve(((outer, height, colours[1]), (inner, height, colours[0])), sides)
     return Mesh(

@@ -40,8 +40,8 @@ def _pad(stage: Stage) -> Mesh:
         ring(0.0, edge, -0.30, (palette.CONCRETE, palette.CONCRETE)),
         ring(edge, edge * 1.03, -0.30, (_LIP, _LIP)),
         ring(limit - 0.5, limit + 0.5, 0.0, (palette.TARGET, palette.TARGET)),
-        ring(limit / 2 - 0.3, limit / 2 + 0.3, 0.0, (palette.PAINT, palette.PAINT)),
-        ring(0.0, 0.9, 0.05, (palette.PAINT, palette.PAINT)),
+        ring(limit / 2 - 0.3, limit / 2 + 0.3, 0.0, (palette.PAINT, palette.PAINT), 32),
+        ring(0.0, 0.9, 0.05, (palette.PAINT, palette.PAINT), 16),
     ]
     for k in range(4):
         corners = np.array([
@@ -57,8 +57,8 @@ def _pad(stage: Stage) -> Mesh:
 
 def _rings(stage: Stage) -> rr.LineStrips3D:
     """Return rings of equal distance on the ground, every 50 m, and the axes."""
-    angle = np.linspace(0, 2 * np.pi, 73)
-    circle = np.stack((np.cos(angle), np.sin(angle), np.full(73, 0.0)), axis=1)
+    angle = np.linspace(0, 2 * np.pi, 61)
+    circle = np.stack((np.cos(angle), np.sin(angle), np.full(61, 0.0)), axis=1)
     radii = np.arange(50.0, stage.range_limit + 1.0, 50.0)
     strips = [circle * (r, r, 1.0) - (0.0, 0.0, 0.4) for r in radii]
     reach = float(radii[-1]) if len(radii) else stage.range_limit

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import rerun as rr
 
+from rocket_sim_node.recording import plots
+from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording.backdrop import BEFORE_FLIGHT
 from rocket_sim_node.recording.backdrop import BEFORE_TRAINING
@@ -20,7 +22,9 @@ def head(stage: Stage, training: bool, live: bool) -> Put:
     :param live: with something to be seen until the first flight begins.
     """
     def put(stream: rr.RecordingStream) -> None:
-        scenery(stage.world).static(stream, stage)
+        look = scenery(stage.world)
+        look.static(stream, stage)
+        plots.log_styles(stream, scene.ROCKET, look.plots + look.unseen)
         if training:
             training_log.log_styles(stream)
             log_backdrop(stream, stage, BEFORE_TRAINING)

@@ -60,12 +60,8 @@ def log_static(stream: rr.RecordingStream, stage: Stage) -> None:
     stream.log(scene.BODY, scene.archetype(hull(), shaded=False), static=True)
     for entity, side in zip(scene.LEGS, (-1.0, 1.0), strict=True):
         stream.log(f'{entity}/strut', scene.archetype(leg(side), shaded=False), static=True)
-    stream.log(
-        scene.ENGINE, rr.Transform3D(translation=(0.0, 0.0, -13.0 / 30.0)), static=True)
-    effects.log_flame_shape(stream)
-    stream.log(scene.THRUSTERS, rr.Transform3D(translation=(0.0, 0.0, 0.25)), static=True)
-    stream.log(
-        f'{scene.PUFF}/gas', scene.archetype(_puff(), shaded=False, opacity=170), static=True)
+    effects.log_flame_shape(stream, -13.0 / 30.0)
+    effects.log_puff_shape(stream, _puff(), 0.25, opacity=170)
     contact_log.log_style(stream, stage)
 
 

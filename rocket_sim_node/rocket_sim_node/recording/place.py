@@ -22,8 +22,9 @@ def pause_steps(stage: Stage) -> int:
 
 @dataclass(frozen=True)
 class Place:
-    """Where on the timelines something lies: its first step and the training iteration.
+    """Where on the timelines something lies: its first step and the training iteration, from 1.
 
+    Where nothing has been trained the iteration is 0, and nothing lies on that timeline.
     Steps count those of the recording, in which flights lie one after another, and not those of
     a simulator; `sim_time` is the step times dt.
     """

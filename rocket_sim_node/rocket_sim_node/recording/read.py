@@ -2,6 +2,7 @@
 """Flights read back from a recording, as arrays."""
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,9 +91,20 @@ def _flights(
             first, count = int(np.searchsorted(step, record['first_step'])), record['samples']
             # Taken apart flight by flight: in another world a row may have more numbers.
             flights.append(_trajectory(record, float(end), pilot, {
-                name: _numbers(column.slice(first, count), count)
-                for name, column in columns.items()}))
+                name: _numbers(values, count)
+                for component, column in columns.items()
+                for name, values in _fields(component, column.slice(first, count))}))
     return flights
+
+
+def _fields(component: str, cells: pa.Array) -> Iterator[tuple[str, pa.Array]]:
+    """Give a component, or each field of it when it holds records, as `<archetype>:<field>`."""
+    if not pa.types.is_struct(cells.type.value_type):
+        yield component, cells
+        return
+    records = cells.flatten()
+    for field in records.type:
+        yield f'{component.split(":")[0]}:{field.name}', records.field(field.name)
 
 
 def _cells(batch: pa.RecordBatch, name: str, batches: list[pa.RecordBatch]) -> pa.Array:
@@ -126,7 +138,7 @@ def _trajectory(
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
         position=part['Transform3D:translation'], orientation=orientation,
         velocity=_velocity(orientation, part['Arrows3D:vectors'][:, :3], record),
-        tilt=part['Flight:tilt'][:, 0], throttle=throttle / np.float32(100), fuel=fuel,
+        tilt=_tilt(orientation), throttle=throttle / np.float32(100), fuel=fuel,
         reward=reward, summary=record, pilot=pilot)
 
 
@@ -142,6 +154,13 @@ def _numbers(array: pa.Array, rows: int) -> F32:
     if pa.types.is_null(array.type) or not len(array):
         return np.zeros((rows, 0), np.float32)
     return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(rows, -1)
+
+
+def _tilt(orientation: F32) -> F32:
+    """Return by how many degrees bodies with attitudes `(n, 4)` lean, as :attr:`Flight.tilt`."""
+    x, y = orientation[:, 0].astype(np.float64), orientation[:, 1].astype(np.float64)
+    up = np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)
+    return np.degrees(np.arccos(up)).astype(np.float32)
 
 
 def _velocity(orientation: F32, arrow: F32, record: dict[str, Any]) -> F32:

@@ -14,6 +14,11 @@ from rerun.chunk import RrdReader
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.blueprint import blueprint
 
+LARGE_CHUNKS = OptimizationProfile(
+    max_bytes=2 * 2**20, max_rows=65536, max_rows_if_unsorted=8192, split_size_ratio=None)
+"""like Rerun's own profile for stores, but what was logged together stays together: each chunk
+costs the index some kilobytes"""
+
 
 def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     """Write the recording in `source` to `target`, under the same identity.
@@ -48,7 +53,7 @@ def finished(path: Path) -> bool:
 
 def joined(reader: RrdReader) -> ChunkStore:
     """Return all of a recording in fewer, larger chunks."""
-    return reader.stream().collect(optimize=OptimizationProfile.OBJECT_STORE)
+    return reader.stream().collect(optimize=LARGE_CHUNKS)
 
 
 def save(reader: RrdReader, store: ChunkStore, target: Path, layout: rrb.Blueprint) -> None:

@@ -37,11 +37,12 @@ class Scenery:
     """What a recording of a world consists of, beside what all have.
 
     `static` logs what stands still, at the head of a recording; each of `effects` logs what a
-    flight does to an entity of its own. Lengths are in heights of the vehicle's origin above the
-    ground when it stands: `label` is where the outcome is written above the origin, `velocity` and
-    `thrust` are the arrows of 1 m/s and of full throttle (there is none when it is 0), and at the
-    end of a flight an origin within `reach` of the ground has touched it. `bends` is how many
-    points a piece of the trail has between its ends.
+    flight does to an entity of its own. `plots` are shown, `unseen` is recorded beside them, so
+    that a sample has the same fields in every world, as one component must. Lengths are in heights
+    of the vehicle's origin above the ground when it stands: `label` is where the outcome is
+    written above the origin, `velocity` and `thrust` are the arrows of 1 m/s and of full throttle
+    (there is none when it is 0), and at the end of a flight an origin within `reach` of the ground
+    has touched it. `bends` is how many points a piece of the trail has between its ends.
     """
 
     view: Callable[[], rrb.View]
@@ -54,6 +55,7 @@ class Scenery:
     thrust: float = 0.0
     reach: float = 1.0
     bends: int = 0
+    unseen: tuple[Plot, ...] = ()
 
 
 def _log_rocket(stream: rr.RecordingStream, stage: Stage) -> None:
@@ -73,7 +75,7 @@ SCENERIES: Mapping[str, Scenery] = {
         camera=camera.SPATIAL, static=_log_rocket,
         effects=(effects.log_flame, effects.log_puffs, contact_log.log_contact),
         label=(vehicle.NOSE + 5.0) / DRAWN_HEIGHT,
-        velocity=0.9 / DRAWN_HEIGHT, thrust=16.0 / DRAWN_HEIGHT),
+        velocity=0.9 / DRAWN_HEIGHT, thrust=16.0 / DRAWN_HEIGHT, unseen=(plots.CONTACT,)),
     'rocket_planar': Scenery(
         view=planar.view,
         plots=(plots.MOTION, plots.TILT, plots.ENGINE, plots.REWARD, plots.CONTACT),

@@ -32,7 +32,7 @@ _BAND: Colour = (0, 114, 178)
 
 
 def rocket(reach: float = FOOT_RADIUS) -> Mesh:
-    """Return the vehicle with its legs deployed, about 1 300 triangles.
+    """Return the vehicle with its legs deployed, about 950 triangles.
 
     :param reach: m, how far the feet stand from the axis, at 45 deg to x.
     """
@@ -53,7 +53,7 @@ def _body() -> Mesh:
 def _engine() -> Mesh:
     nozzle = revolve((
         (1.05, NOZZLE_EXIT, _STEEL), (0.85, -3.1, _STEEL), (0.45, -2.5, _STEEL),
-        (0.40, -2.2, _DARK)), 20)
+        (0.40, -2.2, _DARK)))
     ring = []
     for k in range(8):
         angle = k * np.pi / 4
@@ -84,10 +84,10 @@ def flame() -> tuple[Mesh, Mesh]:
     core = revolve((
         (0.02, -0.70, (255, 214, 130)), (0.30, -0.52, (255, 226, 150)),
         (0.55, -0.28, (255, 240, 196)), (0.66, -0.08, (255, 252, 236)),
-        (0.55, 0.0, (255, 255, 255))), 20)
+        (0.55, 0.0, (255, 255, 255))))
     glow = revolve((
         (0.02, -1.0, (214, 66, 10)), (0.45, -0.82, (232, 88, 16)), (0.95, -0.5, (248, 126, 30)),
-        (1.20, -0.2, (255, 168, 66)), (1.0, 0.0, (255, 200, 110))), 20)
+        (1.20, -0.2, (255, 168, 66)), (1.0, 0.0, (255, 200, 110))))
     return core, glow
 
 
@@ -95,7 +95,7 @@ def puff() -> Mesh:
     """Return a puff of cold gas along x from the body's side, to be scaled by torque."""
     cone = revolve((
         (0.1, 0.0, (245, 250, 255)), (0.7, 2.4, (226, 238, 250)), (1.3, 5.0, (190, 214, 238)),
-        (1.0, 6.4, (160, 190, 226)), (0.0, 7.0, (150, 180, 220))), 16)
+        (1.0, 6.4, (160, 190, 226)), (0.0, 7.0, (150, 180, 220))), 12)
     return Mesh(
         cone.position[:, [2, 0, 1]] + np.array((RADIUS, 0, 0), np.float32),
         cone.normal[:, [2, 0, 1]], cone.colour, cone.triangle)
