@@ -6,17 +6,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ppo_agent_node.learning import config
+from ppo_agent_node.nodes import acting
 from ppo_agent_node.nodes import connection
 from ppo_agent_node.nodes import evaluate
 from ppo_agent_node.nodes import inference
 from ppo_agent_node.nodes import keyboard_pilot
 from ppo_agent_node.nodes import piloting
-from ppo_agent_node.nodes import ppo_agent
 from ppo_agent_node.nodes import training
 from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
-from rocket_sim_node.nodes import simulator
+from rocket_sim_node.nodes import serving
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
@@ -70,11 +70,11 @@ def text() -> str:
         ('mode `infer`', describe(inference.InferenceParameters)))
     return '\n'.join([
         _HEAD,
-        table('`simulator`', describe(simulator.SimulatorParameters)),
+        table('`simulator`', describe(serving.SimulatorParameters)),
         *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
           for name in worlds.names()),
         table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
-        table('`ppo_agent`', describe(ppo_agent.AgentParameters)),
+        table('`ppo_agent`', describe(acting.AgentParameters)),
         *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
         table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),
         table('`keyboard_pilot`', (

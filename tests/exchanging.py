@@ -2,21 +2,18 @@
 """A process that exchanges actions and observations with a simulator until it is ended.
 
 It prints, in s of the system clock, when it was ready to look for the simulator, and the first
-exchange of each session.
+exchange of each session. It starts as `ppo_agent` does, and imports what that needs.
 """
 from __future__ import annotations
 
 import sys
 import time
 
-import numpy as np
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.link import LinkOptions
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.wire.running import Body
+from rocket_sim_node.wire.running import run_late
 
 IDENTITY = 7
 """the same at each start, as that of a run that is resumed"""
@@ -24,22 +21,33 @@ PERIOD = 0.001
 """s from one exchange to the next"""
 
 
-def exchange(node: Node, executor: Executor) -> None:
-    """Exchange for ever."""
-    print(f'ready {time.time()}')
-    client = Client(node, executor, LinkOptions(), IDENTITY)
-    while True:
-        try:
-            client.reset(1)
-            action = np.zeros((client.spec.num_envs, client.spec.action_size), np.float32)
-            client.step(action)
-            print(f'exchange {time.time()}')
-            while True:
-                time.sleep(PERIOD)
+def load() -> tuple[Body, tuple[type[Exception], ...]]:
+    """Import what an agent needs, and return what exchanges for ever."""
+    import numpy as np
+
+    from ppo_agent_node.nodes import acting
+    from rocket_sim_node.wire.client import Client
+    from rocket_sim_node.wire.link import LinkOptions
+    from rocket_sim_node.worlds import EnvironmentRestarted
+
+    def exchange(node: Node, executor: Executor) -> None:
+        print(f'ready {time.time()}')
+        client = Client(node, executor, LinkOptions(), IDENTITY)
+        while True:
+            try:
+                client.reset(1)
+                action = np.zeros((client.spec.num_envs, client.spec.action_size), np.float32)
                 client.step(action)
-        except EnvironmentRestarted:
-            continue
+                print(f'exchange {time.time()}')
+                while True:
+                    time.sleep(PERIOD)
+                    client.step(action)
+            except EnvironmentRestarted:
+                continue
+
+    assert acting.act is not None
+    return exchange, ()
 
 
 if __name__ == '__main__':
-    sys.exit(run('exchanging', exchange))
+    sys.exit(run_late('exchanging', load))

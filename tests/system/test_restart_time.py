@@ -3,7 +3,9 @@
 
 The start ends when a process could exchange if the wire carried: a simulator logs that it waits
 for an agent, an agent is about to look for its simulator. What is counted is the time from there
-to the first exchange, a step and its whole answer, after the kill.
+to the first exchange, a step and its whole answer, after the kill. It is short because a node is
+discovered while it imports the rest (`rocket_sim_node.wire.running.run_late`), so the time from
+the kill is printed as well: what the start might hide shows there.
 """
 from __future__ import annotations
 
@@ -12,6 +14,7 @@ import re
 import signal
 import statistics
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -24,7 +27,7 @@ from training_runs import simulator
 ROUNDS, NIGHTLY_ROUNDS = 5, 50
 PROMISED = 0.5
 """s from the kill to the next exchange, beyond the start of the process"""
-USUALLY, NIGHTLY_USUALLY = 0.5, 0.8
+USUALLY, NIGHTLY_USUALLY = 0.5, 0.95
 """part of the rounds that keeps the promise on a machine that others use as well; of a few rounds
 the median"""
 EXCHANGING = str(Path(__file__).parents[1] / 'exchanging.py')
@@ -52,10 +55,11 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
     world = simulator(processes)
     agent = processes.start(sys.executable, EXCHANGING)
     told(agent, EXCHANGE)
-    seconds = []
+    seconds, whole = [], []
     for _ in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
         moments.wait(1.0)
         process = world if killed == 'simulator' else agent
+        killed_at = time.time()
         process.signal(signal.SIGKILL)
         process.wait(5.0)
         before = len(agent.output())
@@ -65,12 +69,15 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
         else:
             agent, before = processes.start(sys.executable, EXCHANGING), 0
             ready = told(agent, READY)
-        seconds.append(told(agent, EXCHANGE, before) - ready)
+        exchange = told(agent, EXCHANGE, before)
+        seconds.append(exchange - ready)
+        whole.append(exchange - killed_at)
     seconds.sort()
     part = NIGHTLY_USUALLY if nightly else USUALLY
     usual = seconds[math.ceil(part * len(seconds)) - 1]
     print(f'{killed} killed {len(seconds)} times; to the next exchange, beyond its start: '
           f'{seconds[0]:.2f} s at least, {statistics.median(seconds):.2f} s median, '
           f'{usual:.2f} s in {100 * part:g} of 100, {seconds[-1]:.2f} s at most; '
-          f'{sum(s <= PROMISED for s in seconds)} within {PROMISED:g} s')
+          f'{sum(s <= PROMISED for s in seconds)} within {PROMISED:g} s. From the kill, with the '
+          f'start: {statistics.median(whole):.2f} s median, {max(whole):.2f} s at most')
     assert usual <= PROMISED, seconds

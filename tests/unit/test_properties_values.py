@@ -21,7 +21,7 @@ from rocket_msgs import msg
 from ppo_agent_node.learning import config
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
-from rocket_sim_node.nodes.simulator import SimulatorParameters
+from rocket_sim_node.nodes.serving import SimulatorParameters
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.wire.cdr import Codec
 from rocket_sim_node.worlds.actions import Clipped

@@ -2,69 +2,19 @@
 """Node `simulator`: N rockets of one world, stepped as one batch by the agent's actions."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from rclpy.executors import Executor
-from rclpy.node import Node
-from rocket_msgs.msg import World
-
-from rocket_sim_node import worlds
-from rocket_sim_node.settings import setting
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.parameters import ParameterError
-from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.running import Body
 from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.server import Server
-from rocket_sim_node.wire.server import ServerOptions
-
-_MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
+from rocket_sim_node.wire.running import run_late
 
 
-@dataclass(frozen=True)
-class SimulatorParameters:
-    """Parameters of the node; those of the world stand beside them."""
-
-    world: str = setting('rocket', '', 'which world', choices=worlds.names())
-    num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, 1_000_000)
-    seed: int = setting(0, '', 'where the random streams start until a reset says', 0, 2**62)
-    mode: str = setting(
-        'lockstep', '', 'one step per action, or by the clock', choices=tuple(_MODES))
-    realtime_factor: float = setting(
-        1.0, '', 'simulated seconds per second, realtime only', 0.01, 100.0)
-    action_timeout: float = setting(
-        0.5, 's', 'without an action for so long the engine is cut, realtime only', 0.01, 3600.0)
-    agent_lease: float = setting(
-        10.0, 's', 'silence of the agent after which another may take over', 0.0, 3600.0)
-    acknowledge: str = setting(
-        'auto', '', 'whether each action is acknowledged, so that DDS repeats what was lost; '
-        'auto: when the discovery range goes beyond this machine', choices=qos.ACKNOWLEDGE)
-    state_rows: int = setting(4, '', 'rockets, from the first, on topic `state`', 0, 1024)
-    state_batch: int = setting(
-        50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
-
-
-def simulate(node: Node, executor: Executor) -> None:
-    """Serve a world until asked to stop."""
-    parameters = Parameters(node)
-    options = parameters.declare(SimulatorParameters)
-    settings = parameters.declare_infos(worlds.settings(options.world))
-    parameters.finish()
-    world = worlds.make(options.world, options.num_envs, options.seed, **settings)
-    server = Server(node, world, ServerOptions(
-        mode=_MODES[options.mode], realtime_factor=options.realtime_factor,
-        action_timeout=options.action_timeout, agent_lease=options.agent_lease,
-        acknowledge=options.acknowledge, state_rows=options.state_rows,
-        state_batch=options.state_batch))
-    node.get_logger().info(
-        f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
-        f'level {settings.get("level", "-")}: waiting for an agent')
-    server.serve(executor)
+def _load() -> tuple[Body, tuple[type[Exception], ...]]:
+    from rocket_sim_node.nodes.serving import simulate
+    return simulate, (ValueError,)
 
 
 def main() -> None:
     """Run the node."""
-    leave(run('simulator', simulate, expected=(ParameterError, ValueError)))
+    leave(run_late('simulator', _load))
 
 
 if __name__ == '__main__':

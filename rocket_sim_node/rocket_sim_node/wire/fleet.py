@@ -21,6 +21,7 @@ from typing import TypeVar
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.client import RELEASE_TIMEOUT
 from rocket_sim_node.wire.inbox import Mailbox
@@ -32,7 +33,6 @@ from rocket_sim_node.wire.link import difference
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.wire.waiting import Waiter
 from rocket_sim_node.wire.waiting import WireTimeout
-from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.flight import MAX_ATTEMPTS
 from rocket_sim_node.worlds.flight import Command

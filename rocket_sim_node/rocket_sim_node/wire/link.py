@@ -14,6 +14,7 @@ from rclpy.task import Future
 from rocket_msgs import msg
 from rocket_msgs import srv
 
+from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
@@ -23,7 +24,6 @@ from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
-from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.flight import Command
 from rocket_sim_node.worlds.flight import Reset

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from contextlib import suppress
 from typing import Any
 from typing import NoReturn
+from typing import TypeAlias
 
 import rclpy
 from rclpy.context import Context
@@ -20,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire import leftovers
 from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
@@ -27,9 +29,11 @@ from rocket_sim_node.wire.dds_profile import ProfileError
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.transport import TransportError
 from rocket_sim_node.wire.transport import prepared
-from rocket_sim_node.worlds import EnvironmentClosed
 
 USAGE_ERROR = 2
+
+Body: TypeAlias = Callable[[Node, Executor], 'int | None']
+"""What a node does, until it returns; it may return an exit status."""
 
 
 class UsageError(ValueError):
@@ -59,9 +63,7 @@ def _make_node(name: str) -> Node:
 
 
 def run(
-    name: str,
-    body: Callable[[Node, Executor], int | None],
-    expected: tuple[type[Exception], ...] = (),
+    name: str, body: Body, expected: tuple[type[Exception], ...] = (),
     args: list[str] | None = None,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
@@ -71,6 +73,20 @@ def run(
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
     """
+    return run_late(name, lambda: (body, expected), args)
+
+
+def run_late(
+    name: str, load: Callable[[], tuple[Body, tuple[type[Exception], ...]]],
+    args: list[str] | None = None,
+) -> int:
+    """Run a node as :func:`run` does, and import what it does while it is being discovered.
+
+    DDS takes up to 0.8 s until those that were there before know a new participant. A node which
+    is there before it imports a world, or PyTorch, exchanges as soon as it is ready.
+
+    :param load: imports body and expected errors, and returns them.
+    """
     def fail(node: Any, error: Exception) -> int:
         if node is not None:
             node.get_logger().fatal(str(error))
@@ -79,8 +95,8 @@ def run(
         return USAGE_ERROR
 
     node = None
-    caught: tuple[type[Exception], ...] = (
-        UsageError, ProfileError, TransportError, security.SecurityError, *expected)
+    expected: tuple[type[Exception], ...] = (
+        UsageError, ProfileError, TransportError, security.SecurityError)
     stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
     if stray:
         return fail(None, ValueError(
@@ -94,6 +110,8 @@ def run(
                 stack.enter_context(
                     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)
+            body, errors = load()
+            expected = (*expected, *errors)
             executor = make_executor()
             executor.add_node(node)
             try:
@@ -105,7 +123,7 @@ def run(
                 node.destroy_node()
     except (ExternalShutdownException, EnvironmentClosed):
         return 0
-    except caught as error:
+    except expected as error:
         return fail(node, error)
     except RuntimeError as error:
         if node is not None:

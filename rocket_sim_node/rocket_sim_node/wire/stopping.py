@@ -12,7 +12,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import TypeVar
 
-from rocket_sim_node.worlds.base import EnvironmentClosed
+from rocket_sim_node.errors import EnvironmentClosed
 
 T = TypeVar('T')
 

@@ -10,10 +10,10 @@ from typing import Any
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
-from rocket_sim_node.worlds import EnvironmentClosed
 
 _NOTICE_PERIOD = 5.0
 """s between log lines while there is no answer"""

@@ -6,8 +6,8 @@
 """
 from __future__ import annotations
 
-from rocket_sim_node.worlds.base import EnvironmentClosed
-from rocket_sim_node.worlds.base import EnvironmentRestarted
+from rocket_sim_node.errors import EnvironmentClosed
+from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec

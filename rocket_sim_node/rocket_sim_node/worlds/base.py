@@ -206,15 +206,3 @@ class SimulatedWorld(VectorEnv, Protocol):
     def finished(self) -> Telemetry:
         """Last states of the rockets that finished at the last step, with their outcomes."""
         ...
-
-
-class EnvironmentRestarted(RuntimeError):
-    """The simulator came back with a new session: what was not finished is lost.
-
-    Whoever catches it puts the environment back with `restore` or `reset` and begins the
-    unfinished piece of work again.
-    """
-
-
-class EnvironmentClosed(RuntimeError):
-    """The environment is being shut down by whoever started this process: save and end."""

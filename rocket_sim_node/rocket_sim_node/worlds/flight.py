@@ -28,8 +28,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.base import EnvironmentRestarted
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
 
