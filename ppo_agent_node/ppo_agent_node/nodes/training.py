@@ -28,10 +28,10 @@ from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.fleet import Fleet
-from rocket_sim_node.wire.fleet import check_pattern
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
+from rocket_sim_node.wire.roster import check_pattern
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
 

@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import ChunkStore
 from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.blueprint import blueprint
@@ -43,10 +44,11 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
 def finished(path: Path) -> bool:
     """Return whether a recording was written to its end, where its table of contents is."""
     with warnings.catch_warnings():
-        warnings.simplefilter('error')  # without one it is read all the same, and warned of
+        # Without one it is read all the same, and warned of.
+        warnings.simplefilter('error', RerunWarning)
         try:
             RrdReader(path)
-        except (RuntimeError, ValueError, Warning):
+        except (RuntimeError, ValueError, RerunWarning):
             return False
     return True
 

@@ -8,98 +8,38 @@ decides how long it takes and nothing else.
 """
 from __future__ import annotations
 
-import fnmatch
 import time
 from collections import deque
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from typing import Any
-from typing import Generic
 from typing import TypeVar
 
 from rclpy.executors import Executor
 from rclpy.node import Node
 
 from rocket_sim_node.errors import EnvironmentRestarted
-from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.client import RELEASE_TIMEOUT
 from rocket_sim_node.wire.inbox import Mailbox
-from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.link import WorldChanged
-from rocket_sim_node.wire.link import difference
+from rocket_sim_node.wire.member import Member
+from rocket_sim_node.wire.member import Task
+from rocket_sim_node.wire.roster import Roster
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.wire.waiting import Waiter
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.flight import MAX_ATTEMPTS
-from rocket_sim_node.worlds.flight import Command
 from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Mooring
 from rocket_sim_node.worlds.flight import Restore
 
 T = TypeVar('T')
-_LOOK_PERIOD = 1.0
-"""s between two looks at who has joined and who has left"""
-_FIRST_LOOK_PERIOD = 0.1
-"""s, while nobody has joined"""
 _SILENT = 2.0
 """s without an answer after which a flight is given to a simulator that has nothing to do; more
 each time, as a step may just take long"""
-_RETRY = 10.0
-"""s after which one that was lost is tried again, though nothing has been heard of it"""
-_WORLD_TYPE = 'rocket_msgs/msg/World'
-
-
-def check_pattern(pattern: str) -> None:
-    """Check what simulators shall be called.
-
-    :raises ValueError: when that is no namespace.
-    """
-    if pattern and not pattern.startswith('/'):
-        raise ValueError(
-            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*')
-
-
-class _Task(Generic[T]):
-    """A flight, and how often it was begun."""
-
-    def __init__(self, number: int, begin: Callable[[], Flight[T]]) -> None:
-        self.number, self._begin, self.attempts = number, begin, 0
-        self.begin()
-
-    def begin(self) -> None:
-        """Begin anew."""
-        self.attempts += 1
-        self.flight = self._begin()
-        self.command: Command = next(self.flight)
-
-
-class _Member:
-    """A simulator and what it is doing."""
-
-    def __init__(self, link: Link) -> None:
-        self.link = link
-        self.mooring = Mooring()
-        self.task: _Task[Any] | None = None
-        self.lost_at = 0.0
-        self.vetted: Any = None
-        """the description that was looked at last"""
-        self.fits = self.gone = False
-
-    @property
-    def free(self) -> bool:
-        """Whether it can be given something: it fits, is idle, and was heard since it was lost."""
-        return self.task is None and self.fits and not self.gone and (
-            self.link.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
-
-    def drop(self) -> None:
-        """Forget what it was doing and where it is."""
-        self.link.drop()
-        self.mooring.cast_off()
-        self.task = None
 
 
 class Fleet:
@@ -113,17 +53,13 @@ class Fleet:
         :param agent: identity, 1 to 2**64 - 1.
         :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
             matches is taken in when it appears. Empty: the one of the node's own namespace.
+        :raises ValueError: when the pattern is no namespace.
         """
-        check_pattern(pattern)
-        self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
+        self._node, self._patience = node, options.patience
+        self._roster = Roster(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
-        self._members: dict[str, _Member] = {}
-        self._spec: WorldSpec | None = None
-        self._looked = 0.0
         self._idle: Silence | None = None
         """since nobody flies"""
-        if not pattern:
-            self._members[''] = _Member(Link(node, options, agent))
 
     def __enter__(self) -> Fleet:
         """Use as a context that lets go of the simulators at the end."""
@@ -139,12 +75,12 @@ class Fleet:
 
         :raises WireTimeout: when none shows up.
         """
-        return self._spec or self.connect()
+        return self._roster.spec or self.connect()
 
     @property
     def realtime(self) -> bool:
         """Whether a simulator goes by the clock."""
-        return any(member.link.realtime for member in self._members.values())
+        return any(member.link.realtime for member in self._roster)
 
     def connect(self) -> WorldSpec:
         """Wait for the first simulator and return what it is.
@@ -152,17 +88,12 @@ class Fleet:
         :raises WireTimeout: when none shows up.
         """
         def found() -> bool:
-            self._look()
-            return any(member.free for member in self._members.values())
+            self._roster.look()
+            return self._roster.anybody_free
 
-        self._waiter.wait(found, 'a description', self._where)
-        assert self._spec is not None
-        return self._spec
-
-    @property
-    def _where(self) -> str:
-        """Where simulators are looked for, as the log shall say it; empty: where the node is."""
-        return f'{self._pattern}/world' if self._pattern else ''
+        self._waiter.wait(found, 'a description', self._roster.where)
+        assert self._roster.spec is not None
+        return self._roster.spec
 
     # Flying
 
@@ -177,13 +108,13 @@ class Fleet:
         :raises WireTimeout: when nobody is there to fly, or answers.
         :raises SimulatorBusy: when another agent keeps them all.
         """
-        waiting = deque(_Task(number, begin) for number, begin in enumerate(flights))
+        waiting = deque(Task(number, begin) for number, begin in enumerate(flights))
         results: dict[int, T] = {}
         due = 0
         try:
             while due < len(flights):
                 poll()
-                self._look()
+                self._roster.look()
                 self._assign(waiting, results)
                 for member in self._wait():
                     self._attend(member, waiting, results, report)
@@ -193,16 +124,16 @@ class Fleet:
                     yield results.pop(due)
                     due += 1
         finally:
-            for member in self._members.values():
+            for member in self._roster:
                 if member.task is not None:
                     member.task.flight.close()
                     member.drop()
             for task in waiting:
                 task.flight.close()
 
-    def _assign(self, waiting: deque[_Task[T]], results: dict[int, T]) -> None:
+    def _assign(self, waiting: deque[Task[T]], results: dict[int, T]) -> None:
         """Give flights to those that have none: first to whom they would begin where it is."""
-        free = [member for member in self._members.values() if member.free]
+        free = [member for member in self._roster if member.free]
         for member in free:
             for task in waiting:
                 if isinstance(task.command, Restore) and (
@@ -214,12 +145,12 @@ class Fleet:
             if waiting and member.free:
                 self._start(member, waiting.popleft(), results)
 
-    def _relieve(self, waiting: deque[_Task[T]], report: Callable[[str], None]) -> None:
+    def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
         """Take a flight from whom nothing is heard of, when somebody else is free to fly it."""
-        if not any(member.free for member in self._members.values()):
+        if not self._roster.anybody_free:
             return
         now = time.monotonic()
-        for member in self._members.values():
+        for member in self._roster:
             if member.task is None:
                 continue
             patience = _SILENT * member.task.attempts
@@ -229,7 +160,7 @@ class Fleet:
                 return
 
     def _lose(
-        self, member: _Member, waiting: deque[_Task[T]], why: str, report: Callable[[str], None],
+        self, member: Member, waiting: deque[Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
         """Give a member's flight back, and expect nothing of it before it is heard again."""
         report(f'{member.link.name}: {why}; its flight begins anew')
@@ -238,7 +169,7 @@ class Fleet:
         member.lost_at = time.monotonic()
 
     @staticmethod
-    def _give_back(member: _Member, waiting: deque[_Task[T]]) -> None:
+    def _give_back(member: Member, waiting: deque[Task[T]]) -> None:
         """Put a member's flight before the others that wait, to begin anew."""
         task = member.task
         assert task is not None
@@ -247,11 +178,11 @@ class Fleet:
         task.begin()
         waiting.appendleft(task)
 
-    def _start(self, member: _Member, task: _Task[T], results: dict[int, T]) -> None:
+    def _start(self, member: Member, task: Task[T], results: dict[int, T]) -> None:
         member.task = task
         self._go_on(member, member.mooring.answer(task.command), results)
 
-    def _go_on(self, member: _Member, answer: Any, results: dict[int, T]) -> None:
+    def _go_on(self, member: Member, answer: Any, results: dict[int, T]) -> None:
         """Hand a flight its answer, if there is one, and ask for what it wants next."""
         task = member.task
         assert task is not None
@@ -266,7 +197,7 @@ class Fleet:
         member.link.ask(task.command)
 
     def _attend(
-        self, member: _Member, waiting: deque[_Task[T]], results: dict[int, T],
+        self, member: Member, waiting: deque[Task[T]], results: dict[int, T],
         report: Callable[[str], None],
     ) -> None:
         """See whether an answer has come, and go on with it."""
@@ -282,7 +213,7 @@ class Fleet:
                 raise
             self._give_back(member, waiting)
         except (WireTimeout, SimulatorBusy, WorldChanged) as error:
-            if not any(other.free or other.task for other in self._members.values()
+            if not any(other.free or other.task for other in self._roster
                        if other is not member):
                 raise
             self._lose(member, waiting, str(error), report)
@@ -291,15 +222,15 @@ class Fleet:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)
 
-    def _wait(self) -> list[_Member]:
+    def _wait(self) -> list[Member]:
         """Return the members that may have to be attended to, once there are some.
 
         :raises WireTimeout: when nobody flies, for longer than the patience.
         """
-        busy = [member for member in self._members.values() if member.task is not None]
+        busy = [member for member in self._roster if member.task is not None]
         if not busy:
             self._idle = self._idle or Silence(
-                self._node, 'somebody who flies', self._options.patience, self._where)
+                self._node, 'somebody who flies', self._patience, self._roster.where)
             self._idle.check()
             self._waiter.spin(0.1)
             return []
@@ -321,70 +252,13 @@ class Fleet:
             return busy
         return [member for member in busy if member.link.mailbox in full]
 
-    # Who is there
-
-    def _look(self) -> None:
-        """Take in who has joined, part with who has left, now and then."""
-        for member in self._members.values():
-            if member.link.world is not member.vetted:
-                self._vet(member)
-        now = time.monotonic()
-        period = _LOOK_PERIOD if self._spec else _FIRST_LOOK_PERIOD
-        if not self._pattern or now - self._looked < period:
-            return
-        self._looked = now
-        suffix = '/world'
-        there = {
-            topic.removesuffix(suffix)
-            for topic, kinds in self._node.get_topic_names_and_types()
-            if topic.endswith(suffix) and _WORLD_TYPE in kinds
-            and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
-            and self._node.count_publishers(topic)}
-        for namespace in sorted(there - self._members.keys()):
-            self._members[namespace] = _Member(
-                Link(self._node, self._options, self._agent, namespace))
-        for namespace, member in list(self._members.items()):
-            member.gone = namespace not in there
-            if member.task is None:
-                member.link.listen()
-            if member.gone and member.task is None:
-                self._members.pop(namespace).link.destroy()
-                self._tell(f'{namespace} has left')
-
-    def _vet(self, member: _Member) -> None:
-        """Take the world of the first simulator for that of all; refuse another one."""
-        member.vetted, fitted = member.link.world, member.fits
-        reason = ''
-        try:
-            spec = messages.world_from_message(member.vetted)
-        except ValueError as error:
-            if not self._pattern:
-                raise
-            reason = str(error)
-        else:
-            self._spec = self._spec or spec
-            if spec != self._spec:
-                reason = f'its {difference(self._spec, spec)}'
-        if self._pattern and not reason and member.link.realtime:
-            reason = 'its mode is realtime, expected lockstep'
-        if reason and not self._pattern:
-            raise WorldChanged(f'{member.link.name} came back as another world: {reason}')
-        member.fits = not reason
-        if reason and member.task is None:
-            self._node.get_logger().error(f'{member.link.name} is not flown: {reason}')
-        elif self._pattern and not fitted:
-            self._tell(f'{member.link.name} has joined')
-
-    def _tell(self, text: str) -> None:
-        count = sum(member.fits for member in self._members.values())
-        self._node.get_logger().info(f'{text}; simulators: {count}')
-
     def keep(self) -> None:
         """Remind the simulators of their agent while that one computes; call it often."""
-        for member in self._members.values():
+        for member in self._roster:
             member.link.keep()
 
     def close(self) -> None:
         """Let go of the simulators, so that another agent need not wait."""
-        farewells = [member.link.release() for member in self._members.values()]
+        farewells = [member.link.release() for member in self._roster]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
+        self._roster.close()
