@@ -134,7 +134,7 @@ def test_what_flew_is_in_the_file(
     simulator.training.publish(msg.TrainingStatus(
         stage='evaluate', iteration=1, landing_rate=0.5, message='evaluation begins'))
     simulator.fall(2 * FALL)
-    wait_for_bytes(partial_path(path), empty + 300_000)
+    wait_for_bytes(partial_path(path), empty + 200_000)
     recorder.signal(how)
     assert recorder.wait(5.0) == 0
     assert 'recording saved' in recorder.output()
@@ -198,7 +198,7 @@ def test_killed_and_started_again(
     empty = partial_path(path).stat().st_size
     simulator.begin()
     simulator.fall(2 * FALL)
-    wait_for_bytes(partial_path(path), empty + 250_000)
+    wait_for_bytes(partial_path(path), empty + 150_000)
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()

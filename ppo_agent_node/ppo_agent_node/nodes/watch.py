@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.nodes.telling import show_warnings
+from ppo_agent_node.nodes.overhearing import show_warnings
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
