@@ -3,7 +3,7 @@
 
 Two simulators, an agent that trains in both, and a recorder for each run as processes of their
 own. About once a minute something happens to one of them: `kill -9` and a new one in its place, or
-a stop for a few seconds. Every few seconds each is looked at. At the end each figure has its slope
+a stop for 3 s. Every few seconds each is looked at. At the end each figure has its slope
 an hour with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when
 the slope is below 1 % of the mean.
 

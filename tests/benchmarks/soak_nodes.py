@@ -20,8 +20,9 @@ _END = 20.0
 """s that a node may take to end"""
 _RECORDED = 20_000
 """steps recorded at most, half of them while an agent learns"""
-_PAUSE = (1.0, 5.0)
-"""s that a node is stopped for"""
+_PAUSE = 3.0
+"""s that a node is stopped for, always as long: DDS keeps meanwhile what it has not had, and room
+for that stays; it would grow with the longest stop so far, and look like a slow leak"""
 
 
 class Fault(NamedTuple):
@@ -91,7 +92,7 @@ class Nodes:
         node = self.nodes[fault.node]
         if fault.what == 'stopped':
             node.signal(signal.SIGSTOP)
-            self._continue[fault.node] = time.monotonic() + self._random.uniform(*_PAUSE)
+            self._continue[fault.node] = time.monotonic() + _PAUSE
         else:
             node.signal(signal.SIGKILL)
             node.wait(10.0)

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How nodes start: discovered while they import, which takes longest."""
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import Processes
+from processes import wait_until
+
+SLOW = """
+import pathlib, sys, time
+from rocket_sim_node.wire.running import run_late
+
+def load():
+    print('loading', flush=True)
+    while not pathlib.Path(sys.argv[1]).exists():
+        time.sleep(0.01)
+    if 'fails' in sys.argv[1]:
+        raise ValueError('nothing to do')
+    def body(node, executor):
+        raise KeyError('what was asked for')
+    return body, (KeyError,)
+
+sys.exit(run_late('slow', load, args=[]))
+"""
+
+
+def test_a_node_is_known_before_it_has_imported_what_it_does(
+        processes: Processes, make_node: Callable[..., Any], tmp_path: Path) -> None:
+    node, _ = make_node()
+    go = tmp_path / 'go'
+    process = processes.start(sys.executable, '-c', SLOW, str(go))
+    process.wait_for('loading', 30.0)
+    wait_until(lambda: 'slow' in node.get_node_names(), 10.0)
+    assert process.running
+    go.touch()
+    assert process.wait(10.0) == 2
+    assert "[slow]: 'what was asked for'" in process.output()
+    assert 'Traceback' not in process.output()
+
+
+def test_an_import_that_fails_ends_the_node(processes: Processes, tmp_path: Path) -> None:
+    go = tmp_path / 'fails'
+    go.touch()
+    process = processes.start(sys.executable, '-c', SLOW, str(go))
+    assert process.wait(30.0) == 1
+    assert 'ValueError: nothing to do' in process.output()
+
+
+@pytest.mark.parametrize(('module', 'library'), [
+    ('rocket_sim_node.nodes.simulator', 'pymunk'),
+    ('ppo_agent_node.nodes.ppo_agent', 'torch'),
+    ('ppo_agent_node.nodes.watch', 'torch')])
+def test_what_takes_long_to_import_comes_later(
+        processes: Processes, module: str, library: str) -> None:
+    program = f'import sys, {module}; sys.exit({library!r} in sys.modules)'
+    assert processes.start(sys.executable, '-c', program).wait(30.0) == 0
