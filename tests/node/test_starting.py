@@ -2,6 +2,7 @@
 """How nodes start: discovered while they import, which takes longest."""
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -40,6 +41,16 @@ def test_a_node_is_known_before_it_has_imported_what_it_does(
     go.touch()
     assert process.wait(10.0) == 2
     assert "[slow]: 'what was asked for'" in process.output()
+    assert 'Traceback' not in process.output()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_told_to_end_while_it_imports_it_does(
+        processes: Processes, tmp_path: Path, number: signal.Signals) -> None:
+    process = processes.start(sys.executable, '-c', SLOW, str(tmp_path / 'go'))
+    process.wait_for('loading', 30.0)
+    process.signal(number)
+    assert process.wait(10.0) == 0
     assert 'Traceback' not in process.output()
 
 

@@ -130,7 +130,7 @@ def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> No
     simulator(processes)
     first = processes.run_node('ppo_agent_node', 'expert_pilot', level=7)
     first.wait_for('episodes:', 60.0)
-    second = agent(processes, tmp_path / 'run', patience=3.0)
+    second = agent(processes, tmp_path / 'run', patience=5.0)
     assert second.wait(60.0) == 2, processes.logs()
     assert 'flies this simulator' in second.output()
     assert first.running

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from rocket_sim_node.wire.running import Body
+from rocket_sim_node.wire.running import Errors
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run_late
 
 
-def _load() -> tuple[Body, tuple[type[Exception], ...]]:
+def _load() -> tuple[Body, Errors]:
     from ppo_agent_node.nodes.acting import act
     from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
     return act, EXPECTED_ERRORS

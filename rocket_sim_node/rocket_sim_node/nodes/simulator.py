@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from rocket_sim_node.wire.running import Body
+from rocket_sim_node.wire.running import Errors
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run_late
 
 
-def _load() -> tuple[Body, tuple[type[Exception], ...]]:
+def _load() -> tuple[Body, Errors]:
     from rocket_sim_node.nodes.serving import simulate
     return simulate, (ValueError,)
 

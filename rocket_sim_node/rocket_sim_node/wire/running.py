@@ -34,6 +34,7 @@ USAGE_ERROR = 2
 
 Body: TypeAlias = Callable[[Node, Executor], 'int | None']
 """What a node does, until it returns; it may return an exit status."""
+Errors: TypeAlias = tuple[type[Exception], ...]
 
 
 class UsageError(ValueError):
@@ -63,8 +64,7 @@ def _make_node(name: str) -> Node:
 
 
 def run(
-    name: str, body: Body, expected: tuple[type[Exception], ...] = (),
-    args: list[str] | None = None,
+    name: str, body: Body, expected: Errors = (), args: list[str] | None = None,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
@@ -73,19 +73,20 @@ def run(
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
     """
-    return run_late(name, lambda: (body, expected), args)
+    return run_late(name, lambda: (body, ()), expected, args)
 
 
 def run_late(
-    name: str, load: Callable[[], tuple[Body, tuple[type[Exception], ...]]],
+    name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
     args: list[str] | None = None,
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 
     DDS takes up to 0.8 s until those that were there before know a new participant. A node which
-    is there before it imports a world, or PyTorch, exchanges as soon as it is ready.
+    is there before it imports a world, or PyTorch, exchanges as soon as it is ready. When it is
+    told to end meanwhile, it does, with status 0.
 
-    :param load: imports body and expected errors, and returns them.
+    :param load: imports the body and further expected errors, and returns them.
     """
     def fail(node: Any, error: Exception) -> int:
         if node is not None:
@@ -95,8 +96,9 @@ def run_late(
         return USAGE_ERROR
 
     node = None
-    expected: tuple[type[Exception], ...] = (
-        UsageError, ProfileError, TransportError, security.SecurityError)
+    executor = None
+    caught: Errors = (
+        UsageError, ProfileError, TransportError, security.SecurityError, *expected)
     stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
     if stray:
         return fail(None, ValueError(
@@ -110,20 +112,21 @@ def run_late(
                 stack.enter_context(
                     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)
-            body, errors = load()
-            expected = (*expected, *errors)
-            executor = make_executor()
-            executor.add_node(node)
             try:
+                body, further = stopping.abandonable(load)
+                caught = (*caught, *further)
+                executor = make_executor()
+                executor.add_node(node)
                 return body(node, executor) or 0
             finally:
                 # Now, not when Python tidies up: peers shall hear that it is gone, see `leave`.
-                executor.remove_node(node)
+                if executor is not None:
+                    executor.remove_node(node)
                 Mailbox.destroy_all(node)
                 node.destroy_node()
     except (ExternalShutdownException, EnvironmentClosed):
         return 0
-    except expected as error:
+    except caught as error:
         return fail(node, error)
     except RuntimeError as error:
         if node is not None:
