@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ends work in an environment. Imports nothing: a node knows it before all else."""
+"""What breaks off work in an environment. Imports nothing: a node knows it before all else."""
 from __future__ import annotations
 
 

@@ -107,6 +107,26 @@ def test_flights_over_many_simulators_are_those_in_process(
         assert_same_flights(flown(fleet, range(5), lambda: None), in_process(range(5)))
 
 
+def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
+        processes: Processes, make_node: Callable[..., Any]) -> None:
+    simulator(processes, 0)
+    node, executor = make_node()
+
+    def of_the_simulator() -> list[str]:
+        names = [
+            *(p.topic_name for p in node.publishers), *(s.topic_name for s in node.subscriptions),
+            *(client.srv_name for client in node.clients)]
+        return [name for name in names if name.startswith('/sim_0')]
+
+    with Fleet(node, executor, LinkOptions(0.1, 20.0), 1, '/sim_*') as fleet:
+        list(fleet.fly([functools.partial(fall, 1)]))
+        assert {'/sim_0/action', '/sim_0/world', '/sim_0/reset'} <= set(of_the_simulator())
+    assert of_the_simulator() == []
+    fleet.close()
+    with Fleet(*make_node(), LinkOptions(0.1, 5.0), 2, '/sim_*') as other:
+        assert len(list(other.fly([functools.partial(fall, 1)]))) == 1
+
+
 def test_simulators_come_go_and_die(processes: Processes, make_fleet: MakeFleet) -> None:
     """One is killed, one ends in order, one is stopped and continued, one joins late."""
     running = [simulator(processes, number) for number in range(3)]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings import rows_of
 from rerun.chunk import RrdReader
 
 from rocket_sim_node import command_line
@@ -19,6 +20,7 @@ from rocket_sim_node.recording import flight_log
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import place
 from rocket_sim_node.recording import read
+from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording import viewer
@@ -130,6 +132,9 @@ def test_what_is_recorded_can_be_read_back(tmp_path: Path, flown: Samples) -> No
             np.testing.assert_array_equal(
                 flight.orientation, given('orientation').astype(np.float32))
             np.testing.assert_allclose(flight.velocity, given('linear_velocity'), **close)
+            x, y = given('orientation').T[:2]
+            np.testing.assert_allclose(
+                flight.tilt, np.degrees(np.arccos(1 - 2 * (x * x + y * y))), atol=0.05)
             np.testing.assert_allclose(flight.throttle, given('throttle'), **close)
             np.testing.assert_allclose(flight.fuel, given('fuel'), **close)
             np.testing.assert_allclose(flight.reward[1:], given('reward')[1:], **close)
@@ -330,6 +335,19 @@ def test_training(tmp_path: Path, flown: Samples) -> None:
     rate = [row[1][2] for row in columns['/training/landing_rate']]
     assert rate == [25.0, 50.0, 75.0]
     assert '/training/loss' not in columns
+
+
+@pytest.mark.parametrize('trains', [True, False])
+def test_flights_lie_on_the_training_timeline_from_its_first_report_on(
+        tmp_path: Path, flown: Samples, trains: bool) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = Recorder(Choice(), [FileSink(path, lambda *note: None)], lambda *note: None)
+    if trains:
+        recorder.training(Training('demonstrate', 0, {}))
+    feed(recorder, flown)
+    recorder.close()
+    marks = rows_of(path, scene.LANDINGS, 'Points3D:positions', timeline='iteration')
+    assert [iteration for iteration, _ in marks] == [0] * (recorder.flights if trains else 0)
 
 
 def test_iterations_go_on_through_the_stages() -> None:

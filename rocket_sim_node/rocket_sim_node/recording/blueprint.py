@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the viewer shows a recording: the landing on the left, its numbers on the right.
 
-Every entity and component of a blueprint costs the file some kilobytes, so a plot is one field
-of the rocket's samples, and legends and bounds are left to the viewer where they are good
-enough.
+Every component of a blueprint costs the file 0.7 KiB and every entity 1 to 2 KiB, so a plot is
+one field of the rocket's samples, and legends and bounds are left to the viewer where they are
+good enough.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PLOT_AHEAD = 3.0
 TABS = ('flight', 'log', 'training')
 
 
-class Layout(rrb.Blueprint):
+class UntimedBlueprint(rrb.Blueprint):
     """A blueprint without the time at which each of its parts was made.
 
     Nobody asks for that time, and its columns have a place in the file's index: 14 KiB of every
@@ -39,7 +39,7 @@ class Layout(rrb.Blueprint):
 
 def blueprint(
     live: bool = False, training: bool = False, tab: str = 'flight', world: str = '',
-) -> Layout:
+) -> UntimedBlueprint:
     """Return the layout of a recording.
 
     :param live: follow what arrives instead of playing from the start.
@@ -52,7 +52,7 @@ def blueprint(
     if training:
         tabs.append(_training_tab())
     timeline = 'iteration' if tab == 'training' else 'sim_time'
-    return Layout(
+    return UntimedBlueprint(
         rrb.Horizontal(
             look.view(), rrb.Tabs(*tabs, active_tab=TABS.index(tab)), column_shares=[3, 2]),
         rrb.BlueprintPanel(state='collapsed'),

@@ -28,7 +28,7 @@ LYING = (30.0, 60.0)
 """deg of tilt from which on the view turns to a rocket that falls over, if it ends beyond"""
 MOVE = 0.6
 """s from one shot to the next"""
-PICTURE = 0.04
+FRAME = 0.04
 """s for which a moving view stands still: 25 pictures a second"""
 
 
@@ -93,7 +93,7 @@ def _move(view: F64, start: int, target: F64, stage: Stage) -> None:
     """Move views `(n, 4)` to `target` from row `start` on."""
     length = max(int(MOVE / stage.dt), 1)
     since = np.arange(len(view)) - start
-    blend = np.clip((since - since % max(int(PICTURE / stage.dt), 1)) / length, 0.0, 1.0)
+    blend = np.clip((since - since % max(int(FRAME / stage.dt), 1)) / length, 0.0, 1.0)
     blend = blend * blend * (3.0 - 2.0 * blend)
     view += blend[:, None] * (target - view)
 

@@ -22,7 +22,7 @@ class Choice:
     crashes: bool = setting(
         False, '', 'while an agent learns, record all crashes of those rockets too')
     max_steps: int = setting(
-        200_000, 'steps', 'record no more than this (about 150 KiB per 1000 steps); '
+        200_000, 'steps', 'record no more than this (about 100 KiB per 1000 steps); '
         'half of it while an agent learns', 0, 1e12)
 
     def wanted(self, episode: int, *, landed: bool, learning: bool) -> bool:

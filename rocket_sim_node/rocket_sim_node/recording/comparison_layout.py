@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 
 from rocket_sim_node.recording import comparison_plots
 from rocket_sim_node.recording import scene
-from rocket_sim_node.recording.blueprint import Layout
+from rocket_sim_node.recording.blueprint import UntimedBlueprint
 from rocket_sim_node.recording.blueprint import around_cursor
 from rocket_sim_node.recording.blueprint import lines
 from rocket_sim_node.recording.comparison_plots import Named
@@ -30,7 +30,7 @@ class Titled(Named, Protocol):
         ...
 
 
-def blueprint(sides: Sequence[Titled], stage: Stage) -> Layout:
+def blueprint(sides: Sequence[Titled], stage: Stage) -> UntimedBlueprint:
     """Return the layout of a comparison."""
     phases = rrb.StateTimelineView(
         name='Phases', origin='/', contents=[f'/{side.key}{scene.PHASE}' for side in sides])
@@ -41,7 +41,7 @@ def blueprint(sides: Sequence[Titled], stage: Stage) -> Layout:
         _plot(plot, sides, legend=number == 0)
         for number, plot in enumerate(comparison_plots.plots(stage))]
     results = rrb.TextDocumentView(name='Results', origin=RESULTS, contents=[RESULTS])
-    return Layout(
+    return UntimedBlueprint(
         rrb.Vertical(
             rrb.Horizontal(*(_view(side, stage) for side in sides)),
             rrb.Horizontal(

@@ -58,7 +58,7 @@ RETURN = _plot(
 
 
 def plots(stage: Stage) -> tuple[Plot, ...]:
-    """Return what is plotted of a world, five quantities; each costs the file 30 KiB and more."""
+    """Return what is plotted of a world, five quantities."""
     return HEIGHT, SPEED, TILT, THROTTLE, FUEL if stage.fuel > 0 else RETURN
 
 

@@ -18,6 +18,18 @@ from rocket_sim_node.recording.samples import Samples
 F64 = NDArray[np.float64]
 
 
+def up_of(orientation: F64) -> F64:
+    """Return where the axes of bodies with attitudes `(n, 4)` point, `(n, 3)` in the world."""
+    x, y, z, w = orientation.T
+    return np.stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), axis=1)
+
+
+def tilt_of(orientation: F64) -> F64:
+    """Return the angle between the vertical and bodies with attitudes `(n, 4)`, `(n,)` deg."""
+    up = up_of(orientation)
+    return np.rad2deg(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))
+
+
 @dataclass(frozen=True)
 class Flight:
     """One episode of one rocket, from its first state to its last.
@@ -47,15 +59,12 @@ class Flight:
     @property
     def up(self) -> F64:
         """The direction of the nose in the world, `(n, 3)`."""
-        x, y, z, w = self.orientation.T
-        return np.stack(
-            (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), axis=1)
+        return up_of(self.orientation)
 
     @property
     def tilt(self) -> F64:
         """Angle between the rocket's axis and the vertical, `(n,)` deg."""
-        up = self.up
-        return np.rad2deg(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))
+        return tilt_of(self.orientation)
 
     @property
     def speed(self) -> F64:

@@ -87,7 +87,7 @@ def _rocket(
                 quaternion=quaternion.astype(np.float32)),
             *rr.Arrows3D.columns(
                 vectors=arrows.reshape(-1, 3).astype(np.float32)).partition([count] * (n + 1)),
-            *plots.columns(look.plots + look.unseen, flight, stage),
+            *plots.columns(look.recorded, flight, stage),
         ])
 
 
@@ -183,7 +183,7 @@ def _landing(
         f'rocket {flight.row}, episode {flight.episode}: '
         f'{ending(flight, settling)}, {describe(flight, stage)}')
     times = place.times(np.array([last]), stage.dt)
-    if place.iteration:
+    if place.iteration is not None:
         times.append(rr.TimeColumn('iteration', sequence=[place.iteration]))
     stream.send_columns(scene.PATHS, times, rr.LineStrips3D.columns(
         strips=[flight.position[rows].astype(np.float32)], colors=[(*colour, 110)]))
@@ -204,7 +204,7 @@ def _summary(
     """Return what there is to know of a flight beside its samples, as one record."""
     record = {
         'row': flight.row, 'episode': flight.episode, 'simulator_step': flight.step,
-        'first_step': place.step, 'iteration': place.iteration, 'samples': len(flight),
+        'first_step': place.step, 'iteration': place.iteration or 0, 'samples': len(flight),
         'outcome': flight.outcome, 'return': flight.total_return,
         'speed': float(flight.speed[-1]), 'tilt': float(flight.tilt[-1]),
         'distance': float(flight.distance[-1]),

@@ -24,7 +24,7 @@ def head(stage: Stage, training: bool, live: bool) -> Put:
     def put(stream: rr.RecordingStream) -> None:
         look = scenery(stage.world)
         look.static(stream, stage)
-        plots.log_styles(stream, scene.ROCKET, look.plots + look.unseen)
+        plots.log_styles(stream, scene.ROCKET, look.recorded)
         if training:
             training_log.log_styles(stream)
             log_backdrop(stream, stage, BEFORE_TRAINING)

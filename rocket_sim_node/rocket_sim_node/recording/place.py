@@ -22,15 +22,15 @@ def pause_steps(stage: Stage) -> int:
 
 @dataclass(frozen=True)
 class Place:
-    """Where on the timelines something lies: its first step and the training iteration, from 1.
+    """Where on the timelines something lies: its first step and the training iteration.
 
-    Where nothing has been trained the iteration is 0, and nothing lies on that timeline.
+    Where no agent has reported there is no iteration, and nothing lies on that timeline.
     Steps count those of the recording, in which flights lie one after another, and not those of
     a simulator; `sim_time` is the step times dt.
     """
 
     step: int
-    iteration: int = 0
+    iteration: int | None = None
 
     def times(self, offsets: NDArray[Any], dt: float) -> list[rr.TimeColumn]:
         """Return the time columns of rows at `offsets` `(k,)` steps from the start."""

@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.effects import to_world
+from rocket_sim_node.recording.flight import tilt_of
 
 F32 = NDArray[np.float32]
 EMPTY: F32 = np.zeros((0, 0), np.float32)
@@ -26,10 +27,11 @@ class Trajectory:
     """One recorded flight: n samples, z up, SI units, float32 as they are stored.
 
     `time` `(n,)` s since it began, `start` s on the recording's `sim_time`; `position` and
-    `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world; `tilt` deg, `throttle`
-    0 to 1, `fuel` kg (of no meaning where none is burnt) and `reward` of the step that led there
-    (0 for the first, NaN where it was not kept) `(n,)`. `summary` holds row, episode, return and
-    what else is known of the end. `pilot` is the key of who flew, where several are compared.
+    `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world, and the `tilt` it gives,
+    deg; `throttle` 0 to 1, `fuel` kg (of no meaning where none is burnt) and `reward` of the step
+    that led there (0 for the first, NaN where it was not kept) `(n,)`. `summary` holds row,
+    episode, return and what else is known of the end. `pilot` is the key of who flew, where
+    several are compared.
     """
 
     row: int
@@ -138,8 +140,8 @@ def _trajectory(
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
         position=part['Transform3D:translation'], orientation=orientation,
         velocity=_velocity(orientation, part['Arrows3D:vectors'][:, :3], record),
-        tilt=_tilt(orientation), throttle=throttle / np.float32(100), fuel=fuel,
-        reward=reward, summary=record, pilot=pilot)
+        tilt=tilt_of(orientation.astype(np.float64)).astype(np.float32),
+        throttle=throttle / np.float32(100), fuel=fuel, reward=reward, summary=record, pilot=pilot)
 
 
 def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
@@ -154,13 +156,6 @@ def _numbers(array: pa.Array, rows: int) -> F32:
     if pa.types.is_null(array.type) or not len(array):
         return np.zeros((rows, 0), np.float32)
     return np.asarray(array.to_numpy(zero_copy_only=False), np.float32).reshape(rows, -1)
-
-
-def _tilt(orientation: F32) -> F32:
-    """Return by how many degrees bodies with attitudes `(n, 4)` lean, as :attr:`Flight.tilt`."""
-    x, y = orientation[:, 0].astype(np.float64), orientation[:, 1].astype(np.float64)
-    up = np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0)
-    return np.degrees(np.arccos(up)).astype(np.float32)
 
 
 def _velocity(orientation: F32, arrow: F32, record: dict[str, Any]) -> F32:

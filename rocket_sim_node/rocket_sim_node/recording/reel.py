@@ -24,7 +24,7 @@ Settle: TypeAlias = Callable[[Sequence[Flight], Stage], list[Settling | None]]
 class Reel:
     """Knows where the recording ends, and how much room it has left.
 
-    `learning` says whether an agent learns, `iteration` is that of its run.
+    `learning` says whether an agent learns, `iteration` is that of its run, if one has reported.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class Reel:
         self._settle = settle
         self._full: set[bool] = set()
         self.learning = False
-        self.iteration = 0
+        self.iteration: int | None = None
         self.end = 0
         """step at which the next flight begins"""
         self.steps = 0

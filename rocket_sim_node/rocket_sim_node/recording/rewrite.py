@@ -2,6 +2,7 @@
 """A finished recording written anew: fewer, larger chunks, and the layout that fits it."""
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from pathlib import Path
 
@@ -15,17 +16,15 @@ from rerun.error_utils import RerunWarning
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.blueprint import blueprint
 
-LARGE_CHUNKS = OptimizationProfile(
-    max_bytes=2 * 2**20, max_rows=65536, max_rows_if_unsorted=8192, split_size_ratio=None)
-"""like Rerun's own profile for stores, but what was logged together stays together: each chunk
-costs the index some kilobytes"""
+LARGE_CHUNKS = dataclasses.replace(OptimizationProfile.OBJECT_STORE, split_size_ratio=None)
+"""what was logged together stays together: each chunk costs the index a kilobyte or two"""
 
 
 def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     """Write the recording in `source` to `target`, under the same identity.
 
-    A file as it was recorded has some chunks for each flight; joined, it is a tenth smaller and
-    opens quicker. It gets the tab for training when there was one.
+    A file as it was recorded has some chunks for each flight; joined, it is smaller and opens
+    quicker. It gets the tab for training when there was one.
 
     :param tab: the one in front.
     :raises OSError: when `source` cannot be read.

@@ -57,6 +57,11 @@ class Scenery:
     bends: int = 0
     unseen: tuple[Plot, ...] = ()
 
+    @property
+    def recorded(self) -> tuple[Plot, ...]:
+        """The fields of a sample."""
+        return self.plots + self.unseen
+
 
 def _log_rocket(stream: rr.RecordingStream, stage: Stage) -> None:
     """Log ground, pad and vehicle in three dimensions."""

@@ -121,7 +121,7 @@ def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
     """Return the time columns of rows that stand at `places`."""
     steps = np.array([place.step for place in places])
     return [
-        rr.TimeColumn('iteration', sequence=[place.iteration for place in places]),
+        rr.TimeColumn('iteration', sequence=[place.iteration or 0 for place in places]),
         *timelines(steps, dt),
     ]
 

@@ -258,7 +258,10 @@ class Fleet:
             member.link.keep()
 
     def close(self) -> None:
-        """Let go of the simulators, so that another agent need not wait."""
+        """Let go of the simulators, so that another agent need not wait, and of their topics.
+
+        It cannot be flown with after that.
+        """
         farewells = [member.link.release() for member in self._roster]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
         self._roster.close()
