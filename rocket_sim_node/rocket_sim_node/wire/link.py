@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.task import Future
 from rocket_msgs import msg
 from rocket_msgs import srv
 
@@ -19,6 +18,7 @@ from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.answers import observation_of
+from rocket_sim_node.wire.calling import Call
 from rocket_sim_node.wire.cdr import Codec
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.steady import STEADY
@@ -33,10 +33,6 @@ from rocket_sim_node.worlds.flight import Snapshot
 _NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
-_CALL_TIMEOUT = 0.25
-"""s after which a service call is made anew; doubled each time, as it may just take long"""
-_READY_PERIOD = 0.05
-"""s between two looks at whether a service is there"""
 _DESCRIPTION_TIMEOUT = 5.0
 """s from the answer of a reset to the description of its session"""
 _KEEP_PERIOD = 2.0
@@ -93,8 +89,8 @@ class Link:
         self._command: Command | None = None
         self._answer: Any = None
         self._silence: Silence | None = None
-        self._future: Future[Any] | None = None
-        self._asked, self._call_timeout = 0.0, _CALL_TIMEOUT
+        self._call: Call | None = None
+        self._asked = 0.0
         self._claimed = False
         """whether the simulator may believe that it is ours"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
@@ -193,10 +189,8 @@ class Link:
             self._silence = Silence(
                 self._node, 'an observation', self._options.patience, self.topic)
         else:
-            self._future, self._described_by, self._warned = None, 0.0, False
-            self._call_timeout = _CALL_TIMEOUT
-            self._next = now
-            self._silence = self._await_service(command)
+            self._described_by, self._warned = 0.0, False
+            self._begin_call(command, now)
         self._command = command
 
     def poll(self) -> bool:
@@ -217,7 +211,7 @@ class Link:
     def take(self) -> Any:
         """Return the answer, as the flight that asked expects it."""
         command, self._command = self._command, None
-        self._silence = None
+        self._silence = self._call = None
         if isinstance(command, np.ndarray):
             self._spoke = self.heard = time.monotonic()
             self.step, answer = self._answers.take()
@@ -227,9 +221,9 @@ class Link:
 
     def drop(self) -> None:
         """Expect nothing any more of what was asked."""
-        if self._command is not None and self._future is not None:
-            self._clients[_name(self._command)].remove_pending_request(self._future)
-        self._command = self._future = self._silence = None
+        if self._call is not None:
+            self._call.drop()
+        self._command = self._call = self._silence = None
         self._described_by = 0.0
 
     def listen(self) -> None:
@@ -277,29 +271,23 @@ class Link:
 
     # Services
 
+    def _begin_call(self, command: Command, begin: float) -> None:
+        self._call = Call(
+            self._node, self._clients[_name(command)], self._request(command),
+            self._options.patience, self.topic, begin)
+        self._next = begin
+
     def _poll_call(self, command: Command) -> bool:
-        """Call the service when it is there, again when it does not answer; judge the answer."""
-        client, now = self._clients[_name(command)], time.monotonic()
-        if self._future is not None and self._future.done():
-            response, self._future = self._future.result(), None
-            self.heard = now
-            return self._judge(command, response, now)
-        assert self._silence is not None
-        if now < self._next:
+        """Call the service until it answers, and judge the answer."""
+        assert self._call is not None
+        now = time.monotonic()
+        response = self._call.poll(now)
+        self._next = self._call.due
+        self._claimed |= self._call.made and not isinstance(command, Snapshot)
+        if response is None:
             return False
-        self._silence.check()
-        if self._future is not None:
-            client.remove_pending_request(self._future)
-            self._future = None
-        if client.service_is_ready():
-            self._future = client.call_async(self._request(command))
-            # No later than to say how long it has been, or that patience is over.
-            self._next = min(now + self._call_timeout, self._silence.due)
-            self._call_timeout *= 2
-            self._claimed |= not isinstance(command, Snapshot)
-        else:
-            self._next = now + _READY_PERIOD
-        return False
+        self.heard = now
+        return self._judge(command, response, now)
 
     def _request(self, command: Command) -> Any:
         if isinstance(command, Reset):
@@ -335,15 +323,8 @@ class Link:
             self._warned = True
             self._node.get_logger().warning(
                 f'{self.name}: {name}: {response.message}; waiting')
-        self._next = now + min(_BUSY_RETRY, left)
-        self._call_timeout = _CALL_TIMEOUT
-        self._silence = self._await_service(command)
+        self._begin_call(command, now + min(_BUSY_RETRY, left))
         return False
-
-    def _await_service(self, command: Command) -> Silence:
-        return Silence(
-            self._node, f'an answer of {self._clients[_name(command)].srv_name}',
-            self._options.patience, self.topic)
 
     def _poll_description(self) -> bool:
         """Go on in the session that a reset or restore drew, once the world's description came.
