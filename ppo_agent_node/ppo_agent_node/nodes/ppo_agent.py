@@ -16,7 +16,7 @@ def _load() -> tuple[Body, Errors]:
 
 def main() -> None:
     """Run the node."""
-    leave(run_late('ppo_agent', _load))
+    leave(run_late('ppo_agent', _load, expected=(ValueError, OSError)))
 
 
 if __name__ == '__main__':

@@ -10,12 +10,12 @@ from rocket_sim_node.wire.running import run_late
 
 def _load() -> tuple[Body, Errors]:
     from rocket_sim_node.nodes.serving import simulate
-    return simulate, (ValueError,)
+    return simulate, ()
 
 
 def main() -> None:
     """Run the node."""
-    leave(run_late('simulator', _load))
+    leave(run_late('simulator', _load, expected=(ValueError,)))
 
 
 if __name__ == '__main__':

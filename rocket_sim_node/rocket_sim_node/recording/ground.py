@@ -58,7 +58,7 @@ def _pad(stage: Stage) -> Mesh:
 def _rings(stage: Stage) -> rr.LineStrips3D:
     """Return rings of equal distance on the ground, every 50 m, and the axes."""
     angle = np.linspace(0, 2 * np.pi, 61)
-    circle = np.stack((np.cos(angle), np.sin(angle), np.full(61, 0.0)), axis=1)
+    circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=1)
     radii = np.arange(50.0, stage.range_limit + 1.0, 50.0)
     strips = [circle * (r, r, 1.0) - (0.0, 0.0, 0.4) for r in radii]
     reach = float(radii[-1]) if len(radii) else stage.range_limit

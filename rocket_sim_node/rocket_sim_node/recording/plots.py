@@ -22,7 +22,6 @@ F64 = NDArray[np.float64]
 STANDARD_GRAVITY = 9.81
 _MOST = np.finfo(np.float16).max
 
-
 SAMPLE = 'Flight:sample'
 """the component of a rocket's entity that holds all that is plotted of it, a record in each row;
 one of its own for each plot would cost 4 bytes a row more, and its place in the file's index"""

@@ -55,7 +55,7 @@ class Fleet:
             matches is taken in when it appears. Empty: the one of the node's own namespace.
         :raises ValueError: when the pattern is no namespace.
         """
-        self._node, self._patience = node, options.patience
+        self._node = node
         self._roster = Roster(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
@@ -230,7 +230,7 @@ class Fleet:
         busy = [member for member in self._roster if member.task is not None]
         if not busy:
             self._idle = self._idle or Silence(
-                self._node, 'somebody who flies', self._patience, self._roster.where)
+                self._node, 'somebody who flies', self._waiter.patience, self._roster.where)
             self._idle.check()
             self._waiter.spin(0.1)
             return []

@@ -87,6 +87,7 @@ def run_late(
     told to end meanwhile, it does, with status 0.
 
     :param load: imports the body and further expected errors, and returns them.
+    :param expected: those that are known without an import; they may come before the body, too.
     """
     def fail(node: Any, error: Exception) -> int:
         if node is not None:
