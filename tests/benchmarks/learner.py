@@ -4,8 +4,8 @@
 Both learn from one fixed batch, with equal networks, weights, minibatches, epochs and settings, in
 float32; neither stops early. Of Stable-Baselines3 with waiting threads that spin, torch's default,
 and that sleep, as ours do, the faster one counts. They are measured in turns, medians are
-reported. The floor is the time of the bare matrix products, whole minibatches or pieces of 512
-rows, whichever is faster.
+reported. The floor is the time of the bare matrix products: by MKL in whole minibatches or pieces
+of 512 rows, or by oneDNN in pieces of 1024, whichever is fastest.
 """
 from __future__ import annotations
 

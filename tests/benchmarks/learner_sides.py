@@ -171,9 +171,19 @@ class Floor:
     Those of policy and critic run side by side where there are threads for it.
     """
 
-    def __init__(self, options: Options, rows: int = 0) -> None:
+    def __init__(self, options: Options, rows: int = 0, one_dnn: bool = False) -> None:
         """Allocate; with `rows`, minibatches are cut into so many samples."""
         import torch
+
+        from ppo_agent_node.learning.dense import product
+
+        def by_mkl(left: Any, right: Any, out: Any) -> None:
+            torch.mm(left, right, out=out)
+
+        def by_one_dnn(left: Any, right: Any, out: Any) -> None:
+            product(left, right)
+
+        self._multiply = by_one_dnn if one_dnn else by_mkl
 
         ours = Ours(options)
         where = torch.device('cuda' if torch.cuda.is_available() and options.device != 'cpu'
@@ -207,7 +217,7 @@ class Floor:
         def run(products: list[tuple[Any, ...]]) -> None:
             for _ in range(self._times):
                 for left, right, out in products:
-                    torch.mm(left, right, out=out)
+                    self._multiply(left, right, out)
 
         policy, critic = self._products
         both(lambda poll: run(policy), lambda poll: run(critic), lambda: None)
@@ -218,7 +228,8 @@ class Floor:
 
 SIDES: dict[str, Callable[[Options], Side]] = {
     'ours': Ours, 'SB3': StableBaselines3, 'SB3, threads sleep': StableBaselines3, 'floor': Floor,
-    'floor, 512 rows': lambda options: Floor(options, 512)}
+    'floor, 512 rows': lambda options: Floor(options, 512),
+    'floor, oneDNN': lambda options: Floor(options, 1024, one_dnn=True)}
 
 
 def _serve(pipe: Connection, name: str, options: Options) -> None:

@@ -14,12 +14,12 @@ from torch.nn.utils import clip_grad_norm_
 from ppo_agent_node.learning import learner as learner_module
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.adam import FlatAdam
+from ppo_agent_node.learning.backpropagation import Backpropagation
 from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.learner import find_device
 from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.networks import mlp
-from ppo_agent_node.learning.perceptron import Perceptron
 from ppo_agent_node.learning.policy_file import load_policy
 from ppo_agent_node.learning.policy_file import save_policy
 from ppo_agent_node.learning.rollout import Batch
@@ -61,15 +61,15 @@ def test_perceptrons_are_sequential_networks(activation: str, hidden: tuple[int,
     for parameter in network.parameters():
         nn.init.normal_(parameter, 0, 0.5, noise)
     gradients = {id(p): torch.zeros_like(p) for p in network.parameters()}
-    perceptron = Perceptron(network, lambda p: gradients[id(p)], 30)
+    backpropagation = Backpropagation(network, lambda p: gradients[id(p)], 30)
     x, error = torch.randn(70, 5, generator=noise), torch.randn(70, 2, generator=noise)
     expected = network(x)
     expected.backward(error)
     with torch.no_grad():
         for part, its_error, wanted in zip(
                 x.split(30), error.split(30), expected.split(30), strict=True):
-            torch.testing.assert_close(perceptron.forward(part).T, wanted)
-            perceptron.backward(its_error.T)
+            torch.testing.assert_close(backpropagation.forward(part).T, wanted)
+            backpropagation.backward(its_error.T)
     for parameter in network.parameters():
         torch.testing.assert_close(gradients[id(parameter)], parameter.grad)
 

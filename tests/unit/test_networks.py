@@ -10,6 +10,8 @@ from torch.distributions import Independent
 from torch.distributions import Normal
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.dense import dense
+from ppo_agent_node.learning.dense import product
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import mlp
@@ -132,3 +134,37 @@ def test_entries_with_a_width_are_seen_logarithmically() -> None:
     copied = Normaliser(2)
     copied.copy_from(normaliser)
     assert torch.equal(copied.width, normaliser.width)
+
+
+@pytest.mark.parametrize('rows', [0, 1, 31, 32, 257])
+@pytest.mark.parametrize(('inputs', 'outputs'), [(3, 31), (15, 32), (200, 65)])
+@pytest.mark.parametrize('activation', ['tanh', 'relu'])
+def test_dense_layers_in_float32(rows: int, inputs: int, outputs: int, activation: str) -> None:
+    noise = streams.generator(1, 'x')
+    x, weight = torch.randn(rows, inputs, generator=noise), torch.randn(
+        outputs, inputs, generator=noise)
+    bias = torch.randn(outputs, generator=noise)
+    exact = getattr(torch, activation)(x.double() @ weight.double().T + bias)
+    torch.testing.assert_close(
+        dense(x, weight, bias, activation).double(), exact, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(
+        product(x.T, x).double(), x.T.double() @ x.double(), rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize('rows', [1, 64])
+@pytest.mark.parametrize('activation', ['tanh', 'relu'])
+def test_dense_layers_keep_what_is_not_a_number(rows: int, activation: str) -> None:
+    x = torch.zeros(rows, 4)
+    x[-1, 0] = math.nan
+    y = dense(x, torch.ones(64, 4), torch.zeros(64), activation)
+    assert y[-1].isnan().all()
+    assert not y[:-1].any()
+
+
+def test_networks_say_the_same_with_gradients_and_without() -> None:
+    for activation in ('tanh', 'relu'):
+        network = mlp((15, 64, 48, 3), 1.0, streams.generator(1, 'x'), activation)
+        x = torch.randn(100, 15, generator=streams.generator(1, 'y'))
+        with torch.no_grad():
+            found = network(x)
+        torch.testing.assert_close(found, network(x).detach(), rtol=1e-5, atol=1e-5)

@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from recordings import rows_of
+from recordings import view_classes
 from rerun.chunk import RrdReader
 
 from rocket_sim_node import command_line
 from rocket_sim_node import frames
 from rocket_sim_node.recording import camera
 from rocket_sim_node.recording import effects
+from rocket_sim_node.recording import file_sink
 from rocket_sim_node.recording import flight_log
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import place
 from rocket_sim_node.recording import read
+from rocket_sim_node.recording import rewrite
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording import vehicle
@@ -165,6 +168,23 @@ def test_size_and_layout(tmp_path: Path, flown: Samples) -> None:
     assert each <= 110 * 1024 / 1000
     assert sizes[0] - each * steps[0] <= 230 * 1024, 'layout, meshes and index'
     assert len(RrdReader(tmp_path / 'few.rrd').blueprints()) == 1
+
+
+@pytest.mark.filterwarnings('error')
+def test_large_files_are_copied_and_get_a_table_of_contents(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    small, large = tmp_path / 'small.rrd', tmp_path / 'large.rrd'
+    record(small, flown)
+    monkeypatch.setattr(file_sink, 'COMPACTED', 0)
+    monkeypatch.setattr(rewrite, 'FLUSHED', 3)
+    _, notes = record(large, flown)
+    assert [level for level, _ in notes] == ['INFO']
+    viewer.verify(large)
+    assert [flight.summary for flight in read.trajectories(large)] == [
+        flight.summary for flight in read.trajectories(small)]
+    assert view_classes(large) == view_classes(small)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['large.rrd', 'small.rrd']
 
 
 def test_nothing_is_overwritten(tmp_path: Path, flown: Samples) -> None:

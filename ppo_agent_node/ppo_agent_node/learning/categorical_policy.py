@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
-from torch import nn
 from torch.nn import functional
 
 from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import Perceptron
 from ppo_agent_node.learning.networks import mlp
 from ppo_agent_node.learning.networks import quick
 from ppo_agent_node.learning.policy import Likelihood
@@ -67,7 +67,7 @@ class CategoricalPolicy(Policy):
         return sample
 
     @property
-    def network(self) -> nn.Sequential:
+    def network(self) -> Perceptron:
         """What gives the logits."""
         return self.logits
 

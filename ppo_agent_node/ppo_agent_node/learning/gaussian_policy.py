@@ -11,6 +11,7 @@ from torch import Tensor
 from torch import nn
 
 from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import Perceptron
 from ppo_agent_node.learning.networks import mlp
 from ppo_agent_node.learning.networks import quick
 from ppo_agent_node.learning.policy import Likelihood
@@ -63,7 +64,7 @@ class GaussianPolicy(Policy):
         return lambda step, observation: mean(observation).add_(noise[step])
 
     @property
-    def network(self) -> nn.Sequential:
+    def network(self) -> Perceptron:
         """What gives the means."""
         return self.mean
 

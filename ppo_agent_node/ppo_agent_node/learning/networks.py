@@ -11,15 +11,46 @@ from torch import Tensor
 from torch import nn
 from torch.nn import functional
 
+from ppo_agent_node.learning.dense import dense
+
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
-_IN_PLACE: dict[type[nn.Module], Callable[[Tensor], Tensor]] = {
-    nn.Tanh: torch.tanh_, nn.ReLU: torch.relu_}
+
+
+class Perceptron(nn.Sequential):
+    """Linear layers with an activation between them.
+
+    Autograd goes through them one by one. Without gradients each is computed with its activation
+    by `dense`, quicker and equal but for the last bits.
+    """
+
+    activation: str
+
+    def __init__(self, layers: Sequence[nn.Module], activation: str) -> None:
+        """Take linear layers and what is between them, which is called `activation`."""
+        super().__init__(*layers)
+        self.activation = activation
+
+    @property
+    def linear(self) -> list[nn.Linear]:
+        """Its linear layers from input to output."""
+        return [layer for layer in self if isinstance(layer, nn.Linear)]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the outputs `(..., K)` for inputs `(..., D)`."""
+        if torch.is_grad_enabled():
+            for layer in self:
+                x = layer(x)
+            return x
+        *hidden, last = self.linear
+        for layer in hidden:
+            x = dense(x, layer.weight, layer.bias, self.activation)
+        return functional.linear(x, last.weight, last.bias)
 
 
 def mlp(
     sizes: Sequence[int], last_gain: float, generator: torch.Generator, activation: str = 'tanh',
-) -> nn.Sequential:
-    """Return linear layers with an activation between them.
+) -> Perceptron:
+    """Return a perceptron that has learnt nothing yet.
 
     Orthogonal weights (Saxe et al., 'Exact solutions to the nonlinear dynamics of learning in
     deep linear neural networks', 2014) of gain sqrt(2), `last_gain` in the last layer, and no
@@ -39,7 +70,7 @@ def mlp(
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
         nn.init.zeros_(linear.bias)
         layers += [linear] if last else [linear, between()]
-    return nn.Sequential(*layers)
+    return Perceptron(layers, activation)
 
 
 class Normaliser(nn.Module):
@@ -82,8 +113,8 @@ class Normaliser(nn.Module):
         self.load_state_dict(other.state_dict())
 
 
-def quick(normaliser: Normaliser, network: nn.Sequential) -> Callable[[Tensor], Tensor]:
-    """Return what computes `network(normaliser(x))`, bit for bit, with less around the products.
+def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Tensor]:
+    """Return what computes `network(normaliser(x))` bit for bit, with less around the products.
 
     In flight a batch is a few hundred observations, so little work that modules and their calls
     take as long as the mathematics. It follows the weights as they are now, or later; not their
@@ -91,9 +122,6 @@ def quick(normaliser: Normaliser, network: nn.Sequential) -> Callable[[Tensor], 
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale = normaliser.mean, normaliser.scale
-    steps: list[tuple[Tensor, Tensor] | Callable[[Tensor], Tensor]] = [
-        (layer.weight, layer.bias) if isinstance(layer, nn.Linear) else _IN_PLACE[type(layer)]
-        for layer in network]
 
     @torch.no_grad()
     def output(observation: Tensor) -> Tensor:
@@ -102,9 +130,8 @@ def quick(normaliser: Normaliser, network: nn.Sequential) -> Callable[[Tensor], 
             x[..., k].div_(width).asinh_()
         x = x.sub_(mean) if bends else x - mean
         x.mul_(scale)
-        for step in steps:
-            x = functional.linear(x, *step) if isinstance(step, tuple) else step(x)
-        return x
+        found: Tensor = network(x)
+        return found
 
     return output
 

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch import nn
 
 from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.learning.networks import Perceptron
 
 
 class Likelihood(NamedTuple):
@@ -50,7 +51,7 @@ class Policy(nn.Module):
         return action, log_prob[0]
 
     @property
-    def network(self) -> nn.Sequential:
+    def network(self) -> Perceptron:
         """The perceptron between normalised observations and the distribution."""
         raise NotImplementedError
 

@@ -7,7 +7,7 @@ policy optimization', 2022.
 
 Policy and critic share the samples and their order and nothing else, so that each learns in a
 loop of its own. Gradients are written out: of the losses in `losses`, of the distributions in the
-policies, of the networks in `perceptron`.
+policies, of the networks in `backpropagation`.
 """
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from ppo_agent_node.learning.adam import FlatAdam
+from ppo_agent_node.learning.backpropagation import Backpropagation
 from ppo_agent_node.learning.config import PPOConfig
 from ppo_agent_node.learning.losses import clipped_objective
 from ppo_agent_node.learning.losses import error_gradient
@@ -25,7 +26,6 @@ from ppo_agent_node.learning.losses import objective_gradient
 from ppo_agent_node.learning.losses import squared_error
 from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.perceptron import Perceptron
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.rollout import Batch
 from ppo_agent_node.learning.side_by_side import Poll
@@ -71,7 +71,7 @@ class CriticUpdate:
         """Take the critic's parameters over."""
         self.critic, self.config = critic, config
         self.optimiser = FlatAdam([list(critic.value.parameters())])
-        self._perceptron = Perceptron(
+        self._network = Backpropagation(
             critic.value, self.optimiser.gradient_of, config.batch_size)
 
     @torch.inference_mode()
@@ -84,7 +84,7 @@ class CriticUpdate:
         values = torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.target, batch.value), (values,), config.batch_size,
-            self._perceptron.rows)
+            self._network.rows)
         losses = []
         for order in orders:
             _, target, old = minibatches.shuffle(order)
@@ -92,9 +92,9 @@ class CriticUpdate:
                 poll()
                 self.optimiser.gradient.zero_()
                 for x, wanted, before, value in pieces:
-                    self._perceptron.forward(x, value[None])
+                    self._network.forward(x, value[None])
                     error = error_gradient(value, before, wanted, config.value_clip_range)
-                    self._perceptron.backward(error[None])
+                    self._network.backward(error[None])
                 self.optimiser.step([rate], config.max_grad_norm, stop - start)
             losses.append(squared_error(values, old, target, config.value_clip_range).mean())
         return 0.5 * _sum(losses) / len(losses)
@@ -121,7 +121,7 @@ class PolicyUpdate:
         self._noise = policy.noise_parameters()
         groups = [list(policy.network.parameters())]
         self.optimiser = FlatAdam(groups + [self._noise] if self._noise else groups)
-        self._perceptron = Perceptron(
+        self._network = Backpropagation(
             policy.network, self.optimiser.gradient_of, config.batch_size)
 
     @torch.inference_mode()
@@ -134,7 +134,7 @@ class PolicyUpdate:
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
-            config.batch_size, self._perceptron.rows)
+            config.batch_size, self._network.rows)
         losses, entropies, clipped, norms = [], [], [], []
         learnt_from = judged = 0
         kl = torch.tensor(NAN)
@@ -172,13 +172,13 @@ class PolicyUpdate:
         config = self.config
         self.optimiser.gradient.zero_()
         for x, action, old, advantage, log_ratio, entropy in pieces:
-            found = self.policy.likelihood(self._perceptron.forward(x), action)
+            found = self.policy.likelihood(self._network.forward(x), action)
             torch.sub(found.log_prob, old, out=log_ratio)
             entropy.copy_(found.entropy)
             by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
             error, by_noise = self.policy.likelihood_gradient(
                 found, action, by_log_prob, -config.entropy_coefficient)
-            self._perceptron.backward(error)
+            self._network.backward(error)
             for parameter, gradient in zip(self._noise, by_noise, strict=True):
                 self.optimiser.gradient_of(parameter).add_(gradient)
 

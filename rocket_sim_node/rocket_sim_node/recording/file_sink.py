@@ -9,10 +9,11 @@ import shutil
 from pathlib import Path
 
 import rerun as rr
+import rerun.blueprint as rrb
 
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
-from rocket_sim_node.recording.rewrite import finished
+from rocket_sim_node.recording.rewrite import add_contents
 from rocket_sim_node.recording.rewrite import rewrite
 from rocket_sim_node.recording.sink import APPLICATION
 from rocket_sim_node.recording.sink import Look
@@ -22,7 +23,8 @@ from rocket_sim_node.recording.sink import Put
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
 COMPACTED = 32 * 2**20
-"""bytes of a file that is worth compacting at its end; a larger one would take seconds"""
+"""bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, in a
+second for each 100 MB"""
 
 
 def partial_path(path: Path) -> Path:
@@ -84,7 +86,9 @@ class FileSink:
         self._look = Look()
         self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
         self._stream.set_log_time_enabled(False)
-        self._stream.save(self._partial, default_blueprint=blueprint())
+        # Rerun would keep the table of contents in memory until the end, 3 MB for an hour of
+        # training.
+        self._stream.save(self._partial, default_blueprint=blueprint(), write_footer=False)
 
     def _repair(self) -> None:
         """Save what a recorder that was killed left behind."""
@@ -120,7 +124,7 @@ class FileSink:
         """Write what stands at the head of a recording, and how it is laid out."""
         if self._stream is not None and look != self._look:
             self._look = look
-            self._stream.send_blueprint(blueprint(training=look.training, world=look.world))
+            self._stream.send_blueprint(_layout(look))
         self.write(head)
 
     def flight(self, put: Put) -> None:
@@ -144,12 +148,13 @@ class FileSink:
         put(self._stream)
 
     def _compact(self) -> None:
-        """Join the chunks of the partial file, when that is quick."""
-        if self._partial.stat().st_size > COMPACTED:
-            return
+        """Give the partial file a table of contents, and join its chunks when that is quick."""
         small = self._path.with_name(f'{self._path.stem}.compact{self._path.suffix}')
         try:
-            rewrite(self._partial, small)
+            if self._partial.stat().st_size > COMPACTED:
+                add_contents(self._partial, small, _layout(self._look))
+            else:
+                rewrite(self._partial, small)
             small.replace(self._partial)
         except OSError as error:
             small.unlink(missing_ok=True)
@@ -160,19 +165,36 @@ class FileSink:
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
-        stream.flush(timeout_sec=10.0)
-        stream.disconnect()
+        error = _end(stream)
         if self._empty:
             self._partial.unlink()
             os.close(self._lock)
             self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
             return
-        if not finished(self._partial):
+        if error:
             os.close(self._lock)
             self._note('ERROR', f'the recording could not be finished and stays {self._partial}; '
-                                'the next recorder with this output repairs it')
+                                f'the next recorder with this output repairs it: {error}')
             return
         self._compact()
         where = publish(self._partial, self._path)
         os.close(self._lock)
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
+
+
+def _layout(look: Look) -> rrb.Blueprint:
+    return blueprint(training=look.training, world=look.world)
+
+
+def _end(stream: rr.RecordingStream) -> RuntimeError | None:
+    """Write what is still to be written; return what kept that or anything before from the file.
+
+    The thread that writes ends at its first error, and tells of it here only.
+    """
+    try:
+        stream.flush(timeout_sec=10.0)
+    except RuntimeError as error:
+        return error
+    finally:
+        stream.disconnect()
+    return None

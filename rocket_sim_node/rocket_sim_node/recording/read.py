@@ -2,6 +2,7 @@
 """Flights read back from a recording, as arrays."""
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
 
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.effects import to_world
@@ -50,6 +52,16 @@ class Trajectory:
     pilot: str = ''
 
 
+def opened(path: Path | str) -> RrdReader:
+    """Open a recording, one without a table of contents, too.
+
+    :raises RuntimeError: or ValueError, when it is none.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RerunWarning)
+        return RrdReader(path)
+
+
 def trajectories(path: Path | str) -> list[Trajectory]:
     """Return the flights of a recording in their order, also when they are of several worlds.
 
@@ -60,7 +72,7 @@ def trajectories(path: Path | str) -> list[Trajectory]:
     rockets: dict[str, list[pa.RecordBatch]] = {}
     landings: dict[str, list[pa.RecordBatch]] = {}
     try:
-        for chunk in RrdReader(path).stream():
+        for chunk in opened(path).stream():
             for entity, tables in ((scene.ROCKET, rockets), (scene.LANDINGS, landings)):
                 # In a comparison the scene is there once for each pilot, below the pilot's key.
                 if chunk.entity_path.endswith(entity) and 'step' in chunk.timeline_names:

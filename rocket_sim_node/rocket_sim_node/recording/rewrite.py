@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import rerun as rr
@@ -11,13 +12,15 @@ import rerun.blueprint as rrb
 from rerun.chunk import ChunkStore
 from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.blueprint import blueprint
+from rocket_sim_node.recording.read import opened
 
 LARGE_CHUNKS = dataclasses.replace(OptimizationProfile.OBJECT_STORE, split_size_ratio=None)
 """what was logged together stays together: each chunk costs the index a kilobyte or two"""
+FLUSHED = 50
+"""chunks that may wait to be written while a recording is copied"""
 
 
 def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
@@ -27,29 +30,42 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     quicker. It gets the tab for training when there was one.
 
     :param tab: the one in front.
-    :raises OSError: when `source` cannot be read.
+    :raises OSError: when `source` cannot be read or `target` not be written.
     """
-    try:
-        reader = RrdReader(source)
+    with _os_error('not a readable recording', source):
+        reader = opened(source)
         store = joined(reader)
         trained = any(
             path.startswith(scene.TRAINING) for path in store.schema().entity_paths())
         world = _world(reader)
+    with _os_error('could not be written', target):
+        save(reader, store, target, blueprint(training=trained, tab=tab, world=world))
+
+
+def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
+    """Write the recording in `source`, which has no table of contents, to `target` with one.
+
+    With it a viewer finds its way in a large file. Little of the file is in memory at a time.
+
+    :raises OSError: when `source` cannot be read or `target` not be written.
+    """
+    with _os_error(f'could not be copied to {target}', source):
+        reader = opened(source)
+        stream = _stream(reader, target, layout)
+        for number, chunk in enumerate(reader.stream()):
+            stream.send_chunks(chunk)
+            if not number % FLUSHED:
+                stream.flush(timeout_sec=30.0)
+        _finish(stream)
+
+
+@contextmanager
+def _os_error(what: str, path: Path) -> Iterator[None]:
+    """Raise OSError for what Rerun raises."""
+    try:
+        yield
     except (RuntimeError, ValueError, IndexError) as error:
-        raise OSError(22, f'not a readable recording: {error}', str(source)) from error
-    save(reader, store, target, blueprint(training=trained, tab=tab, world=world))
-
-
-def finished(path: Path) -> bool:
-    """Return whether a recording was written to its end, where its table of contents is."""
-    with warnings.catch_warnings():
-        # Without one it is read all the same, and warned of.
-        warnings.simplefilter('error', RerunWarning)
-        try:
-            RrdReader(path)
-        except (RuntimeError, ValueError, RerunWarning):
-            return False
-    return True
+        raise OSError(22, f'{what}: {error}', str(path)) from error
 
 
 def joined(reader: RrdReader) -> ChunkStore:
@@ -59,11 +75,20 @@ def joined(reader: RrdReader) -> ChunkStore:
 
 def save(reader: RrdReader, store: ChunkStore, target: Path, layout: rrb.Blueprint) -> None:
     """Write chunks to a file, under the identity of the recording that they are from."""
+    stream = _stream(reader, target, layout)
+    stream.send_chunks(store)
+    _finish(stream)
+
+
+def _stream(reader: RrdReader, target: Path, layout: rrb.Blueprint) -> rr.RecordingStream:
     entry = reader.recordings()[0]
     stream = rr.RecordingStream(
         entry.application_id, recording_id=entry.recording_id, send_properties=False)
     stream.save(target, default_blueprint=layout)
-    stream.send_chunks(store)
+    return stream
+
+
+def _finish(stream: rr.RecordingStream) -> None:
     stream.flush(timeout_sec=30.0)
     stream.disconnect()
 
