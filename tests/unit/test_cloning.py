@@ -23,7 +23,9 @@ from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
+from ppo_agent_node.learning.policies import CategoricalPolicy
 from ppo_agent_node.learning.policies import GaussianPolicy
+from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.pilots.expert import ExpertPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
@@ -121,8 +123,9 @@ def test_it_learns_and_keeps_its_best_epoch() -> None:
     task = linear_task()
     _, held_out = split_by_episode(task.episode, 0.1, streams.generator(1, 'clone split'))
     with torch.no_grad():
-        loss = policy.cloning_loss(task.observation[held_out], task.action[held_out])
-    assert float(loss) == pytest.approx(least, rel=1e-5)
+        loss, _ = policy.imitation(
+            policy.output(task.observation[held_out]).T, task.action[held_out])
+    assert float(loss) / len(held_out) == pytest.approx(least, rel=1e-5)
     assert float(policy.log_std.detach().mean()) == pytest.approx(-2.4)
 
 
@@ -191,3 +194,50 @@ def test_what_is_said_after_touchdown_is_not_learnt() -> None:
     steps = [Step(free.observe(), np.zeros((12, 3)), np.ones(12, np.bool_), episodes)] * 3
     assert steered(steps, free.spec.settings).all()
     assert steered(steps, worlds.make('rocket', 12).spec.settings).all()
+
+
+@pytest.mark.parametrize('kind', ['gaussian', 'categorical'])
+def test_the_gradient_of_imitation_is_autograds(kind: str) -> None:
+    noise = streams.generator(1, 'x')
+    policy: Policy = GaussianPolicy(15, 3, (4,), noise)
+    action = (1.5 * torch.randn(50, 3, generator=noise)).clamp(-1, 1)
+    if kind == 'categorical':
+        policy = CategoricalPolicy(15, 3, (4,), noise)
+        action = torch.randint(3, (50,), generator=noise)
+    output = (1.5 * torch.randn(3, 50, generator=noise)).requires_grad_()
+    loss, found = policy.imitation(output, action)
+    loss.backward()
+    torch.testing.assert_close(found.detach(), output.grad)
+
+
+def test_it_is_what_torchs_adam_makes_of_it() -> None:
+    """The same minibatches by autograd, Adam and its cosine."""
+    task, seed = linear_task(), 1
+    found, _, _ = run(seed, clone_epochs=2, clone_validation_fraction=0.0)
+    policy = GaussianPolicy(15, 3, (32, 32), streams.generator(1, 'policy'))
+    policy.normaliser.fit(task.observation)
+    adam = torch.optim.Adam(policy.parameters(), lr=3e-3)
+    orders = [torch.randperm(4000, generator=streams.generator(seed, 'clone epoch', k)).split(128)
+              for k in (1, 2)]
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, 2 * len(orders[0]))
+    for index in (*orders[0], *orders[1]):
+        loss, _ = policy.imitation(policy.output(task.observation[index]).T, task.action[index])
+        adam.zero_grad()
+        (loss / len(index)).backward()
+        adam.step()
+        schedule.step()
+    for name, tensor in policy.state_dict().items():
+        torch.testing.assert_close(found.state_dict()[name], tensor, rtol=0, atol=1e-5)
+
+
+def test_a_cloning_that_is_ended_half_way_leaves_the_policy_as_it_was() -> None:
+    policy = GaussianPolicy(15, 3, (8,), streams.generator(1, 'policy'))
+    before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
+
+    def poll() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        clone(policy, linear_task(), CloneConfig(), 1, lambda epoch: None, poll)
+    for name, tensor in policy.state_dict().items():
+        assert torch.equal(tensor, before[name])

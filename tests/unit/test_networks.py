@@ -102,16 +102,15 @@ def test_the_deviation_stays_between_floor_and_falling_ceiling() -> None:
     assert free.diagnostics()['log_std'] == pytest.approx(1.0)
 
 
-def test_cloning_loss_forgives_overshoot_at_the_bounds_only() -> None:
+def test_imitation_forgives_overshoot_at_the_bounds_only() -> None:
     one = policy()
-    with torch.no_grad():
-        one.mean[-1].weight.zero_()
-        one.mean[-1].bias.copy_(torch.tensor([1.5, -1.5, 0.5]))
-    observation = torch.zeros(1, 15)
-    inside = float(one.cloning_loss(observation, torch.tensor([[1.0, -1.0, 0.5]])).detach())
-    assert inside == 0
-    wrong = float(one.cloning_loss(observation, torch.tensor([[0.5, 1.0, 0.0]])).detach())
-    assert wrong == pytest.approx((1.0**2 + 2.5**2 + 0.5**2) / 3)
+    output = torch.tensor([[1.5], [-1.5], [0.5]])
+    inside, pull = one.imitation(output, torch.tensor([[1.0, -1.0, 0.5]]))
+    assert float(inside) == 0
+    assert not pull.any()
+    wrong, pull = one.imitation(output, torch.tensor([[0.5, 1.0, 0.0]]))
+    assert float(wrong) == pytest.approx((1.0**2 + 2.5**2 + 0.5**2) / 3)
+    torch.testing.assert_close(pull[:, 0], 2 / 3 * torch.tensor([1.0, -2.5, 0.5]))
 
 
 def test_normaliser() -> None:

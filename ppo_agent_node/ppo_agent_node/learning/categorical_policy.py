@@ -7,7 +7,6 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import Perceptron
@@ -96,9 +95,12 @@ class CategoricalPolicy(Policy):
         """
         return _finite(self._log_p(observation)).argmax(-1)
 
-    def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Return the cross entropy of actions `(S,)`, nats."""
-        return functional.nll_loss(self._log_p(observation), action)
+    def imitation(self, output: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the cross entropy, nats, and its gradient: p_k - [k = a]."""
+        log_p = output.log_softmax(0)
+        chosen = action[None]
+        loss = -log_p.gather(0, chosen).sum()
+        return loss, log_p.exp().scatter_add(0, chosen, -torch.ones_like(log_p[:1]))
 
     def _log_p(self, observation: Tensor) -> Tensor:
         """Return the log-probabilities of all actions `(S, K)`."""

@@ -6,16 +6,19 @@ Pomerleau, 'Efficient training of artificial neural networks for autonomous navi
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.optim import Adam
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.adam import FlatAdam
+from ppo_agent_node.learning.backpropagation import Backpropagation
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.imitation_config import CloneConfig
+from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.policies import Policy
 
 
@@ -52,6 +55,7 @@ def split_by_episode(
     return torch.nonzero(~validating)[:, 0], torch.nonzero(validating)[:, 0]
 
 
+@torch.no_grad()
 def clone(
     policy: Policy,
     demonstrations: Demonstrations,
@@ -60,14 +64,14 @@ def clone(
     report: Callable[[CloneEpoch], None],
     poll: Callable[[], None] = lambda: None,
 ) -> float:
-    """Train the policy in place and leave it with the weights of its best epoch.
+    """Train the policy and leave it with the weights of its best epoch.
 
     The learning rate falls to 0 along a half cosine (Loshchilov and Hutter, 'SGDR: stochastic
     gradient descent with warm restarts', 2017). Without episodes to validate on, the training
     loss decides.
 
     :param report: called after each epoch.
-    :param poll: called before each minibatch; may raise to end half-way.
+    :param poll: called before each minibatch; may raise to end half-way, the policy unchanged.
     :return: the least validation loss.
     :raises ValueError: when there are no demonstrations.
     """
@@ -76,45 +80,53 @@ def clone(
     training, validation = split_by_episode(
         demonstrations.episode, config.clone_validation_fraction,
         streams.generator(seed, 'clone split'))
-    policy.normaliser.fit(demonstrations.observation[training])
-    optimiser = Adam(policy.parameters(), lr=config.clone_learning_rate, fused=True)
-    batches = -(-len(training) // config.clone_batch_size)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(
-        optimiser, batches * config.clone_epochs)
-    least, best_epoch = float('inf'), 0
-    best_weights = copy.deepcopy(policy.state_dict())
+    # The optimiser keeps the parameters of its network in memory of its own.
+    student = copy.deepcopy(policy)
+    student.normaliser.fit(demonstrations.observation[training])
+    optimiser = FlatAdam([list(student.network.parameters())], epsilon=1e-8)
+    network = Backpropagation(student.network, optimiser.gradient_of, config.clone_batch_size)
+    minibatches = Minibatches(
+        (student.normaliser(demonstrations.observation[training]),
+         demonstrations.action[training]), (), config.clone_batch_size, network.rows)
+    steps = config.clone_epochs * len(list(minibatches))
+    step = 0
+
+    def learning_rate() -> float:
+        return config.clone_learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
+
+    least, best_epoch = math.inf, 0
+    best_weights = copy.deepcopy(student.state_dict())
     for epoch in range(1, config.clone_epochs + 1):
         shuffle = streams.generator(seed, 'clone epoch', epoch)
-        order = training[torch.randperm(len(training), generator=shuffle)]
+        minibatches.shuffle(torch.randperm(len(training), generator=shuffle))
+        rate = learning_rate()
         total = torch.zeros(())
-        learning_rate = optimiser.param_groups[0]['lr']
-        for index in order.split(config.clone_batch_size):
+        for start, stop, pieces in minibatches:
             poll()
-            loss = policy.cloning_loss(
-                demonstrations.observation[index], demonstrations.action[index])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += loss.detach() * len(index)
+            optimiser.gradient.zero_()
+            for observation, action in pieces:
+                loss, error = student.imitation(network.forward(observation), action)
+                network.backward(error)
+                total += loss
+            optimiser.step([learning_rate()], math.inf, stop - start)
+            step += 1
         training_loss = float(total) / len(training)
         loss_now = training_loss
         if len(validation):
-            loss_now = _validation_loss(policy, demonstrations, validation)
+            loss_now = _validation_loss(student, demonstrations, validation)
         if loss_now < least:
             least, best_epoch = loss_now, epoch
-            best_weights = copy.deepcopy(policy.state_dict())
-        report(CloneEpoch(epoch, training_loss, loss_now, learning_rate, best_epoch == epoch))
+            best_weights = copy.deepcopy(student.state_dict())
+        report(CloneEpoch(epoch, training_loss, loss_now, rate, best_epoch == epoch))
         if epoch - best_epoch >= config.clone_patience:
             break
     policy.load_state_dict(best_weights)
     return least
 
 
-@torch.no_grad()
 def _validation_loss(policy: Policy, demonstrations: Demonstrations, index: Tensor) -> float:
     total = torch.zeros(())
     for part in index.split(8192):
-        total += len(part) * policy.cloning_loss(
-            demonstrations.observation[part], demonstrations.action[part])
+        total += policy.imitation(
+            policy.output(demonstrations.observation[part]).T, demonstrations.action[part])[0]
     return float(total) / len(index)

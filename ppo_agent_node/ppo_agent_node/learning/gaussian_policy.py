@@ -95,12 +95,15 @@ class GaussianPolicy(Policy):
         """Return the means `(N, A)`."""
         return self.output(observation)
 
-    def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Return the mean squared error; to overshoot an action that is at its bound is none."""
-        mean = self.mode(observation)
-        error = torch.where(action >= 1, mean.clamp_max(1), mean)
-        error = torch.where(action <= -1, mean.clamp_min(-1), error) - action
-        return error.square().mean()
+    def imitation(self, output: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the squared error, mean over the entries of an action, and its gradient.
+
+        To overshoot an action that is at its bound is no error: the world clips it.
+        """
+        wanted = action.T
+        error = (output - wanted).masked_fill_(
+            (wanted >= 1) & (output > 1) | (wanted <= -1) & (output < -1), 0.0)
+        return error.square().sum() / len(output), error * (2 / len(output))
 
     @torch.no_grad()
     def constrain(self, progress: float = 0.0) -> None:

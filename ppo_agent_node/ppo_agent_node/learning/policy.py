@@ -84,8 +84,11 @@ class Policy(nn.Module):
         """Return the likeliest actions `(N, *action_shape)`."""
         raise NotImplementedError
 
-    def cloning_loss(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Return the loss, a scalar, of imitating actions `(S, *action_shape)`."""
+    def imitation(self, output: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the loss of outputs `(K, S)` that shall imitate actions `(S, *action_shape)`.
+
+        :return: its sum over the samples, and its gradient by the outputs `(K, S)`.
+        """
         raise NotImplementedError
 
     def constrain(self, progress: float = 0.0) -> None:
