@@ -251,6 +251,7 @@ def test_a_full_disk_ends_the_recording_whole(
     assert 'only 1 MiB of disk left' in notes[0][1]
     viewer.verify(path)
     recorder.close()
+    assert 0 < recorder.flights == len(read.trajectories(path))
 
 
 def buffer_feed(buffer: FlightBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:

@@ -94,9 +94,10 @@ class Tape:
     def write(self, put: Put) -> None:
         put(self.stream)
 
-    def flight(self, put: Put) -> None:
+    def flight(self, put: Put) -> bool:
         self.under_way(put, FOR_EVER)
         self.flights += 1
+        return True
 
     def under_way(self, put: Put, until: int) -> None:
         self.unsent.until = until

@@ -127,9 +127,10 @@ class FileSink:
             self._stream.send_blueprint(_layout(look))
         self.write(head)
 
-    def flight(self, put: Put) -> None:
-        """Write a flight that has ended."""
+    def flight(self, put: Put) -> bool:
+        """Write a flight that has ended; return whether it was written."""
         self.write(put)
+        return self._stream is not None
 
     def under_way(self, put: Put, until: int) -> None:
         """Do nothing: a flight is written as a whole."""

@@ -106,9 +106,10 @@ class LiveSink:
         """Send soon, or drop when too much waits already."""
         self._put(_Item(put))
 
-    def flight(self, put: Put) -> None:
-        """Send what the viewer has not seen of a flight that has ended."""
+    def flight(self, put: Put) -> bool:
+        """Send what the viewer has not seen of a flight that has ended; there is always room."""
         self._put(_Item(put, flight=True))
+        return True
 
     def under_way(self, put: Put, until: int) -> None:
         """Send what the viewer has not seen of a flight that goes on, if nothing else waits.

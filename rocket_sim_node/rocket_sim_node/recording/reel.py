@@ -92,10 +92,8 @@ class Reel:
         if not fits and not self._shown:
             return False
         put = self._put_of(flight, stage, settling)
-        for sink in self._sinks:
-            if fits or sink.live:
-                sink.flight(put)
-        if fits:
+        taken = [sink.flight(put) for sink in self._sinks if fits or sink.live]
+        if fits and (any(taken) or not taken):
             self.steps += steps
             self.flights += 1
         self.end += steps + pause_steps(stage)

@@ -39,8 +39,8 @@ class Sink(Protocol):
         """Log something."""
         ...
 
-    def flight(self, put: Put) -> None:
-        """Log a flight that has ended."""
+    def flight(self, put: Put) -> bool:
+        """Log a flight that has ended; return whether there is room for it."""
         ...
 
     def under_way(self, put: Put, until: int) -> None:
