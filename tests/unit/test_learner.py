@@ -54,20 +54,20 @@ def test_adam_is_torchs_with_a_rate_for_each_group_and_clipped_gradients() -> No
 
 
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])
-@pytest.mark.parametrize('hidden', [(), (8,), (16, 8, 4)])
+@pytest.mark.parametrize('hidden', [(), (8,), (16, 8, 4), (64, 48)])
 def test_perceptrons_are_sequential_networks(activation: str, hidden: tuple[int, ...]) -> None:
     noise = streams.generator(1, 'x')
     network = mlp((5, *hidden, 2), 1.0, noise, activation)
     for parameter in network.parameters():
         nn.init.normal_(parameter, 0, 0.5, noise)
     gradients = {id(p): torch.zeros_like(p) for p in network.parameters()}
-    backpropagation = Backpropagation(network, lambda p: gradients[id(p)], 30)
+    backpropagation = Backpropagation(network, lambda p: gradients[id(p)], 40)
     x, error = torch.randn(70, 5, generator=noise), torch.randn(70, 2, generator=noise)
     expected = network(x)
     expected.backward(error)
     with torch.no_grad():
         for part, its_error, wanted in zip(
-                x.split(30), error.split(30), expected.split(30), strict=True):
+                x.split(40), error.split(40), expected.split(40), strict=True):
             torch.testing.assert_close(backpropagation.forward(part).T, wanted)
             backpropagation.backward(its_error.T)
     for parameter in network.parameters():

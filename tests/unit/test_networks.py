@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch.distributions import Independent
 from torch.distributions import Normal
+from torch.nn import functional
 
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.dense import dense
@@ -15,6 +16,7 @@ from ppo_agent_node.learning.dense import product
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import mlp
+from ppo_agent_node.learning.networks import quick
 from ppo_agent_node.learning.policies import GaussianPolicy
 
 
@@ -158,6 +160,32 @@ def test_dense_layers_keep_what_is_not_a_number(rows: int, activation: str) -> N
     y = dense(x, torch.ones(64, 4), torch.zeros(64), activation)
     assert y[-1].isnan().all()
     assert not y[:-1].any()
+
+
+def test_large_layers_and_products_are_left_to_one_dnn(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> None:
+        raise AssertionError(arguments)
+
+    monkeypatch.setattr(functional, 'linear', refuse)
+    dense(torch.zeros(64, 3), torch.zeros(40, 3), torch.zeros(40), 'tanh')
+    dense(torch.zeros(8, 8, 3), torch.zeros(40, 3), torch.zeros(40), 'relu')
+    for rows, units in ((31, 40), (64, 31)):
+        with pytest.raises(AssertionError):
+            dense(torch.zeros(rows, 3), torch.zeros(units, 3), torch.zeros(units), 'tanh')
+
+
+@pytest.mark.parametrize('rows', [1, 20, 200])
+@pytest.mark.parametrize('activation', ['tanh', 'relu'])
+def test_in_flight_a_network_is_the_same_bit_for_bit(rows: int, activation: str) -> None:
+    network = mlp((15, 64, 48, 3), 1.0, streams.generator(1, 'x'), activation)
+    normaliser = Normaliser(15)
+    normaliser.width[1] = 0.1
+    x = torch.randn(rows, 15, generator=streams.generator(1, 'y'))
+    normaliser.fit(x if rows > 1 else torch.randn(9, 15))
+    output = quick(normaliser, network)
+    with torch.no_grad():
+        network[0].weight.mul_(1.5)
+        assert torch.equal(output(x), network(normaliser(x)))
 
 
 def test_networks_say_the_same_with_gradients_and_without() -> None:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import resource
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from recordings import rows_of
 from recordings import view_classes
 from rerun.chunk import RrdReader
@@ -24,6 +29,7 @@ from rocket_sim_node.recording import place
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import rewrite
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import stream_file
 from rocket_sim_node.recording import training_log
 from rocket_sim_node.recording import vehicle
 from rocket_sim_node.recording import viewer
@@ -39,6 +45,7 @@ from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.screenshot import Picture
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.stream_file import has_contents
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.recording.training_recorder import LONGEST_PERIOD
 from rocket_sim_node.recording.training_recorder import PERIOD
@@ -176,7 +183,7 @@ def test_large_files_are_copied_and_get_a_table_of_contents(
 ) -> None:
     small, large = tmp_path / 'small.rrd', tmp_path / 'large.rrd'
     record(small, flown)
-    monkeypatch.setattr(file_sink, 'COMPACTED', 0)
+    monkeypatch.setattr(file_sink, 'JOINED', 0)
     monkeypatch.setattr(rewrite, 'FLUSHED', 3)
     _, notes = record(large, flown)
     assert [level for level, _ in notes] == ['INFO']
@@ -245,13 +252,134 @@ def test_a_full_disk_ends_the_recording_whole(
     half = len(flown.step) // 2
     feed(recorder, flown.take(slice(0, half)))
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=2**20))
+    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=20 * 2**20))
     feed(recorder, flown.take(slice(half, None)))
-    assert notes[0][0] == 'ERROR'
-    assert 'only 1 MiB of disk left' in notes[0][1]
+    assert [level for level, _ in notes] == ['ERROR', 'INFO']
+    assert 'only 20 MiB of disk left, 32 MiB needed' in notes[0][1]
     viewer.verify(path)
     recorder.close()
     assert 0 < recorder.flights == len(read.trajectories(path))
+
+
+def test_where_there_is_no_room_for_a_copy_none_is_made(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    notes: Notes = []
+    sink = FileSink(path, lambda *note: notes.append(note))
+    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=16 * 2**20))
+    sink.close()
+    assert [level for level, _ in notes] == ['WARN', 'INFO']
+    assert 'without a table of contents' in notes[0][1]
+    assert not has_contents(path)
+    assert read.trajectories(path)
+    assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let no write of this process go beyond so many bytes of a file, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize('part', [0.3, 0.6, 0.9])
+def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
+    tmp_path: Path, flown: Samples, part: float,
+) -> None:
+    whole, path = tmp_path / 'whole.rrd', tmp_path / 'run.rrd'
+    record(whole, flown)
+    notes: Notes = []
+    with largest_file(int(part * whole.stat().st_size)):
+        sink = FileSink(path, lambda *note: notes.append(note))
+        recorder = Recorder(Choice(), [sink], lambda *note: None)
+        feed(recorder, flown)
+        begun = time.monotonic()
+        recorder.close()
+        assert time.monotonic() - begun < 20.0
+    assert [level for level, _ in notes] == ['ERROR']
+    assert 'stays' in notes[0][1]
+    assert not path.exists()
+    FileSink(path, lambda *note: notes.append(note)).close()
+    assert 'its recording is repaired' in notes[1][1]
+    viewer.verify(path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
+
+
+@pytest.mark.parametrize('joined', [0, 2**30])
+@pytest.mark.parametrize('short', [3_000, 20_000, 200_000])
+def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch, joined: int, short: int,
+) -> None:
+    """The disk is full within the copy or, by the end, within its table of contents."""
+    monkeypatch.setattr(file_sink, 'JOINED', joined)
+    whole, path = tmp_path / 'whole.rrd', tmp_path / 'run.rrd'
+    record(whole, flown)
+    notes: Notes = []
+    sink = FileSink(path, lambda *note: notes.append(note))
+    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    end = file_sink.end
+    with ExitStack() as stack:
+        def end_and_fill_the_disk(stream: rr.RecordingStream, seconds: float) -> None:
+            end(stream, seconds)
+            stack.enter_context(largest_file(whole.stat().st_size - short))
+
+        monkeypatch.setattr(file_sink, 'end', end_and_fill_the_disk)
+        monkeypatch.setattr(stream_file, 'PATIENCE', 3.0)
+        sink.close()
+    assert [level for level, _ in notes] == ['WARN', 'INFO']
+    assert [flight.summary for flight in read.trajectories(path)] == [
+        flight.summary for flight in read.trajectories(whole)]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
+
+
+def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples) -> None:
+    path = tmp_path / 'run.rrd'
+    notes: Notes = []
+    sink = FileSink(path, lambda *note: notes.append(note))
+    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    feed(recorder, flown)
+    partial_path(path).unlink()
+    recorder.close()
+    assert [level for level, _ in notes] == ['ERROR']
+    assert 'is lost' in notes[0][1]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_large_file_of_a_killed_recorder_is_not_joined(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(file_sink, 'JOINED', 0)
+    monkeypatch.setattr(file_sink, 'rewrite', None)
+    whole, path = tmp_path / 'whole.rrd', tmp_path / 'run.rrd'
+    record(whole, flown)
+    partial_path(path).write_bytes(whole.read_bytes()[:-1000])
+    path.with_name('run.whole.rrd').write_bytes(b'left behind')
+    notes: Notes = []
+    FileSink(path, lambda *note: notes.append(note)).close()
+    assert 'its recording is repaired' in notes[0][1]
+    viewer.verify(path)
+    assert read.trajectories(path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
+
+
+def test_a_recording_has_no_table_of_contents_while_it_is_written(
+    tmp_path: Path, flown: Samples,
+) -> None:
+    """Rerun would keep it in memory."""
+    sink = FileSink(tmp_path / 'run.rrd', lambda *note: None)
+    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    assert sink._stream is not None
+    sink._stream.flush()
+    sink._stream.disconnect()
+    assert not has_contents(partial_path(tmp_path / 'run.rrd'))
+    assert read.trajectories(partial_path(tmp_path / 'run.rrd'))
 
 
 def buffer_feed(buffer: FlightBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:

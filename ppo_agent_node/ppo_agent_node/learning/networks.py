@@ -23,28 +23,35 @@ class Perceptron(nn.Sequential):
     by `dense`, quicker and equal but for the last bits.
     """
 
-    activation: str
-
-    def __init__(self, layers: Sequence[nn.Module], activation: str) -> None:
-        """Take linear layers and what is between them, which is called `activation`."""
-        super().__init__(*layers)
-        self.activation = activation
-
     @property
     def linear(self) -> list[nn.Linear]:
         """Its linear layers from input to output."""
         return [layer for layer in self if isinstance(layer, nn.Linear)]
 
+    @property
+    def activation(self) -> str:
+        """The name of what is between them, `tanh` where nothing is."""
+        return 'relu' if any(isinstance(layer, nn.ReLU) for layer in self) else 'tanh'
+
     def forward(self, x: Tensor) -> Tensor:
         """Return the outputs `(..., K)` for inputs `(..., D)`."""
-        if torch.is_grad_enabled():
-            for layer in self:
-                x = layer(x)
-            return x
-        *hidden, last = self.linear
-        for layer in hidden:
-            x = dense(x, layer.weight, layer.bias, self.activation)
-        return functional.linear(x, last.weight, last.bias)
+        if not torch.is_grad_enabled():
+            return self.without_gradients()(x)
+        for layer in self:
+            x = layer(x)
+        return x
+
+    def without_gradients(self) -> Callable[[Tensor], Tensor]:
+        """Return what computes the outputs of these layers, as often as wanted."""
+        *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
+        activation = self.activation
+
+        def output(x: Tensor) -> Tensor:
+            for weight, bias in hidden:
+                x = dense(x, weight, bias, activation)
+            return functional.linear(x, *last)
+
+        return output
 
 
 def mlp(
@@ -70,7 +77,7 @@ def mlp(
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
         nn.init.zeros_(linear.bias)
         layers += [linear] if last else [linear, between()]
-    return Perceptron(layers, activation)
+    return Perceptron(*layers)
 
 
 class Normaliser(nn.Module):
@@ -118,10 +125,11 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
 
     In flight a batch is a few hundred observations, so little work that modules and their calls
     take as long as the mathematics. It follows the weights as they are now, or later; not their
-    replacement by others. Without gradients.
+    replacement by others.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale = normaliser.mean, normaliser.scale
+    outputs = network.without_gradients()
 
     @torch.no_grad()
     def output(observation: Tensor) -> Tensor:
@@ -130,8 +138,7 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
             x[..., k].div_(width).asinh_()
         x = x.sub_(mean) if bends else x - mean
         x.mul_(scale)
-        found: Tensor = network(x)
-        return found
+        return outputs(x)
 
     return output
 

@@ -28,6 +28,7 @@ from rocket_sim_node.recording.reel import Settle
 from rocket_sim_node.recording.rewrite import joined
 from rocket_sim_node.recording.rewrite import save
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording.stream_file import written
 
 APPLICATION = 'hoverslam_comparison'
 """Not that of other recordings: the viewer keeps a layout for each application."""
@@ -153,14 +154,15 @@ def write(
         stream = rr.RecordingStream(APPLICATION)
         stream.set_log_time_enabled(False)
         stream.save(raw, default_blueprint=shown)
-        logged = log_comparison(stream, sides, stage, settle, heading, remarks)
-        stream.flush(timeout_sec=30.0)
-        stream.disconnect()
+        with written(stream, raw):
+            logged = log_comparison(stream, sides, stage, settle, heading, remarks)
         reader = RrdReader(raw)
         save(reader, joined(reader), small, shown)
         small.replace(path)
     except OSError as error:
         raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
+    except RuntimeError as error:  # Rerun's
+        raise OSError(5, f'could not write: {error}', str(path)) from error
     finally:
         raw.unlink(missing_ok=True)
         small.unlink(missing_ok=True)

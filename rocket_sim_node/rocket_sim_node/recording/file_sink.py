@@ -19,12 +19,13 @@ from rocket_sim_node.recording.sink import APPLICATION
 from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Note
 from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.stream_file import end
 
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
-COMPACTED = 32 * 2**20
-"""bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, in a
-second for each 100 MB"""
+JOINED = 32 * 2**20
+"""bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, at
+100 MB a second"""
 
 
 def partial_path(path: Path) -> Path:
@@ -80,6 +81,8 @@ class FileSink:
             raise OSError(
                 error.errno, 'another recorder writes this file', str(self._partial)) from error
         self._check_space()
+        self._whole = self._path.with_name(f'{self._path.stem}.whole{self._path.suffix}')
+        self._whole.unlink(missing_ok=True)
         if os.fstat(self._lock).st_size:
             self._repair()
         self._empty = True
@@ -96,7 +99,10 @@ class FileSink:
         repaired = self._path.with_name(f'{self._path.stem}.repaired{self._path.suffix}')
         try:
             viewer.repair(self._partial, merged)
-            rewrite(merged, repaired)
+            if merged.stat().st_size > JOINED:
+                merged.replace(repaired)
+            else:
+                rewrite(merged, repaired)
         except (viewer.ViewerError, OSError) as error:
             repaired.unlink(missing_ok=True)
             kept = publish(self._copy(), self._path.with_suffix('.damaged'))
@@ -113,11 +119,11 @@ class FileSink:
         shutil.copyfile(self._partial, copy)
         return copy
 
-    def _check_space(self) -> None:
+    def _check_space(self, needed: int = RESERVE) -> None:
         free = shutil.disk_usage(self._path.parent).free
-        if free < RESERVE:
+        if free < needed:
             raise OSError(
-                28, f'only {free / 2**20:.0f} MiB of disk left, {RESERVE / 2**20:.0f} MiB needed',
+                28, f'only {free / 2**20:.0f} MiB of disk left, {needed / 2**20:.0f} MiB needed',
                 str(self._path.parent))
 
     def begin(self, head: Put, look: Look) -> None:
@@ -148,54 +154,53 @@ class FileSink:
         self._empty = False
         put(self._stream)
 
-    def _compact(self) -> None:
-        """Give the partial file a table of contents, and join its chunks when that is quick."""
-        small = self._path.with_name(f'{self._path.stem}.compact{self._path.suffix}')
+    def _with_contents(self) -> Path:
+        """Return a copy of the partial file that has a table of contents, or itself.
+
+        Its chunks are joined when that is quick.
+        """
         try:
-            if self._partial.stat().st_size > COMPACTED:
-                add_contents(self._partial, small, _layout(self._look))
+            size = self._partial.stat().st_size
+            self._check_space(size + RESERVE // 2)  # others write there, too
+            if size > JOINED:
+                add_contents(self._partial, self._whole, _layout(self._look))
             else:
-                rewrite(self._partial, small)
-            small.replace(self._partial)
+                rewrite(self._partial, self._whole)
         except OSError as error:
-            small.unlink(missing_ok=True)
-            self._note('WARN', f'the recording is whole but could not be compacted: {error}')
+            self._whole.unlink(missing_ok=True)
+            self._note('WARN', 'the recording is whole but stays without a table of contents, '
+                               f'which viewers miss when it is large: {error}')
+            return self._partial
+        return self._whole
 
     def close(self) -> None:
         """Finish the file and give it its name, unless the disk was too full for that."""
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
-        error = _end(stream)
-        if self._empty:
-            self._partial.unlink()
+        try:
+            self._finish(stream)
+        finally:
             os.close(self._lock)
-            self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
-            return
-        if error:
-            os.close(self._lock)
+
+    def _finish(self, stream: rr.RecordingStream) -> None:
+        try:
+            end(stream, 10.0)
+        except RuntimeError as error:
             self._note('ERROR', f'the recording could not be finished and stays {self._partial}; '
                                 f'the next recorder with this output repairs it: {error}')
             return
-        self._compact()
-        where = publish(self._partial, self._path)
-        os.close(self._lock)
+        if not self._partial.is_file():
+            self._note('ERROR', f'the recording is lost: {self._partial} was removed')
+            return
+        if self._empty:
+            self._partial.unlink()
+            self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
+            return
+        where = publish(self._with_contents(), self._path)
+        self._partial.unlink(missing_ok=True)
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
 
 
 def _layout(look: Look) -> rrb.Blueprint:
     return blueprint(training=look.training, world=look.world)
-
-
-def _end(stream: rr.RecordingStream) -> RuntimeError | None:
-    """Write what is still to be written; return what kept that or anything before from the file.
-
-    The thread that writes ends at its first error, and tells of it here only.
-    """
-    try:
-        stream.flush(timeout_sec=10.0)
-    except RuntimeError as error:
-        return error
-    finally:
-        stream.disconnect()
-    return None

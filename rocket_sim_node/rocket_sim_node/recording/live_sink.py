@@ -107,7 +107,7 @@ class LiveSink:
         self._put(_Item(put))
 
     def flight(self, put: Put) -> bool:
-        """Send what the viewer has not seen of a flight that has ended; there is always room."""
+        """Send what the viewer has not seen of a flight that has ended; return True."""
         self._put(_Item(put, flight=True))
         return True
 

@@ -2,7 +2,6 @@
 """Flights read back from a recording, as arrays."""
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 from numpy.typing import NDArray
-from rerun.chunk import RrdReader
-from rerun.error_utils import RerunWarning
 
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.effects import to_world
 from rocket_sim_node.recording.flight import tilt_of
+from rocket_sim_node.recording.stream_file import opened
 
 F32 = NDArray[np.float32]
 EMPTY: F32 = np.zeros((0, 0), np.float32)
@@ -50,16 +48,6 @@ class Trajectory:
     reward: F32
     summary: dict[str, Any]
     pilot: str = ''
-
-
-def opened(path: Path | str) -> RrdReader:
-    """Open a recording, one without a table of contents, too.
-
-    :raises RuntimeError: or ValueError, when it is none.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RerunWarning)
-        return RrdReader(path)
 
 
 def trajectories(path: Path | str) -> list[Trajectory]:

@@ -92,8 +92,10 @@ class Reel:
         if not fits and not self._shown:
             return False
         put = self._put_of(flight, stage, settling)
-        taken = [sink.flight(put) for sink in self._sinks if fits or sink.live]
-        if fits and (any(taken) or not taken):
+        taken = [(sink, sink.flight(put)) for sink in self._sinks if fits or sink.live]
+        # A file may have been given up; where there is one, what a viewer sees is not recorded.
+        files = [took for sink, took in taken if not sink.live]
+        if fits and (any(files) or not files):
             self.steps += steps
             self.flights += 1
         self.end += steps + pause_steps(stage)

@@ -14,8 +14,10 @@ from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import stream_file
 from rocket_sim_node.recording.blueprint import blueprint
-from rocket_sim_node.recording.read import opened
+from rocket_sim_node.recording.stream_file import opened
+from rocket_sim_node.recording.stream_file import written
 
 LARGE_CHUNKS = dataclasses.replace(OptimizationProfile.OBJECT_STORE, split_size_ratio=None)
 """what was logged together stays together: each chunk costs the index a kilobyte or two"""
@@ -49,14 +51,14 @@ def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
 
     :raises OSError: when `source` cannot be read or `target` not be written.
     """
-    with _os_error(f'could not be copied to {target}', source):
+    with _os_error(f'could not be copied to {target.name}', source):
         reader = opened(source)
         stream = _stream(reader, target, layout)
-        for number, chunk in enumerate(reader.stream()):
-            stream.send_chunks(chunk)
-            if not number % FLUSHED:
-                stream.flush(timeout_sec=30.0)
-        _finish(stream)
+        with written(stream, target):
+            for number, chunk in enumerate(reader.stream()):
+                stream.send_chunks(chunk)
+                if not number % FLUSHED:
+                    stream.flush(timeout_sec=stream_file.PATIENCE)
 
 
 @contextmanager
@@ -74,10 +76,13 @@ def joined(reader: RrdReader) -> ChunkStore:
 
 
 def save(reader: RrdReader, store: ChunkStore, target: Path, layout: rrb.Blueprint) -> None:
-    """Write chunks to a file, under the identity of the recording that they are from."""
+    """Write chunks to a file, under the identity of the recording that they are from.
+
+    :raises RuntimeError: when not all could be written.
+    """
     stream = _stream(reader, target, layout)
-    stream.send_chunks(store)
-    _finish(stream)
+    with written(stream, target):
+        stream.send_chunks(store)
 
 
 def _stream(reader: RrdReader, target: Path, layout: rrb.Blueprint) -> rr.RecordingStream:
@@ -86,11 +91,6 @@ def _stream(reader: RrdReader, target: Path, layout: rrb.Blueprint) -> rr.Record
         entry.application_id, recording_id=entry.recording_id, send_properties=False)
     stream.save(target, default_blueprint=layout)
     return stream
-
-
-def _finish(stream: rr.RecordingStream) -> None:
-    stream.flush(timeout_sec=30.0)
-    stream.disconnect()
 
 
 def _world(reader: RrdReader) -> str:

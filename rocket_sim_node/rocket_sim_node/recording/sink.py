@@ -40,7 +40,7 @@ class Sink(Protocol):
         ...
 
     def flight(self, put: Put) -> bool:
-        """Log a flight that has ended; return whether there is room for it."""
+        """Log a flight that has ended; return whether it was taken."""
         ...
 
     def under_way(self, put: Put, until: int) -> None:

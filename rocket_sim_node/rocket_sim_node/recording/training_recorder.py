@@ -18,8 +18,8 @@ PERIOD_SHARE = 1 / 60
 class TrainingRecorder:
     """Gathers what an agent reports and logs it together; at once where a stage begins.
 
-    Each logging adds chunks to the recording, and each chunk some 2 KiB to its index, which Rerun
-    keeps in memory until the end: the longer a training, the more is gathered.
+    Each logging adds chunks to the recording, and each chunk some 2 KiB to its table of contents:
+    the longer a training, the more is gathered.
     """
 
     def __init__(self, put: Callable[[Put], None], clock: Callable[[], float]) -> None:
