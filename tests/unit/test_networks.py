@@ -11,6 +11,7 @@ from torch.distributions import Normal
 from torch.nn import functional
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.dense import add_product
 from ppo_agent_node.learning.dense import dense
 from ppo_agent_node.learning.dense import product
 from ppo_agent_node.learning.networks import Critic
@@ -148,8 +149,11 @@ def test_dense_layers_in_float32(rows: int, inputs: int, outputs: int, activatio
     exact = getattr(torch, activation)(x.double() @ weight.double().T + bias)
     torch.testing.assert_close(
         dense(x, weight, bias, activation).double(), exact, rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(
-        product(x.T, x).double(), x.T.double() @ x.double(), rtol=1e-5, atol=1e-4)
+    exact = x.T.double() @ x.double()
+    torch.testing.assert_close(product(x.T, x).double(), exact, rtol=1e-5, atol=1e-4)
+    total = torch.ones(inputs, inputs)
+    add_product(total, x.T, x)
+    torch.testing.assert_close(total.double(), 1 + exact, rtol=1e-5, atol=1e-4)
 
 
 @pytest.mark.parametrize('rows', [1, 64])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ppo_agent_node.learning.dense import add_product
 from ppo_agent_node.learning.dense import dense
 from ppo_agent_node.learning.dense import product
 from ppo_agent_node.learning.networks import Perceptron
@@ -72,7 +73,7 @@ class Backpropagation:
         """
         layers = [*self._hidden, self._last]
         for layer, x in zip(reversed(layers), reversed(self._inputs), strict=True):
-            layer.weight_gradient.add_(product(error, x))
+            add_product(layer.weight_gradient, error, x)
             layer.bias_gradient.add_(error.sum(1))
             if x is not self._inputs[0]:
                 below = product(error.T, layer.weight)

@@ -38,10 +38,20 @@ def dense(x: Tensor, weight: Tensor, bias: Tensor, activation: str) -> Tensor:
 
 def product(left: Tensor, right: Tensor) -> Tensor:
     """Return the matrix product `(M, N)` of `(M, K)` and `(K, N)`."""
+    return _product(left, right) if _swift(left, right.shape[1]) else left @ right
+
+
+def add_product(total: Tensor, left: Tensor, right: Tensor) -> None:
+    """Add the matrix product of `(M, K)` and `(K, N)` to `total`, `(M, N)`, in place."""
     if _swift(left, right.shape[1]):
-        found: Tensor = torch.ops.mkldnn._linear_pointwise(left, right.T, None, 'none', [], '')
-        return found
-    return left @ right
+        total.add_(_product(left, right))
+    else:
+        total.addmm_(left, right)
+
+
+def _product(left: Tensor, right: Tensor) -> Tensor:
+    found: Tensor = torch.ops.mkldnn._linear_pointwise(left, right.T, None, 'none', [], '')
+    return found
 
 
 def _swift(x: Tensor, columns: int) -> bool:
