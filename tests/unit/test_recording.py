@@ -339,6 +339,82 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
+def test_a_writer_that_died_is_noticed_while_recording(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The disk has room again, or a quota says otherwise."""
+    monkeypatch.setattr(file_sink, 'LOOK', 0.0)
+    monkeypatch.setattr(file_sink, 'PATIENCE', 1.0)
+    notes: Notes = []
+    sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
+    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    with largest_file(200_000):
+        feed(recorder, flown)
+    assert [level for level, _ in notes] == ['ERROR']
+    assert 'stays' in notes[0][1]
+    before = recorder.flights
+    feed(recorder, flown, session=2)
+    assert recorder.flights == before
+    recorder.close()
+    assert len(notes) == 1
+
+
+def test_a_recorder_without_room_lets_go_of_the_file(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    usage = shutil.disk_usage(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=2**20))
+        with pytest.raises(OSError, match='only 1 MiB of disk left, 32 MiB needed'):
+            FileSink(path, lambda *note: None)
+        assert not list(tmp_path.iterdir())
+    record_to_partial(path, flown)
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=32 * 2**20))
+        before = partial_path(path).read_bytes()
+        with pytest.raises(OSError, match='only 32 MiB of disk left, 33 MiB needed'):
+            FileSink(path, lambda *note: None)
+        assert partial_path(path).read_bytes() == before
+    record(path, flown)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run-2.rrd', 'run.rrd']
+
+
+def record_to_partial(path: Path, samples: Samples) -> None:
+    """Leave what a recorder that was killed leaves."""
+    other = path.with_name('other.rrd')
+    record(other, samples)
+    other.replace(partial_path(path))
+
+
+def test_what_was_published_by_one_who_was_killed_then_is_not_touched(
+    tmp_path: Path, flown: Samples,
+) -> None:
+    """It has both names for a moment."""
+    path = tmp_path / 'run.rrd'
+    record_to_partial(path, flown)
+    path.hardlink_to(partial_path(path))
+    before = path.read_bytes()
+    _, notes = record(path, flown)
+    assert [level for level, _ in notes] == ['INFO']
+    assert path.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ['run-2.rrd', 'run.rrd']
+
+
+def test_what_cannot_get_its_name_stays(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(source: Path, path: Path) -> Path:
+        raise PermissionError(1, 'not now', str(path))
+
+    monkeypatch.setattr(file_sink, 'publish', refuse)
+    _, notes = record(tmp_path / 'run.rrd', flown)
+    assert [level for level, _ in notes] == ['ERROR']
+    assert 'is whole and stays' in notes[0][1]
+    viewer.verify(partial_path(tmp_path / 'run.rrd'))
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
     notes: Notes = []
@@ -346,10 +422,14 @@ def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples)
     recorder = Recorder(Choice(), [sink], lambda *note: None)
     feed(recorder, flown)
     partial_path(path).unlink()
+    other = FileSink(path, lambda *note: None)
+    feed(Recorder(Choice(), [other], lambda *note: None), flown)
     recorder.close()
     assert [level for level, _ in notes] == ['ERROR']
     assert 'is lost' in notes[0][1]
-    assert not list(tmp_path.iterdir())
+    assert [p.name for p in tmp_path.iterdir()] == ['run.partial.rrd']
+    other.close()
+    assert read.trajectories(path)
 
 
 def test_a_large_file_of_a_killed_recorder_is_not_joined(
@@ -360,7 +440,7 @@ def test_a_large_file_of_a_killed_recorder_is_not_joined(
     whole, path = tmp_path / 'whole.rrd', tmp_path / 'run.rrd'
     record(whole, flown)
     partial_path(path).write_bytes(whole.read_bytes()[:-1000])
-    path.with_name('run.whole.rrd').write_bytes(b'left behind')
+    path.with_name('run.partial.whole.rrd').write_bytes(b'left behind')
     notes: Notes = []
     FileSink(path, lambda *note: notes.append(note)).close()
     assert 'its recording is repaired' in notes[0][1]

@@ -46,6 +46,7 @@ class Perceptron(nn.Sequential):
         *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
         activation = self.activation
 
+        @torch.no_grad()
         def output(x: Tensor) -> Tensor:
             for weight, bias in hidden:
                 x = dense(x, weight, bias, activation)

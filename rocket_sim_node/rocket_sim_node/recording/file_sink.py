@@ -6,6 +6,8 @@ import fcntl
 import itertools
 import os
 import shutil
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import rerun as rr
@@ -26,6 +28,10 @@ RESERVE = 32 * 2**20
 JOINED = 32 * 2**20
 """bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, at
 100 MB a second"""
+LOOK = 10.0
+"""s between two looks whether what was recorded got into the file"""
+PATIENCE = 10.0
+"""s that this may take"""
 
 
 def partial_path(path: Path) -> Path:
@@ -58,8 +64,8 @@ class FileSink:
     """Writes a recording to a file.
 
     The file appears under its name when the sink is closed; until then it is
-    `<name>.partial.rrd`. A partial file of a recorder that was killed is repaired first and
-    published. An existing file is never overwritten.
+    `<name>.partial.rrd`, locked. A partial file of a recorder that was killed, or that could not
+    finish, is repaired first and published. An existing file is never overwritten.
     """
 
     live = False
@@ -67,57 +73,98 @@ class FileSink:
     def __init__(self, path: Path, note: Note) -> None:
         """Open the partial file.
 
-        :raises OSError: when the place cannot be written or another recorder is writing there.
+        :raises OSError: when the place cannot be written, has no room, or another recorder is
+            writing there.
         """
         self._path = path
         self._note = note
         self._partial = partial_path(path)
+        self._merged, self._repaired, self._whole = (
+            self._partial.with_name(f'{self._partial.stem}.{name}{path.suffix}')
+            for name in ('merged', 'repaired', 'whole'))
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._lock = self._take()
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+            for left_behind in (self._merged, self._repaired, self._whole):
+                left_behind.unlink(missing_ok=True)
+            self._check_space()
+            if os.fstat(self._lock).st_size:
+                self._repair()
+                os.close(self._lock)
+                self._lock = self._take()
+            self._empty = True
+            self._look = Look()
+            self._next_look = time.monotonic() + LOOK
+            self._stream: rr.RecordingStream | None = self._begin()
+        except BaseException:
+            if not os.fstat(self._lock).st_size and _is(self._lock, self._partial):
+                self._partial.unlink()
             os.close(self._lock)
-            raise OSError(
-                error.errno, 'another recorder writes this file', str(self._partial)) from error
-        self._check_space()
-        self._whole = self._path.with_name(f'{self._path.stem}.whole{self._path.suffix}')
-        self._whole.unlink(missing_ok=True)
-        if os.fstat(self._lock).st_size:
-            self._repair()
-        self._empty = True
-        self._look = Look()
-        self._stream: rr.RecordingStream | None = rr.RecordingStream(APPLICATION)
-        self._stream.set_log_time_enabled(False)
-        # Rerun would keep the table of contents in memory until the end, 3 MB for an hour of
-        # training.
-        self._stream.save(self._partial, default_blueprint=blueprint(), write_footer=False)
+            raise
+
+    def _take(self) -> int:
+        """Return a lock on the partial file, which is made when there is none."""
+        while True:
+            lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                _lock(lock)
+            except OSError as error:
+                os.close(lock)
+                raise OSError(
+                    error.errno, 'another recorder writes this file', str(self._partial)
+                ) from error
+            if not _is(lock, self._partial):  # it was published in this moment
+                os.close(lock)
+            elif os.fstat(lock).st_nlink > 1:  # published by one who was killed in this moment
+                self._partial.unlink()
+                os.close(lock)
+            else:
+                return lock
+
+    def _become(self, source: Path) -> None:
+        """Put another file in the place of the partial one, locked as well."""
+        lock = os.open(source, os.O_RDWR | os.O_CLOEXEC)
+        _lock(lock)
+        source.replace(self._partial)
+        os.close(self._lock)
+        self._lock = lock
+
+    def _begin(self) -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION)
+        stream.set_log_time_enabled(False)
+        try:
+            # Rerun would keep the table of contents in memory until the end, 3 MB for an hour of
+            # training.
+            stream.save(self._partial, default_blueprint=blueprint(), write_footer=False)
+        except RuntimeError as error:
+            raise OSError(5, f'could not be written: {error}', str(self._partial)) from error
+        return stream
 
     def _repair(self) -> None:
-        """Save what a recorder that was killed left behind."""
-        merged = self._path.with_name(f'{self._path.stem}.merged{self._path.suffix}')
-        repaired = self._path.with_name(f'{self._path.stem}.repaired{self._path.suffix}')
+        """Publish what can be read of the partial file.
+
+        :raises OSError: when there is no room for that; the partial file stays.
+        """
+        size = os.fstat(self._lock).st_size
+        self._check_space(2 * size + RESERVE)
         try:
-            viewer.repair(self._partial, merged)
-            if merged.stat().st_size > JOINED:
-                merged.replace(repaired)
+            viewer.repair(self._partial, self._merged)
+            if size > JOINED:
+                self._become(self._merged)
             else:
-                rewrite(merged, repaired)
+                rewrite(self._merged, self._repaired)
+                self._become(self._repaired)
         except (viewer.ViewerError, OSError) as error:
-            repaired.unlink(missing_ok=True)
-            kept = publish(self._copy(), self._path.with_suffix('.damaged'))
+            self._repaired.unlink(missing_ok=True)
+            self._check_space()
+            kept = publish(self._partial, self._path.with_suffix('.damaged'))
             self._note('WARN', f'a recorder was killed and its file cannot be repaired, kept as '
                                f'{kept}: {error}')
             return
         finally:
-            merged.unlink(missing_ok=True)
-        where = publish(repaired, self._path)
+            self._merged.unlink(missing_ok=True)
+        where = publish(self._partial, self._path)
         self._note('WARN', f'a recorder was killed: its recording is repaired, {where}')
-
-    def _copy(self) -> Path:
-        copy = self._partial.with_suffix('.copy')
-        shutil.copyfile(self._partial, copy)
-        return copy
 
     def _check_space(self, needed: int = RESERVE) -> None:
         free = shutil.disk_usage(self._path.parent).free
@@ -153,12 +200,15 @@ class FileSink:
             return
         self._empty = False
         put(self._stream)
+        if time.monotonic() > self._next_look:
+            self._next_look = time.monotonic() + LOOK
+            try:
+                self._stream.flush(timeout_sec=PATIENCE)
+            except RuntimeError:
+                self.close()  # which says why
 
-    def _with_contents(self) -> Path:
-        """Return a copy of the partial file that has a table of contents, or itself.
-
-        Its chunks are joined when that is quick.
-        """
+    def _add_contents(self) -> None:
+        """Give the partial file its table of contents; join its chunks when that is quick."""
         try:
             size = self._partial.stat().st_size
             self._check_space(size + RESERVE // 2)  # others write there, too
@@ -166,12 +216,12 @@ class FileSink:
                 add_contents(self._partial, self._whole, _layout(self._look))
             else:
                 rewrite(self._partial, self._whole)
+            self._become(self._whole)
         except OSError as error:
-            self._whole.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._whole.unlink(missing_ok=True)
             self._note('WARN', 'the recording is whole but stays without a table of contents, '
                                f'which viewers miss when it is large: {error}')
-            return self._partial
-        return self._whole
 
     def close(self) -> None:
         """Finish the file and give it its name, unless the disk was too full for that."""
@@ -185,21 +235,39 @@ class FileSink:
 
     def _finish(self, stream: rr.RecordingStream) -> None:
         try:
-            end(stream, 10.0)
+            end(stream, PATIENCE)
         except RuntimeError as error:
-            self._note('ERROR', f'the recording could not be finished and stays {self._partial}; '
-                                f'the next recorder with this output repairs it: {error}')
-            return
-        if not self._partial.is_file():
+            if not self._empty:
+                self._note('ERROR', f'the recording could not be finished and stays '
+                                    f'{self._partial}; the next recorder with this output '
+                                    f'repairs it: {error}')
+                return
+        if not _is(self._lock, self._partial):
             self._note('ERROR', f'the recording is lost: {self._partial} was removed')
             return
         if self._empty:
             self._partial.unlink()
             self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
             return
-        where = publish(self._with_contents(), self._path)
-        self._partial.unlink(missing_ok=True)
+        self._add_contents()
+        try:
+            where = publish(self._partial, self._path)
+        except OSError as error:
+            self._note('ERROR', f'the recording is whole and stays {self._partial}: {error}')
+            return
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
+
+
+def _lock(file: int) -> None:
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _is(file: int, path: Path) -> bool:
+    """Return whether a file that is open has this name."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def _layout(look: Look) -> rrb.Blueprint:

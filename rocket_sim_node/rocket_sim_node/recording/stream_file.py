@@ -13,7 +13,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-PATIENCE = 30.0
+PATIENCE = 10.0
 """s to write what waits to be written"""
 
 
@@ -44,20 +44,19 @@ def end(stream: rr.RecordingStream, seconds: float) -> None:
 
     The thread that writes for Rerun ends at its first error. What waits for it then, a flush or
     the end of the stream, fails or blocks for ever. The table of contents comes last, and an
-    error there is not told: ask `has_contents`.
+    error there is not reported: ask `has_contents`.
 
     :param seconds: that all of it may take.
     :raises RuntimeError: when something could not be written.
     """
-    errors: list[RuntimeError] = []
+    errors: list[Exception] = []
 
     def run() -> None:
         try:
             stream.flush(timeout_sec=seconds)
-        except RuntimeError as error:
-            errors.append(error)
-        else:
             stream.disconnect()
+        except Exception as error:  # noqa: BLE001 - it is raised below
+            errors.append(error)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -69,7 +68,7 @@ def end(stream: rr.RecordingStream, seconds: float) -> None:
 
 
 def _leave(stream: rr.RecordingStream) -> None:
-    """Let a stream be whose writer has ended.
+    """Abandon a stream whose writer has died.
 
     To flush or free it may block for ever, now and when the process ends: nobody shall do it.
     """
