@@ -171,10 +171,17 @@ def main() -> None:
     parser.add_argument('--seed', type=int, default=1, help='of the faults')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     parser.add_argument('--again', type=Path, help='fit to the samples of a soak that was, CSV')
+    parser.add_argument('--between', type=float, nargs=2, default=(0.0, float('inf')),
+                        metavar='MINUTE', help='with --again: use the samples between these only')
     options = parser.parse_args()
     if options.again:
-        looks, shared = read(options.again)
-        print('\n'.join(slope_lines(slopes(looks, shared, [], looks[-1]['time']))))
+        first, last = (60.0 * minute for minute in options.between)
+        looks, shared = ([row for row in rows if first <= row['time'] <= last]
+                         for rows in read(options.again))
+        if not looks:
+            parser.error(f'--between: no samples of {options.again} between these minutes')
+        print('\n'.join(slope_lines(slopes(
+            looks, shared, [], looks[-1]['time'] - looks[0]['time']))))
         return
     print(f'faults of seed {options.seed}', flush=True)
     # What ends this ends the nodes, too.

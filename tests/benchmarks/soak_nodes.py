@@ -21,8 +21,11 @@ _END = 20.0
 _RECORDED = 20_000
 """steps recorded at most, half of them while an agent learns"""
 _PAUSE = 3.0
-"""s that a node is stopped for, always as long: DDS keeps meanwhile what it has not had, and room
-for that stays; it would grow with the longest stop so far, and look like a slow leak"""
+"""s that a node is stopped for"""
+_FIRST_PAUSE = 45.0
+"""s that recorders are stopped for at the beginning. DDS keeps what they have not had meanwhile,
+up to the depth of a topic, and the room for that stays. Filled once, it cannot grow with each stop
+that falls on a quicker machine than those before, and look like a slow leak."""
 
 
 class Fault(NamedTuple):
@@ -61,6 +64,9 @@ class Nodes:
         for name in NODES:
             self._start(name)
         self.nodes['agent'].wait_for('PPO 1/', START)
+        for name in NODES:
+            if name.startswith('recorder'):
+                self._stop(name, _FIRST_PAUSE)
 
     def _start(self, name: str) -> None:
         # A stop that was under way ended with its process.
@@ -91,14 +97,17 @@ class Nodes:
         fault = self._random.choices(FAULTS, [fault.weight for fault in FAULTS])[0]
         node = self.nodes[fault.node]
         if fault.what == 'stopped':
-            node.signal(signal.SIGSTOP)
-            self._continue[fault.node] = time.monotonic() + _PAUSE
+            self._stop(fault.node, _PAUSE)
         else:
             node.signal(signal.SIGKILL)
             node.wait(10.0)
             self._start(fault.node)
         self.faults[f'{fault.node} {fault.what}'] += 1
         return f'{fault.node} {fault.what}'
+
+    def _stop(self, name: str, seconds: float) -> None:
+        self.nodes[name].signal(signal.SIGSTOP)
+        self._continue[name] = max(self._continue.get(name, 0.0), time.monotonic() + seconds)
 
     def until_next(self, mean: float) -> float:
         """Return how long it is to the next fault, s."""
