@@ -90,8 +90,8 @@ class FileSink:
             self._check_space()
             if os.fstat(self._lock).st_size:
                 self._repair()
-                os.close(self._lock)
-                self._lock = self._take()
+                repaired, self._lock = self._lock, self._take()
+                os.close(repaired)
             self._empty = True
             self._look = Look()
             self._next_look = time.monotonic() + LOOK
