@@ -130,6 +130,8 @@ def test_evaluation_and_recording_on_a_full_disk(
         disk.free()
         processes.run_node('rocket_sim_node', 'rerun_recorder', output=recording).wait_for(
             'its recording is repaired', 60.0)
+        check = processes.start('rerun', 'rrd', 'verify', str(recording))
+        assert check.wait(30.0) == 0, check.output()
     assert read.trajectories(recording)
 
 

@@ -242,6 +242,12 @@ def test_what_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
     assert (tmp_path / 'run.damaged').read_bytes() == b'no recording' * 100
 
 
+def leave_free(patch: pytest.MonkeyPatch, size: int) -> None:
+    """Have every disk say that so many bytes are left."""
+    usage = shutil.disk_usage('/')
+    patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=size))
+
+
 def test_a_full_disk_ends_the_recording_whole(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -251,8 +257,7 @@ def test_a_full_disk_ends_the_recording_whole(
     recorder = Recorder(Choice(), [sink], lambda *note: None)
     half = len(flown.step) // 2
     feed(recorder, flown.take(slice(0, half)))
-    usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=20 * 2**20))
+    leave_free(monkeypatch, 20 * 2**20)
     feed(recorder, flown.take(slice(half, None)))
     assert [level for level, _ in notes] == ['ERROR', 'INFO']
     assert 'only 20 MiB of disk left, 32 MiB needed' in notes[0][1]
@@ -268,8 +273,7 @@ def test_where_there_is_no_room_for_a_copy_none_is_made(
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
     feed(Recorder(Choice(), [sink], lambda *note: None), flown)
-    usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=16 * 2**20))
+    leave_free(monkeypatch, 16 * 2**20)
     sink.close()
     assert [level for level, _ in notes] == ['WARN', 'INFO']
     assert 'without a table of contents' in notes[0][1]
@@ -326,8 +330,8 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
     feed(Recorder(Choice(), [sink], lambda *note: None), flown)
     end = file_sink.end
     with ExitStack() as stack:
-        def end_and_fill_the_disk(stream: rr.RecordingStream, seconds: float) -> None:
-            end(stream, seconds)
+        def end_and_fill_the_disk(stream: rr.RecordingStream) -> None:
+            end(stream)
             stack.enter_context(largest_file(whole.stat().st_size - short))
 
         monkeypatch.setattr(file_sink, 'end', end_and_fill_the_disk)
@@ -344,7 +348,7 @@ def test_a_writer_that_died_is_noticed_while_recording(
 ) -> None:
     """The disk has room again, or a quota says otherwise."""
     monkeypatch.setattr(file_sink, 'LOOK', 0.0)
-    monkeypatch.setattr(file_sink, 'PATIENCE', 1.0)
+    monkeypatch.setattr(stream_file, 'PATIENCE', 1.0)
     notes: Notes = []
     sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
     recorder = Recorder(Choice(), [sink], lambda *note: None)
@@ -363,15 +367,14 @@ def test_a_recorder_without_room_lets_go_of_the_file(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = tmp_path / 'run.rrd'
-    usage = shutil.disk_usage(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=2**20))
+        leave_free(patch, 2**20)
         with pytest.raises(OSError, match='only 1 MiB of disk left, 32 MiB needed'):
             FileSink(path, lambda *note: None)
         assert not list(tmp_path.iterdir())
     record_to_partial(path, flown)
     with monkeypatch.context() as patch:
-        patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=32 * 2**20))
+        leave_free(patch, 32 * 2**20)
         before = partial_path(path).read_bytes()
         with pytest.raises(OSError, match='only 32 MiB of disk left, 33 MiB needed'):
             FileSink(path, lambda *note: None)

@@ -25,32 +25,33 @@ def dense(x: Tensor, weight: Tensor, bias: Tensor, activation: str) -> Tensor:
     :param weight: `(K, D)`.
     :param activation: `tanh` or `relu`.
     """
-    if _swift(x, len(weight)):
-        # Its relu makes 0 of what is not a number; a policy must not hide that.
-        fused = activation if activation == 'tanh' else 'none'
-        y: Tensor = torch.ops.mkldnn._linear_pointwise(x, weight, bias, fused, [], '')
-        if fused == activation:
-            return y
-    else:
+    if not _swift(x, len(weight)):
         y = functional.linear(x, weight, bias)
+    elif activation == 'tanh':
+        return _one_dnn(x, weight, bias, 'tanh')
+    else:
+        # Its relu would make 0 of what is not a number; a policy must not hide that.
+        y = _one_dnn(x, weight, bias)
     return y.tanh_() if activation == 'tanh' else y.relu_()
 
 
 def product(left: Tensor, right: Tensor) -> Tensor:
     """Return the matrix product `(M, N)` of `(M, K)` and `(K, N)`."""
-    return _product(left, right) if _swift(left, right.shape[1]) else left @ right
+    return _one_dnn(left, right.T) if _swift(left, right.shape[1]) else left @ right
 
 
 def add_product(total: Tensor, left: Tensor, right: Tensor) -> None:
     """Add the matrix product of `(M, K)` and `(K, N)` to `total`, `(M, N)`, in place."""
     if _swift(left, right.shape[1]):
-        total.add_(_product(left, right))
+        total.add_(_one_dnn(left, right.T))
     else:
         total.addmm_(left, right)
 
 
-def _product(left: Tensor, right: Tensor) -> Tensor:
-    found: Tensor = torch.ops.mkldnn._linear_pointwise(left, right.T, None, 'none', [], '')
+def _one_dnn(
+    x: Tensor, weight: Tensor, bias: Tensor | None = None, activation: str = 'none',
+) -> Tensor:
+    found: Tensor = torch.ops.mkldnn._linear_pointwise(x, weight, bias, activation, [], '')
     return found
 
 

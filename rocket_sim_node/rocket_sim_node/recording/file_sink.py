@@ -22,6 +22,7 @@ from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Note
 from rocket_sim_node.recording.sink import Put
 from rocket_sim_node.recording.stream_file import end
+from rocket_sim_node.recording.stream_file import flush
 
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
@@ -30,8 +31,6 @@ JOINED = 32 * 2**20
 100 MB a second"""
 LOOK = 10.0
 """s between two looks whether what was recorded got into the file"""
-PATIENCE = 10.0
-"""s that this may take"""
 
 
 def partial_path(path: Path) -> Path:
@@ -203,7 +202,7 @@ class FileSink:
         if time.monotonic() > self._next_look:
             self._next_look = time.monotonic() + LOOK
             try:
-                self._stream.flush(timeout_sec=PATIENCE)
+                flush(self._stream)
             except RuntimeError:
                 self.close()  # which says why
 
@@ -235,7 +234,7 @@ class FileSink:
 
     def _finish(self, stream: rr.RecordingStream) -> None:
         try:
-            end(stream, PATIENCE)
+            end(stream)
         except RuntimeError as error:
             if not self._empty:
                 self._note('ERROR', f'the recording could not be finished and stays '

@@ -14,8 +14,8 @@ from rerun.chunk import OptimizationProfile
 from rerun.chunk import RrdReader
 
 from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import stream_file
 from rocket_sim_node.recording.blueprint import blueprint
+from rocket_sim_node.recording.stream_file import flush
 from rocket_sim_node.recording.stream_file import opened
 from rocket_sim_node.recording.stream_file import written
 
@@ -58,7 +58,7 @@ def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
             for number, chunk in enumerate(reader.stream()):
                 stream.send_chunks(chunk)
                 if not number % FLUSHED:
-                    stream.flush(timeout_sec=stream_file.PATIENCE)
+                    flush(stream)
 
 
 @contextmanager

@@ -39,32 +39,39 @@ def has_contents(path: Path) -> bool:
     return True
 
 
-def end(stream: rr.RecordingStream, seconds: float) -> None:
+def flush(stream: rr.RecordingStream) -> None:
+    """Wait until all is written that was logged.
+
+    :raises RuntimeError: when it could not be.
+    """
+    stream.flush(timeout_sec=PATIENCE)
+
+
+def end(stream: rr.RecordingStream) -> None:
     """Write what is still to be written, and let go of the file.
 
     The thread that writes for Rerun ends at its first error. What waits for it then, a flush or
     the end of the stream, fails or blocks for ever. The table of contents comes last, and an
     error there is not reported: ask `has_contents`.
 
-    :param seconds: that all of it may take.
     :raises RuntimeError: when something could not be written.
     """
     errors: list[Exception] = []
 
     def run() -> None:
         try:
-            stream.flush(timeout_sec=seconds)
+            flush(stream)
             stream.disconnect()
         except Exception as error:  # noqa: BLE001 - it is raised below
             errors.append(error)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    thread.join(seconds + 1.0)
+    thread.join(PATIENCE + 1.0)
     if thread.is_alive() or errors:
         _leave(stream)
         raise RuntimeError(f'not all could be written: {errors[0]}' if errors
-                           else f'no end after {seconds:g} s')
+                           else f'no end after {PATIENCE:g} s')
 
 
 def _leave(stream: rr.RecordingStream) -> None:
@@ -87,6 +94,6 @@ def written(stream: rr.RecordingStream, path: Path) -> Iterator[None]:
     except BaseException:
         _leave(stream)
         raise
-    end(stream, PATIENCE)
+    end(stream)
     if not has_contents(path):
         raise RuntimeError('its table of contents could not be written')
