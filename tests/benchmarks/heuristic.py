@@ -64,7 +64,7 @@ def main() -> None:
             for side in ('ours', 'theirs'):
                 values: np.ndarray = result.pop(side)
                 result[side] = {'mean': float(values.mean()), 'std': float(values.std(ddof=1))}
-        write_json(options.output, results)
+        write_json(options.output, {'heuristic': results})
 
 
 if __name__ == '__main__':

@@ -88,7 +88,9 @@ def main() -> None:
         len(latencies), *figures))
     if options.output:
         names = ('median_ms', 'p95_ms', 'most_ms')
-        write_json(options.output, dict(zip(names, figures.tolist(), strict=True)))
+        write_json(options.output, {
+            **dict(zip(names, figures.tolist(), strict=True)),
+            'latencies_ms': [1e3 * latency for latency in latencies]})
 
 
 if __name__ == '__main__':

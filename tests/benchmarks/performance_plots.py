@@ -2,6 +2,7 @@
 """A plot for each table of docs/performance.md."""
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -109,9 +110,45 @@ def _recorder(axes: Axes, f: Figures) -> None:
         'with a recorder': [part['with'] / 1e3 for part in f.values()]}, '1 000 rocket steps/s')
 
 
+def _loss(axes: Axes, f: Figures) -> None:
+    rows = f['loss']
+    _bars(axes, [f'{float(share):.0%}' for share in rows], {
+        label: [row[key] for row in rows.values()]
+        for key, label in {'p50': 'median', 'p99': '99th percentile', 'p999': '99.9th'}.items()},
+        'a step, ms')
+    axes.set(xlabel='packets lost', yscale='log')
+
+
+def _heuristic(axes: Axes, f: Figures) -> None:
+    rows = f['heuristic']
+    _bars(axes, [row['action'] for row in rows], {
+        'ours': [row['ours']['mean'] for row in rows],
+        'Gymnasium': [row['theirs']['mean'] for row in rows]}, 'mean return')
+    axes.set(xlabel='actions')
+
+
+def _transfer(axes: Axes, f: Figures) -> None:
+    _bars(axes, ['our lunar_lander', "Gymnasium's"], {'': [f['ours'], f['gymnasium']]},
+          'mean return')
+
+
+def _stopping(axes: Axes, f: Figures) -> None:
+    _bars(axes, list(f), {
+        'median': [statistics.median(seconds) for seconds in f.values()],
+        'longest': [max(seconds) for seconds in f.values()]}, 's from Ctrl-C to the last end')
+    axes.set(xlabel='interrupted in')
+
+
+def _key_latency(axes: Axes, f: Figures) -> None:
+    axes.hist(f['latencies_ms'], bins=30, color=CYCLE[0])
+    axes.set(xlabel='from key to state, ms', ylabel='presses')
+
+
 _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
-    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'recorder': _recorder}
+    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'recorder': _recorder,
+    'loss': _loss, 'heuristic': _heuristic, 'transfer': _transfer, 'stopping': _stopping,
+    'key_latency': _key_latency}
 
 
 def draw(part: str, title: str, figures: Figures, path: Path) -> bool:

@@ -134,12 +134,47 @@ def _recorder(f: Figures) -> str:
         + ', mean and 95 % interval.')
 
 
+def _loss(f: Figures) -> str:
+    rows = f['loss']
+    return (
+        'Steps between two hosts that throw away a share of the packets that arrive. All steps '
+        'and the state after the last are compared with those of a world in process: '
+        + ('the same, bit for bit. ' if all(row['equal'] for row in rows.values())
+           else 'NOT ALL ARE THE SAME. ')
+        + 'The 99th percentile of a step is '
+        + ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%} lost'
+                    for share, row in rows.items())
+        + '. "Its median" is that of stretches of 300 steps, as what else the machine has to do '
+        'comes in bursts.')
+
+
+def _heuristic(f: Figures) -> str:
+    return (
+        "The pilot that comes with Gymnasium's LunarLander, flown in our `lunar_lander` and in "
+        "Gymnasium's: "
+        + ' and '.join(
+            f'{row["difference"]:+.1f} ({row["difference_interval"][0]:+.1f} to '
+            f'{row["difference_interval"][1]:+.1f}) with {row["action"]} actions'
+            for row in f['heuristic'])
+        + ', difference of the mean returns and 95 % interval. "Published" are EnvPool\'s.')
+
+
+def _transfer(f: Figures) -> str:
+    low, high = f['difference_interval']
+    return (
+        "The `lunar_lander` policy that training made last, flown unchanged in Gymnasium's: "
+        f'{f["ours"]:.1f} here, {f["gymnasium"]:.1f} there, difference '
+        f'{f["difference"]:+.1f} ({low:+.1f} to {high:+.1f}, 95 % interval).')
+
+
 def _stopping(f: Figures) -> str:
     return 'Seconds from Ctrl-C to the end of the last process, by stage of a training.'
 
 
 def _key_latency(f: Figures) -> str:
-    return "From a key of the keyboard's pilot to the first state that shows it, in real time."
+    return (
+        "From a key of the keyboard's pilot to the first state that shows it, in real time, where "
+        f'a step takes 20 ms: median {f["median_ms"]:.1f} ms.')
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
@@ -148,9 +183,12 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     'rollouts': ('Roll-outs', _rollouts),
     'fleet': ('Many simulators', _fleet),
     'hosts': ('Two hosts', _hosts),
+    'loss': ('Two hosts that lose packets', _loss),
     'stepping': ('Stepping a world', _stepping),
     'learner': ('The learner', _learner),
     'result': ('Time to a result', _result),
+    'heuristic': ("Gymnasium's pilot in our lander", _heuristic),
+    'transfer': ("Our policy in Gymnasium's lander", _transfer),
     'recorder': ('The recorder', _recorder),
     'stopping': ('Stopping', _stopping),
     'key_latency': ('From key to state', _key_latency),

@@ -38,6 +38,7 @@ def run(part: str, output: Path, *options: str) -> tuple[str, dict]:
 
 def test_heuristic(tmp_path: Path) -> None:
     text, figures = run('heuristic', tmp_path / 'out.json', '--episodes', '20')
+    figures = figures['heuristic']
     assert [kind['action'] for kind in figures] == ['discrete', 'continuous']
     for kind in figures:
         low, high = kind['difference_interval']

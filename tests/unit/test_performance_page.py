@@ -80,3 +80,27 @@ def test_what_is_said_of_roll_outs_and_of_many_simulators() -> None:
         'bytes_per_exchange': 20_000})
     assert '300 us with 1, 280 us with 16' in said
     assert '1.6 simulators keep it busy' in said
+
+
+def test_what_is_said_and_drawn_of_losses_peers_and_people(tmp_path: Path) -> None:
+    lossy = {'p50': 0.6, 'p99': 4.3, 'typical_p99': 4.0, 'p999': 9.0, 'equal': True}
+    kind = {'action': 'discrete', 'difference': -13.4, 'difference_interval': [-32.9, 6.2],
+            'ours': {'mean': 239.7}, 'theirs': {'mean': 253.1}}
+    figures = {
+        'loss': ({'loss': {'0.01': lossy}}, 'the same, bit for bit', '4.3 ms with 1% lost'),
+        'heuristic': ({'heuristic': [kind]}, '-13.4 (-32.9 to +6.2) with discrete actions'),
+        'transfer': (
+            {'ours': 283.4, 'gymnasium': 280.1, 'difference': 3.3,
+             'difference_interval': [-1.0, 7.6]}, '283.4 here, 280.1 there, difference +3.3'),
+        'stopping': ({'update': [1.0, 2.0, 1.5]}, 'Seconds from Ctrl-C'),
+        'key_latency': (
+            {'median_ms': 29.7, 'latencies_ms': [20.0, 29.7, 40.0]}, 'median 29.7 ms'),
+    }
+    for part, (found, *_) in figures.items():
+        write(tmp_path, 'bench-1', part, found, 'a table')
+    page = '\n'.join(performance.sections(tmp_path, tmp_path, ''))
+    for part, (_, *said) in figures.items():
+        for words in said:
+            assert words in page
+        assert imread(tmp_path / f'performance_{part}.png')[..., :3].std() > 0.05
+    assert 'NOT ALL' in SECTIONS['loss'][1]({'loss': {'0.01': {**lossy, 'equal': False}}})

@@ -234,6 +234,23 @@ def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Sample
     assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
 
 
+def test_nothing_is_published_of_a_recorder_that_was_killed_before_it_heard_anything(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    sink = FileSink(path, lambda *note: None)
+    assert sink._stream is not None
+    sink._stream.flush()
+    layout = partial_path(path).read_bytes()
+    assert layout
+    sink.close()
+    partial_path(path).write_bytes(layout)
+    notes: Notes = []
+    FileSink(path, lambda *note: notes.append(note)).close()
+    assert notes[0] == ('INFO', 'a recorder was killed before it heard anything')
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
     partial_path(tmp_path / 'run.rrd').write_bytes(b'no recording' * 100)
     notes: Notes = []

@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 from rocket_sim_node.recording import viewer
 from rocket_sim_node.recording.blueprint import blueprint
 from rocket_sim_node.recording.rewrite import add_contents
+from rocket_sim_node.recording.rewrite import is_empty
 from rocket_sim_node.recording.rewrite import rewrite
 from rocket_sim_node.recording.sink import APPLICATION
 from rocket_sim_node.recording.sink import Look
@@ -148,6 +149,10 @@ class FileSink:
         self._check_space(2 * size + RESERVE)
         try:
             viewer.repair(self._partial, self._merged)
+            if is_empty(self._merged):
+                self._partial.unlink()
+                self._note('INFO', 'a recorder was killed before it heard anything')
+                return
             if size > JOINED:
                 self._become(self._merged)
             else:

@@ -61,6 +61,16 @@ def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
                     flush(stream)
 
 
+def is_empty(path: Path) -> bool:
+    """Return whether a recording holds a layout and properties of its own, and nothing else.
+
+    :raises OSError: when it cannot be read.
+    """
+    with _os_error('not a readable recording', path):
+        return all(
+            chunk.entity_path.startswith('/__properties') for chunk in opened(path).stream())
+
+
 @contextmanager
 def _os_error(what: str, path: Path) -> Iterator[None]:
     """Raise OSError for what Rerun raises."""

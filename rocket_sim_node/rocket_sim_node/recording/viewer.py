@@ -15,6 +15,10 @@ from pathlib import Path
 
 LOCAL = '127.0.0.1'
 _PR_SET_PDEATHSIG = 1
+PATIENCE = 60.0
+"""s that the program may take to do something to a file"""
+SLOWEST = 2e6
+"""bytes/s of a file's that it must manage on top"""
 
 
 class ViewerError(RuntimeError):
@@ -45,11 +49,15 @@ def environment() -> dict[str, str]:
     return {**os.environ, 'RERUN_APP_ONLY': 'true', 'RUST_LOG': 'error', 'NO_COLOR': '1'}
 
 
-def rrd(*arguments: str | Path, timeout: float = 120.0) -> None:
+def rrd(*arguments: str | Path) -> None:
     """Run `rerun rrd …`.
 
-    :raises ViewerError: when it fails, with the last of what it said.
+    :raises ViewerError: when it fails, with the last of what it said, or takes far too long for
+        the files that it is given.
     """
+    timeout = PATIENCE + sum(
+        path.stat().st_size for path in arguments if isinstance(path, Path) and path.is_file()
+    ) / SLOWEST
     command = [str(binary()), 'rrd', *map(str, arguments)]
     try:
         result = subprocess.run(
