@@ -37,8 +37,14 @@ def table(title: str, infos: Iterable[SettingInfo]) -> str:
              '| --- | --- | --- | --- | --- |']
     lines += [
         f'| `{info.name}` | {_kind(info)} | {_value(info.default)} | {_range(info)} '
-        f'| {info.description}{f", {info.unit}" if info.unit else ""} |' for info in infos]
+        f'| {_escaped(info.description)}{f", {info.unit}" if info.unit else ""} |'
+        for info in infos]
     return '\n'.join([*lines, ''])
+
+
+def _escaped(text: str) -> str:
+    """Return a text with its bars, which would end a cell of the table."""
+    return text.replace('|', r'\|')
 
 
 def _kind(info: SettingInfo) -> str:

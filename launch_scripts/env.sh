@@ -4,7 +4,7 @@
 # missing first; sourcing it again changes nothing. Returns non-zero when set-up failed.
 
 if [ -n "${ZSH_VERSION:-}" ]; then eval '_hoverslam_here=${(%):-%x}'; else _hoverslam_here=${BASH_SOURCE[0]:-}; fi
-_hoverslam_here=$(cd "$(dirname "$_hoverslam_here")" && pwd -P) || return 1
+_hoverslam_here=$(CDPATH= cd "$(dirname "$_hoverslam_here")" && pwd -P) || return 1
 
 # _hoverslam_prepend NAME FOLDER: puts it first in a list such as PATH, once.
 _hoverslam_prepend() {
@@ -31,8 +31,9 @@ _hoverslam_enter() {
       _hoverslam_prepend PYTHONPATH "$_hoverslam_list"
     done
   else
-    # Packages of another Python are of no use here, and could hide ours.
-    unset PYTHONPATH
+    # Packages of another Python are of no use here, and could hide ours; and a distribution that
+    # is named but not sourced would count as sourced from now on.
+    unset PYTHONPATH ROS_DISTRO
     _hoverslam_prepend AMENT_PREFIX_PATH "$_hoverslam_venv"
     _hoverslam_prepend CMAKE_PREFIX_PATH "$_hoverslam_venv"
     export RMW_IMPLEMENTATION=rmw_fastrtps_cpp

@@ -85,9 +85,9 @@ make_venv() {
   [[ $mode == wheels ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
   old=$(cat "$stamps/venv" 2> /dev/null) || old=
   kept=$(venv_state)
-  rm -f "$stamps/venv"
   if [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null; then
     python=$(< "$stamps/python")
+    rm -f "$stamps/venv"
   else
     find_python
     new_venv

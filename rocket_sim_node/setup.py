@@ -14,7 +14,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'lxml', 'numpy', 'pillow', 'pyarrow', 'rerun-sdk'],
+    install_requires=['setuptools', 'lxml', 'numpy', 'pillow', 'pyarrow', 'pymunk', 'rerun-sdk'],
     zip_safe=False,
     maintainer='Hoverslam maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-fcf8f54c.example',

@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 from typing import TypeVar
 from typing import cast
@@ -81,11 +82,10 @@ def check(info: SettingInfo, value: object) -> Value:
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     if isinstance(value, bool | str) or not hasattr(value, '__float__'):
         raise TypeError(f'{info.name}: got {value!r}, expected a number')
-    try:
-        number = float(value)
-    except OverflowError:  # a whole number that no float can hold
-        number = math.inf
-    if not math.isfinite(number) or not info.low <= number <= info.high:
+    # A float would round whole numbers above 2**53.
+    number = int(value) if whole and isinstance(value, Integral) else _float(value)
+    finite = isinstance(number, int) or math.isfinite(number)
+    if not (finite and info.low <= number <= info.high):
         raise ValueError(
             f'{info.name}: got {value!r:.200}, '
             f'expected {info.low:g} to {info.high:g} {info.unit}'.rstrip()
@@ -93,6 +93,13 @@ def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     if whole and number != math.floor(number):
         raise TypeError(f'{info.name}: got {value!r}, expected a whole number')
     return number
+
+
+def _float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # a whole number that no float can hold
+        return math.inf
 
 
 def build(cls: type[S], values: Mapping[str, object]) -> S:

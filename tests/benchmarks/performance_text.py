@@ -119,8 +119,9 @@ def _result(f: Figures) -> str:
     return (
         'Wall clock from the start of the processes until a deterministic evaluation of 100 '
         'episodes passes, side by side in one run on the same cores: ours over DDS in separate '
-        'processes, stable-baselines3 with the settings of rl-zoo, and a tuned PPO in one process '
-        'on EnvPool. A run ends at the cap, and counts as long as that: '
+        'processes, with the preset `quick`, stable-baselines3 with the settings of rl-zoo, and '
+        'a tuned PPO in one process on EnvPool. A run ends at the cap, and counts as long as '
+        'that: '
         f'{lander.get("cap", 0):.0f} s here. Each evaluates in its own lander; the last column is '
         "the same policy in Gymnasium's.")
 

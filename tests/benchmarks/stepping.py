@@ -109,10 +109,10 @@ def main() -> None:
         for name, rates in samples.items():
             table[name][size] = statistics.median(rates)
         print(f'{size:>6}' + ''.join(
-            f'{table[name][size]:>12,.0f}' if size in table[name] else f'{"":>12}'
+            f'{table[name][size]:>13,.0f}' if size in table[name] else f'{"":>13}'
             for name in peers), flush=True)
     best = {name: max(rates.values()) for name, rates in table.items()}
-    print('  best' + ''.join(f'{best[name]:>12,.0f}' for name in peers))
+    print('  best' + ''.join(f'{best[name]:>13,.0f}' for name in peers))
     ratios = {
         world: {name: best[world] / best[name] for name in peers if name not in OUR_WORLDS}
         for world in OUR_WORLDS}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.request import urlopen
@@ -44,8 +45,8 @@ class Simulator:
         rclpy.init(context=self.context, domain_id=processes.domain)
         self._node = node = Node('simulator', context=self.context)
         self._world = make('rocket', ROCKETS, level=1, spawn_angle=1.0)
-        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
-        self._state_publisher = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
+        self.description = node.create_publisher(msg.World, 'world', qos.WORLD)
+        self.state = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
         self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
         self._session = 0
 
@@ -62,10 +63,10 @@ class Simulator:
     def begin(self) -> None:
         """Begin a session, when somebody listens."""
         wait_until(
-            lambda: self._state_publisher.get_subscription_count() > 0
+            lambda: self.state.get_subscription_count() > 0
             and self.training.get_subscription_count() > 0, 20.0)
         self._session += 1
-        self._world_publisher.publish(
+        self.description.publish(
             messages.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
         self._world.reset(self._session)
         self._step = 0
@@ -94,7 +95,7 @@ class Simulator:
             parts = self._parts[start:start + 25]
             step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
             telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
-            self._state_publisher.publish(
+            self.state.publish(
                 messages.state_to_message(step, telemetry, self._session))
         self._parts = []
 
@@ -189,6 +190,39 @@ def test_a_message_that_is_cut_short_is_named(name: str) -> None:
     setattr(message, name, getattr(message, name)[:-1])
     with pytest.raises(ValueError, match=f'{name}: '):
         samples_from_message(message)
+
+
+def test_what_is_not_finite_is_named() -> None:
+    world = make('rocket', ROCKETS)
+    message = messages.state_to_message(
+        np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
+    message.position[2] = float('nan')
+    with pytest.raises(ValueError, match='position: a value is not finite'):
+        samples_from_message(message)
+
+
+def test_worlds_and_states_that_no_simulator_has_are_left_out(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    path = tmp_path / 'run.rrd'
+    recorder = start(processes, path)
+    wait_until(lambda: simulator.state.get_subscription_count() > 0, 20.0)
+    for name, value, said in (('dt', 0.0, 'dt: got 0.0'), ('outcomes', [], 'number of outcomes')):
+        message = messages.world_to_message(
+            make('rocket', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
+        setattr(message, name, value)
+        simulator.description.publish(message)
+        recorder.wait_for(f'world left out: world: {said}', 10.0)
+        time.sleep(1.1)  # it says so once a second
+    landers = messages.world_to_message(
+        make('lunar_lander', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
+    simulator.description.publish(landers)
+    simulator.state.publish(messages.state_to_message(
+        np.zeros(ROCKETS, np.uint64), simulator.telemetry(), 1))
+    recorder.wait_for('contact: for 0 legs, expected 2', 10.0)
+    recorder.signal(signal.SIGTERM)
+    assert recorder.wait(10.0) == 0
+    assert 'Traceback' not in recorder.output()
 
 
 def test_killed_and_started_again(

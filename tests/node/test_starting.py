@@ -70,3 +70,11 @@ def test_what_takes_long_to_import_comes_later(
         processes: Processes, module: str, library: str) -> None:
     program = f'import sys, {module}; sys.exit({library!r} in sys.modules)'
     assert processes.start(sys.executable, '-c', program).wait(30.0) == 0
+
+
+def test_arguments_that_ros_cannot_read_are_told_in_a_line(processes: Processes) -> None:
+    process = processes.start(
+        sys.executable, '-m', 'rocket_sim_node.nodes.simulator', '--ros-args', '-p', 'foo')
+    assert process.wait(30.0) == 2
+    assert 'Traceback' not in process.output()
+    assert 'foo' in process.output()

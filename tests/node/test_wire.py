@@ -345,6 +345,27 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
     assert client.waiter.until(lambda: states[-1].throttle[0] == 1.0, 10.0)
 
 
+def test_an_action_that_comes_late_is_not_flown_in_realtime(
+        processes: Processes, make_client: MakeClient) -> None:
+    processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=60.0,
+        agent_lease=60.0)
+    client = make_client()
+    client.reset(1)
+    states: list[msg.RocketState] = []
+    client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    speaker = Speaker(client)
+    idle, full = (np.tile(np.float32([value, 0, 0]), (N, 1)) for value in (-1, 1))
+    client.step(idle)
+    late = client.link.step
+    while client.link.step < late + 3:
+        client.step(full)
+    assert client.waiter.until(lambda: bool(states) and states[-1].throttle[-1] == 1.0, 10.0)
+    speaker.say(idle, step=late - 1)
+    speaker.expect_refusal(f'action: step: {late - 1}', 'expected ')
+    assert states[-1].throttle[-1] == 1.0
+
+
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:
     client = make_client()
     client.connect()

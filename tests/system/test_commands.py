@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 from processes import Process
@@ -40,6 +42,30 @@ def test_train_and_resume_in_a_folder_with_an_awkward_name(
     again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
     assert again.wait(90.0) == 0, processes.logs()
     assert len((run / 'train.jsonl').read_text().splitlines()) == 9
+    # Refused, it is as finished as before: `land` flies its policy.
+    refused = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'gamma:=0.5')
+    assert refused.wait(60.0) != 0
+    assert 'gamma of the run is' in refused.output()
+    assert not (run / '.unfinished').exists()
+
+
+def test_the_vehicle_of_a_run_is_not_replaced(processes: Processes, tmp_path: Path) -> None:
+    run, other = tmp_path / 'run', tmp_path / 'other.yaml'
+    run.mkdir()
+    (run / 'config.yaml').write_text('world: rocket\n')
+    (run / 'simulator.yaml').write_text('the vehicle of the run')
+    other.write_text('/**:\n  ros__parameters:\n    dry_mass: 20000.0\n')
+    refused = command(processes, 'train', f'run_dir:={run}', f'simulator_parameters:={other}')
+    assert refused.wait(30.0) == 2
+    assert 'there is a run already' in refused.output()
+    assert (run / 'simulator.yaml').read_text() == 'the vehicle of the run'
+    # Nor is anything left of a start that is refused later.
+    new = tmp_path / 'new'
+    refused = command(
+        processes, 'train', f'run_dir:={new}', f'simulator_parameters:={other}', 'clip_rang:=0.2')
+    assert refused.wait(60.0) != 0
+    assert "unknown parameter 'clip_rang'" in refused.output()
+    assert not new.exists()
 
 
 def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) -> None:
@@ -62,6 +88,17 @@ def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
     land.signal(signal.SIGINT)
     assert land.wait(15.0) == 0, processes.logs()
     assert recording.is_file()
+
+
+def test_land_passes_on_what_ends_it_alone(processes: Processes, tmp_path: Path) -> None:
+    """As `kill PID` and supervisors do."""
+    land = command(processes, 'land', 'episodes:=0', f'output:={tmp_path}/landing.rrd')
+    land.wait_for('episodes:', 60.0)
+    nodes = psutil.Process(land.pid).children(recursive=True)
+    os.kill(land.pid, signal.SIGTERM)
+    land.wait(20.0)
+    assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
+    assert (tmp_path / 'landing.rrd').is_file()
 
 
 def test_evaluate_the_expert(processes: Processes, tmp_path: Path) -> None:
@@ -118,6 +155,7 @@ def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
 @pytest.mark.parametrize(('name', 'argument', 'words'), [
     ('train', 'seed=3', "got 'seed=3', expected NAME:=VALUE"),
     ('train', 'resume:=true', 'resume:=true needs run_dir:=FOLDER'),
+    ('train', 'mode:=infer', "mode: got 'infer', but this trains"),
     ('land', 'speed:=3', "unknown argument 'speed'"),
     ('evaluate', 'speed:=3', "unknown argument 'speed'"),
 ])

@@ -146,6 +146,16 @@ def test_a_policy_flies_what_it_was(tmp_path: Path) -> None:
     assert pilot.description['world'] == 'rocket'
 
 
+def test_another_vehicle_than_in_training_is_told(tmp_path: Path) -> None:
+    """Not where episodes begin, which a curriculum changes."""
+    path = tmp_path / 'policy.safetensors'
+    policy(path)
+    assert not PolicyPilot(path, worlds.make('rocket', level=3, spawn_speed=1.0).spec).unfamiliar
+    heavy = PolicyPilot(path, worlds.make('rocket', dry_mass=20_000.0, level=3).spec)
+    assert heavy.unfamiliar == f'{path} was trained with dry_mass 22000.0, here 20000'
+    assert not PolicyPilot(path, worlds.make('rocket_planar').spec).unfamiliar
+
+
 def test_activations_are_kept_and_those_of_old_files_are_tanh(tmp_path: Path) -> None:
     spec, observation = worlds.make('rocket').spec, torch.randn(6, 15)
     path, network = tmp_path / 'one.safetensors', NetworkConfig((8, 4), 'relu')

@@ -47,7 +47,9 @@ def make_run(folder: Path, world: str, demonstrations: int, clone: bool) -> Path
     folder.mkdir()
     level = 0 if world == 'lunar_lander' else 5
     (folder / 'config.yaml').write_text(yaml.safe_dump({
-        'world': world, 'world_settings': worlds.make(world).spec.settings,
+        # As they come over the wire, where a switch is a number, too.
+        'world': world, 'world_settings': {
+            name: float(value) for name, value in worlds.make(world).spec.settings.items()},
         'training': {
             'curriculum_final_level': level, 'evaluation_seed': 20_000_000,
             'demonstration_episodes': demonstrations}}))

@@ -51,6 +51,10 @@ def test_reads_the_vehicle_from_the_world(change: dict[str, float]) -> None:
     assert summary['mean_return'] > 285
 
 
+def test_flies_a_rocket_that_cannot_turn() -> None:
+    assert np.isfinite(_fly(1, rows=20, rcs_torque=0.0)['mean_return'])
+
+
 def test_rows_do_not_influence_one_another_and_nothing_is_remembered() -> None:
     env = worlds.make('rocket', 64, seed=4, level=8)
     pilot = ExpertPilot(env.spec)

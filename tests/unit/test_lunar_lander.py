@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import lunar_vehicle as vehicle
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.lunar_lander import LANDED
 from rocket_sim_node.worlds.lunar_lander import OUT_OF_BOUNDS
 from rocket_sim_node.worlds.lunar_lander import TIMEOUT
@@ -243,16 +244,39 @@ def _standing_height() -> float:
 
 
 def test_side_engines_push_and_turn_the_right_way() -> None:
-    """Action 1 fires the left engine, which turns the lander clockwise."""
-    spins = {}
+    """Action 1 fires the left engine: it turns counter-clockwise and drifts to the left."""
+    spins, drifts = {}, {}
     for action in (NOTHING, LEFT, RIGHT):
         world = make(200, seed=5)
-        before = world.observe()[:, 5].mean()
+        before = world.observe()
         for _ in range(5):
             observation = world.step(np.full(200, action))[0]
-        spins[action] = float(observation[:, 5].mean() - before)
+        spins[action] = float((observation - before)[:, 5].mean())
+        drifts[action] = float((observation - before)[:, 2].mean())
+        told = world.telemetry(slice(None)).lateral_thrust
+        assert np.sign(told).tolist() == [{LEFT: -1, RIGHT: 1}.get(action, 0)] * 200
     assert spins[LEFT] > 0.01 + spins[NOTHING]
     assert spins[RIGHT] < -0.01 + spins[NOTHING]
+    assert drifts[LEFT] < drifts[NOTHING] < drifts[RIGHT]
+
+
+def test_the_scatter_of_the_engines_has_numbers_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not those again that the terrain and the first push were made of."""
+    taken: list[tuple[int, int]] = []
+    numbers = random_streams.numbers
+
+    def note(key: np.ndarray, draws: int, first: Any = 0) -> np.ndarray:
+        taken.append((int(np.min(first)), draws))
+        return numbers(key, draws, first)
+
+    monkeypatch.setattr(random_streams, 'numbers', note)
+    world = make(1)
+    for _ in range(3):
+        world.step(np.zeros(1, np.int64))
+    places = [place for first, draws in taken[-4:] for place in range(first, first + draws)]
+    assert sorted(places) == list(range(16 + 3 * 2))
 
 
 def test_main_engine_delivers_its_impulse() -> None:
@@ -439,11 +463,11 @@ def test_no_rest_without_standing_still() -> None:
 
 
 def test_telemetry_tells_left_from_right() -> None:
-    """The left engine pushes to the right; the leg at negative x is the left one."""
+    """The left engine pushes to the left, as in Gymnasium; the left leg is at negative x."""
     world = make(1)
     world.step(np.array([LEFT]))
     told = world.telemetry(np.array([0]))
-    assert told.lateral_thrust[0] == pytest.approx(0.6 / 0.02 * 12 / 30)
+    assert told.lateral_thrust[0] == pytest.approx(-0.6 / 0.02 * 12 / 30)
     world._touching[:] = (False, True, False)
     told = world.telemetry(np.array([0]))
     assert told.contact.tolist() == [[True, False]]

@@ -98,6 +98,9 @@ def test_the_deviation_stays_between_floor_and_falling_ceiling() -> None:
             one.log_std.fill_(value)
         one.constrain(progress)
         assert one.diagnostics()['log_std'] == pytest.approx(expected)
+    low = policy(log_std_init=-2.0, log_std_final=-6.0, log_std_floor=-3.5)
+    low.constrain(1.0)
+    assert low.diagnostics()['log_std'] == pytest.approx(-3.5)
     free = policy(log_std_init=-2.0, log_std_final=20.0)
     with torch.no_grad():
         free.log_std.fill_(1.0)

@@ -89,3 +89,6 @@ def test_headings_are_for_worlds_that_have_them() -> None:
     asked = load_preset('default', 'rocket', demonstration_spawn_heading=90.5)
     with pytest.raises(ValueError, match='demonstration_spawn_heading: got 90'):
         check_headings(asked, worlds.make('rocket').spec)
+    plane = load_preset('default', 'rocket', demonstration_spawn_heading=0.0)
+    with pytest.raises(ValueError, match='demonstration_spawn_heading: got 0'):
+        check_headings(plane, worlds.make('rocket').spec)

@@ -605,6 +605,8 @@ def test_iterations_go_on_through_the_stages() -> None:
     # An evaluation counts episodes.
     numbers = [counter.add(Training(stage, count, {})) for stage, count in stages]
     assert numbers == [1, 2, 3, 7, 7]
+    again = [counter.add(Training('finetune', count, {}, run='two')) for count in (1, 2)]
+    assert again == [8, 9]
 
 
 def straight(height: np.ndarray, throttle: np.ndarray) -> Flight:

@@ -131,6 +131,18 @@ def test_a_run_that_never_began_takes_its_folder_away(tmp_path: Path) -> None:
     assert not folder.path.exists()
 
 
+def test_a_run_has_finished_when_it_has_begun_and_nothing_is_to_be_resumed(
+    folder: RunFolder,
+) -> None:
+    assert not folder.finished
+    folder.mark_unfinished()
+    folder.write_config({})
+    save(folder, 1)
+    assert not folder.finished
+    folder.mark_finished()
+    assert folder.finished
+
+
 def test_only_what_was_made_for_the_run_is_taken_away(tmp_path: Path) -> None:
     (tmp_path / 'notes').write_text('mine')
     RunFolder(tmp_path).withdraw()

@@ -40,6 +40,7 @@ class Sample:
     fast: bool = settings.setting(False, '', 'a flag')
     mode: str = settings.setting('slow', '', 'a word', choices=('slow', 'swift'))
     sizes: tuple[int, ...] = settings.setting((64, 32), '', 'a list', 1, 512)
+    seed: int = settings.setting(0, '', 'a large whole number', 0, 2**62)
 
 
 def test_defaults_are_the_numbers_of_the_specification() -> None:
@@ -99,7 +100,7 @@ def test_unknown_settings_are_named_with_what_is_known() -> None:
 
 @pytest.mark.parametrize(('name', 'value', 'expected'), [
     ('ratio', 2, 2.0), ('count', 4.0, 4), ('fast', True, True), ('mode', 'swift', 'swift'),
-    ('sizes', [1, 512], (1, 512)), ('sizes', (), ()),
+    ('sizes', [1, 512], (1, 512)), ('sizes', (), ()), ('seed', 2**53 + 1, 2**53 + 1),
 ])
 def test_good_values_become_the_kind_of_the_default(
     name: str, value: object, expected: object,
@@ -131,6 +132,8 @@ def test_another_kind_is_a_type_error(name: str, value: object, message: str) ->
 @pytest.mark.parametrize(('name', 'value', 'message'), [
     ('ratio', 2.1, 'ratio: got 2.1, expected 0 to 2 m'),
     ('count', 10, 'count: got 10, expected 1 to 9'),
+    ('seed', 2**62 + 1, 'seed: got 4611686018427387905, expected 0 to 4.61169e+18'),
+    ('ratio', math.inf, 'ratio: got inf, expected 0 to 2 m'),
     ('mode', 'quick', "mode: got 'quick', expected one of slow, swift"),
     ('sizes', [64, 0], 'sizes: got 0, expected 1 to 512'),
 ])

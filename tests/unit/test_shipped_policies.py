@@ -20,6 +20,7 @@ POLICIES = Path(str(resources.files('ppo_agent_node'))) / 'policies'
 def test_policies_of_rockets_land_and_stand_in_both_worlds(trained_in: str, flown_in: str) -> None:
     world = worlds.make(flown_in, num_envs=100)
     pilot = PolicyPilot(POLICIES / f'{trained_in}.safetensors', world.spec)
+    assert not pilot.unfamiliar
     summary = summarise(evaluate(world, pilot, 200, 77, level=7))
     assert summary['landed'] == 200
     assert summary['standing_rate'] == 1.0

@@ -49,6 +49,13 @@ def test_what_is_not_known_is_left_out() -> None:
         'level 4', 'landed 98.8% [95.0, 99.9]', 'return 281.3', '123,457 steps/s']
 
 
+@pytest.mark.parametrize(('count', 'expected'), [
+    (999, '999'), (1000, '1 k'), (12_345, '12.3 k'), (999_499, '999 k'), (999_600, '1 M'),
+    (3_210_000_000, '3.21 G')])
+def test_amounts(count: int, expected: str) -> None:
+    assert wording.amount(count) == expected
+
+
 @pytest.mark.parametrize(('seconds', 'expected'), [
     (0.9, '0:00'), (61.0, '1:01'), (3599.9, '59:59'), (3661.0, '1:01:01'), (-5.0, '0:00')])
 def test_durations(seconds: float, expected: str) -> None:

@@ -2,6 +2,7 @@
 """Training runs end alike, bit for bit: repeated, restarted, stopped and resumed."""
 from __future__ import annotations
 
+import dataclasses
 import random
 import shutil
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
 from ppo_agent_node.learning.config import make_config
 from ppo_agent_node.learning.journal import TIMES
+from ppo_agent_node.learning.rollout import in_order
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import STAGES
 from ppo_agent_node.learning.status import Status
@@ -25,6 +27,7 @@ from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import SerialFleet
 
 ROCKETS = 8
@@ -248,6 +251,19 @@ def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path)
     with pytest.raises(ValueError, match=r'spawn_height of the run is 30\.0'):
         train(path, env=worlds.make('rocket', num_envs=ROCKETS), resume=True)
     assert train(path, small(checkpoint_interval=1), resume=True).finished
+    # What may be another is written down: reports say what the evaluation was.
+    found = RunFolder(path, resume=True).read_config()['training']
+    assert (found['checkpoint_interval'], found['gamma']) == (1, 0.9999)
+
+
+def test_episodes_of_all_groups_count_in_the_order_in_which_they_ended() -> None:
+    def ended(step: int, *rows: int) -> tuple[int, Episodes]:
+        every = {f.name: np.array(rows) for f in dataclasses.fields(Episodes)}
+        return step, Episodes(**every)
+
+    first, second = [ended(2, 0, 1), ended(5, 0)], [ended(1, 10), ended(2, 11), ended(9, 10)]
+    assert in_order([first, second]).row.tolist() == [10, 0, 1, 11, 0, 10]
+    assert len(in_order([[], []])) == 0
 
 
 def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Path) -> None:

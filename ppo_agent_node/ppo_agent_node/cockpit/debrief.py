@@ -106,13 +106,10 @@ class ExpertFlight:
         """
         self.flight: Flight | None = None
         """How it ended; None before, or when no expert flies this vehicle"""
-        given = {**spec.settings, **chosen}
-        settings = {
-            info.name: type(info.default)(given[info.name])  # type: ignore[arg-type]
-            for info in worlds.settings(spec.name) if info.name in given}
+        settings = worlds.settings_from(spec.name, {**spec.settings, **chosen})
         self._left = math.ceil(_AT_MOST / spec.dt)
         try:
-            self._world = worlds.make(spec.name, 1, seed, **settings)  # type: ignore[arg-type]
+            self._world = worlds.make(spec.name, 1, seed, **settings)
             self._pilot = scripted_pilot(self._world.spec)
             self._observation = self._world.reset(seed)
         except ValueError:

@@ -115,7 +115,7 @@ class Cockpit:
         if view.flying:
             keys = ' space burn   z full   x off   w/s throttle   arrows lean   r new   q quit'
             texts += [Text(), Text(
-                keys if width > len(keys) else ' space z x w s · arrows · r q h', style=_DIM)]
+                keys if width > len(keys) else ' space z x w s · arrows · r q', style=_DIM)]
         return texts
 
     def _instruments(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.atomic_file import write_atomically
-from ppo_agent_node.evaluation.intervals import bootstrap_mean
+from ppo_agent_node.evaluation.intervals import mean_interval
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
 
@@ -59,7 +59,7 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
         'landing_rate': successes / count,
         'landing_rate_interval': list(wilson(successes, count)),
         'mean_return': float(episodes.episode_return.mean()),
-        'mean_return_interval': list(bootstrap_mean(episodes.episode_return)),
+        'mean_return_interval': list(mean_interval(episodes.episode_return)),
         'return_std': float(episodes.episode_return.std()),
         'touchdown_speed': _spread(episodes.touchdown_speed[ground]),
         'tilt': _spread(episodes.tilt[ground]),

@@ -2,6 +2,7 @@
 """Flying a pilot over many episodes, so that every episode has an equal chance to count."""
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,12 +40,8 @@ class EvaluationResult:
     seed: int
     reset_settings: dict[str, float]
     episodes: Episodes
-    steps: int
-    """batched steps flown"""
-    first_velocity_y: F64
-    """`(K,)` m/s upwards at the start; NaN in worlds that are no rocket"""
     fuel_bound: F64
-    """`(K,)` kg, least fuel of a straight drop from there; NaN likewise"""
+    """`(K,)` kg, least fuel of a straight drop from the start; NaN in worlds that are no rocket"""
     end_position: F64
     """`(K, 2)` m, x and z from the pad's centre at the end; NaN in worlds not known here"""
     first_observation: NDArray[np.float32]
@@ -148,10 +145,10 @@ def evaluation_flight(
     counted: list[Episodes] = []
     starts: list[NDArray[np.float32]] = []
     ends: list[NDArray[np.float32]] = []
-    steps = done = 0
+    done = 0
+    pilot = copy.deepcopy(pilot)  # as it was given, whenever the flight begins anew
     while done < episodes:
         observation, _, _, _, info = yield pilot(observation)
-        steps += 1
         rows: NDArray[np.int64] = info['final_rows']
         if not len(rows):
             continue
@@ -167,7 +164,7 @@ def evaluation_flight(
     flown = Episodes.concatenate(counted)
     order = np.lexsort((flown.episode, flown.row))
     first, last = np.concatenate(starts)[order], np.concatenate(ends)[order]
-    velocity, bound = np.full(episodes, np.nan), np.full(episodes, np.nan)
+    bound = np.full(episodes, np.nan)
     position = np.full((episodes, 2), np.nan)
     if is_rocket:
         velocity = first[:, _VELOCITY_Y].astype(np.float64) * spec.settings['velocity_scale']
@@ -180,5 +177,5 @@ def evaluation_flight(
         position[:, 1] = 0.0
     return EvaluationResult(
         spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
-        episodes=flown.take(order), steps=steps, first_velocity_y=velocity, fuel_bound=bound,
-        end_position=position, first_observation=first, final_observation=last)
+        episodes=flown.take(order), fuel_bound=bound, end_position=position,
+        first_observation=first, final_observation=last)

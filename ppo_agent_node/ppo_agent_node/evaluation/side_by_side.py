@@ -52,10 +52,9 @@ def read_run(path: Path) -> Run:
     try:
         training = values['training']
         world = str(values['world'])
-        known = {info.name for info in worlds.settings(world)}
         return Run(
             path, world,
-            {name: value for name, value in values['world_settings'].items() if name in known},
+            worlds.settings_from(world, values['world_settings']),
             int(training['curriculum_final_level']), int(training['evaluation_seed']),
             int(training['demonstration_episodes']) > 0)
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from rocket_sim_node import settings as settings_module
@@ -211,11 +212,11 @@ def check_headings(config: Config, spec: WorldSpec) -> None:
 
     :raises ValueError: naming the setting.
     """
-    for name, value in (
-        ('curriculum_heading', config.curriculum.curriculum_heading),
-        ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading),
+    for name, value, unset in (
+        ('curriculum_heading', config.curriculum.curriculum_heading, 0),
+        ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading, UNSET),
     ):
-        if value > 0 and 'spawn_heading' not in spec.settings:
+        if value != unset and 'spawn_heading' not in spec.settings:
             raise ValueError(
                 f'{name}: got {value:g}, expected none, as world {spec.name!r} has no headings')
 

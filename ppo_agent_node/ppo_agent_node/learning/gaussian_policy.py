@@ -108,10 +108,10 @@ class GaussianPolicy(Policy):
     @torch.no_grad()
     def constrain(self, progress: float = 0.0) -> None:
         """Keep the log deviation above its floor and below its falling ceiling, if it has one."""
-        self.log_std.clamp_min_(self.log_std_floor)
         if self.log_std_final < self.log_std_init:
             self.log_std.clamp_max_(
                 self.log_std_init + progress * (self.log_std_final - self.log_std_init))
+        self.log_std.clamp_min_(self.log_std_floor)
 
     def noise_parameters(self) -> list[nn.Parameter]:
         """Return the log standard deviation."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import operator
 from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -15,6 +17,18 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
+
+Ended = tuple[int, Episodes]
+"""A step of a roll-out, from 0, and the episodes that ended with it."""
+
+
+def in_order(groups: Sequence[Sequence[Ended]]) -> Episodes:
+    """Return the episodes of all groups in the order in which they ended.
+
+    Those of a step are put group by group.
+    """
+    ends = sorted(itertools.chain(*groups), key=operator.itemgetter(0))
+    return Episodes.concatenate([episodes for _, episodes in ends])
 
 
 class Batch(NamedTuple):
@@ -64,10 +78,10 @@ class Rollout:
     @torch.no_grad()
     def flight(
         self, group: int, begin: bytes, policy: Policy, generator: torch.Generator,
-    ) -> Flight[tuple[Episodes, bytes]]:
+    ) -> Flight[tuple[list[Ended], bytes]]:
         """Fly T steps from a snapshot, overwriting what was here of a group, from 0.
 
-        :return: the episodes that finished, and the snapshot after the last step.
+        :return: the episodes that finished, step by step, and the snapshot after the last step.
         """
         first = group * self._rockets
         columns = slice(first, first + self._rockets)
@@ -75,7 +89,7 @@ class Rollout:
         observations, actions, rewards, terminations, truncations = (
             buffer.numpy()[:, columns] for buffer in (
                 self.observation, self.action, self.reward, self.terminated, self.truncated))
-        finished: list[Episodes] = []
+        finished: list[Ended] = []
         finals = self._finals[group]
         finals.clear()
         sample = policy.sampler(self.log_prob[:, columns], generator)
@@ -87,14 +101,14 @@ class Rollout:
             truncations[step] = truncated
             rows = info['final_rows']
             if len(rows):
-                finished.append(info['episodes'])
+                finished.append((step, info['episodes']))
                 cut = truncated[rows]
                 if cut.any():
                     finals.append((
                         step, first + torch.tensor(rows[cut], dtype=torch.int64),
                         torch.tensor(info['final_observation'][cut])))
         self._last.numpy()[columns] = observation
-        return Episodes.concatenate(finished), (yield Snapshot())
+        return finished, (yield Snapshot())
 
     @torch.no_grad()
     def batch(

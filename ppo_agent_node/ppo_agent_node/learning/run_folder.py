@@ -86,6 +86,13 @@ class RunFolder:
                 remove_leftovers(folder)
             yield
 
+    @property
+    def finished(self) -> bool:
+        """Whether a run ended here, of which nothing is to be resumed but its evaluation."""
+        return (
+            self.config.exists() and bool(self._saved())
+            and not (self.path / UNFINISHED).exists())
+
     def mark_unfinished(self) -> None:
         """Leave a mark, for who started this process, that there is something to resume."""
         (self.path / UNFINISHED).touch()

@@ -40,7 +40,9 @@ from ppo_agent_node.learning.journal import Progress
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.rollout import Ended
 from ppo_agent_node.learning.rollout import Rollout
+from ppo_agent_node.learning.rollout import in_order
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.run_state import RunState
 from ppo_agent_node.learning.sealed_file import Sealed
@@ -50,7 +52,6 @@ from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.threads import tensor_threads
 from rocket_sim_node.worlds import EnvironmentClosed
-from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
@@ -153,6 +154,8 @@ class Trainer:
     def _take_up(self, path: Path, sealed: Sealed) -> None:
         tensors = dict(sealed.tensors)
         self._state = run_state.from_content(path, sealed, self._spec, self._config)
+        # Some settings may be others now, such as how many episodes are evaluated.
+        self._folder.write_config(run_state.description(self._spec, self._config))
         self._worlds = run_state.take_worlds(path, tensors, len(self._worlds))
         self._learner.load(path, tensors)
         self._journal.take_up(self._state.lines, self._state.steps)
@@ -249,7 +252,7 @@ class Trainer:
         began = self._state.steps
         rollout, policy = self._rollout, self._learner.policy
 
-        def begin(group: int) -> Flight[tuple[Episodes, bytes]]:
+        def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
             noise = streams.generator(
                 self._config.run.seed, 'roll-out', iteration, *later(group))
             return rollout.flight(group, self._worlds[group], policy, noise)
@@ -257,7 +260,7 @@ class Trainer:
         flown = list(self._fly([
             functools.partial(begin, group) for group in range(len(self._worlds))]))
         self._worlds = [world for _, world in flown]
-        episodes = Episodes.concatenate([ended for ended, _ in flown])
+        episodes = in_order([ended for ended, _ in flown])
         with tensor_threads(self._config.run.threads):
             diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
         outcomes = self._spec.outcomes

@@ -54,7 +54,7 @@ def evaluation(node: Node, executor: Executor) -> None:
         # Before the flight: an unwritable folder is told at once, not after minutes.
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
-        pilot, facts = _pilot(options, client.connect())
+        pilot, facts = _pilot(node, options, client.connect())
         require_lockstep(client)
         summary = fly_and_write(
             SerialFleet(client), pilot, options.episodes, options.seed, options.level, output,
@@ -64,14 +64,25 @@ def evaluation(node: Node, executor: Executor) -> None:
             terminal.say(f'evaluation.json and plots are in {output}')
 
 
-def _pilot(options: EvaluationParameters, spec: WorldSpec) -> tuple[Pilot, dict[str, Any]]:
-    """Return who flies, and what the figures shall say about a policy's file."""
+def _pilot(
+    node: Node, options: EvaluationParameters, spec: WorldSpec,
+) -> tuple[Pilot, dict[str, Any]]:
+    """Return who flies, and what the figures shall say about a policy's file.
+
+    :raises ValueError: when a policy is named for another pilot, or does not fit the world.
+    """
+    if options.policy and options.pilot != 'policy':
+        raise ValueError(
+            f'policy: got {options.policy!r}, expected none with pilot {options.pilot!r}')
     if options.pilot == 'expert':
         return scripted_pilot(spec), {}
     if options.pilot == 'random':
         return RandomPilot(spec, options.seed), {}
     path = find_policy(options.policy, spec.name)
-    return PolicyPilot(path, spec), {
+    pilot = PolicyPilot(path, spec)
+    if pilot.unfamiliar:
+        node.get_logger().warning(pilot.unfamiliar)
+    return pilot, {
         'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
 
 

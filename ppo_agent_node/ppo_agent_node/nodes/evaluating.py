@@ -62,6 +62,8 @@ def fly_and_write(
     def write() -> dict[str, Any]:
         summary = metrics.summarise(result, **extra)
         if folder is not None:
+            # Of an evaluation before: it would not be of the same flights.
+            (folder / 'episodes.csv').unlink(missing_ok=True)
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
             # It draws, and what draws takes its time to import: not before a run can begin.

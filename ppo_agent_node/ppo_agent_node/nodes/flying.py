@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from rclpy.node import Node
 
 from ppo_agent_node.pilots.base import Pilot
@@ -16,19 +17,46 @@ _REPORT_PERIOD = 5.0
 """s between two lines on the log"""
 
 
+class Tally:
+    """How episodes ended."""
+
+    def __init__(self, outcomes: tuple[str, ...]) -> None:
+        """Count from 0."""
+        self._outcomes = outcomes
+        self._counts = np.zeros(len(outcomes), np.int64)
+        self._return = 0.0
+
+    @property
+    def count(self) -> int:
+        """Episodes."""
+        return int(self._counts.sum())
+
+    def add(self, ended: Episodes) -> None:
+        """Count some more."""
+        self._counts += np.bincount(ended.outcome, minlength=len(self._outcomes))
+        self._return += float(ended.episode_return.sum())
+
+    def __str__(self) -> str:
+        """Return one line: how many ended how, and the mean return."""
+        counts = [f'{name} {count}' for name, count in zip(
+            self._outcomes, self._counts.tolist(), strict=True) if count]
+        mean = self._return / self.count if self.count else float('nan')
+        return f'{self.count} episodes: {", ".join(counts) or "none"}; mean return {mean:.1f}'
+
+
 def fly(
     node: Node, client: Client, pilot: Pilot, seed: int, episodes: int, **settings: float,
-) -> Episodes:
-    """Fly until `episodes` have ended (0: for ever), or this process is asked to end; return them.
+) -> None:
+    """Fly until `episodes` have ended (0: for ever), or this process is asked to end.
 
-    A simulator that comes back is reset and flown on.
+    The log says every few seconds how they ended, for ever of those few seconds, and in the end
+    of all. A simulator that comes back is reset and flown on.
     """
-    finished: list[Episodes] = []
-    count = 0
     outcomes = client.spec.outcomes
+    total, recent = Tally(outcomes), Tally(outcomes)
     observation = None
     report = time.monotonic() + _REPORT_PERIOD
-    while not episodes or count < episodes:
+    while not episodes or total.count < episodes:
         try:
             if observation is None:
                 observation = client.reset(seed, **settings)
@@ -39,22 +67,11 @@ def fly(
             continue
         except EnvironmentClosed:
             break
-        ended: Episodes = info['episodes']
-        if len(ended):
-            finished.append(ended)
-            count += len(ended)
-        if time.monotonic() > report and finished:
+        if len(info['episodes']):
+            total.add(info['episodes'])
+            recent.add(info['episodes'])
+        if time.monotonic() > report and recent.count:
             report = time.monotonic() + _REPORT_PERIOD
-            node.get_logger().info(summary(Episodes.concatenate(finished), outcomes))
-            finished = finished if episodes else []
-    return Episodes.concatenate(finished)
-
-
-def summary(episodes: Episodes, outcomes: tuple[str, ...]) -> str:
-    """Return one line about episodes: how many ended how, and the mean return."""
-    counts = [
-        f'{name} {int((episodes.outcome == number).sum())}'
-        for number, name in enumerate(outcomes) if (episodes.outcome == number).any()
-    ]
-    mean = episodes.episode_return.mean() if len(episodes) else float('nan')
-    return f'{len(episodes)} episodes: {", ".join(counts) or "none"}; mean return {mean:.1f}'
+            node.get_logger().info(str(total if episodes else recent))
+            recent = Tally(outcomes)
+    node.get_logger().info(str(total))

@@ -11,7 +11,6 @@ from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.flying import fly
-from ppo_agent_node.nodes.flying import summary
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node.settings import setting
@@ -39,7 +38,7 @@ def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
         path = find_policy(options.policy, spec.name)
         pilot = PolicyPilot(path, spec)
         node.get_logger().info(f'flying {path}')
-        flown = fly(
-            node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
-        node.get_logger().info(summary(flown, spec.outcomes))
+        if pilot.unfamiliar:
+            node.get_logger().warning(pilot.unfamiliar)
+        fly(node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
     return 0

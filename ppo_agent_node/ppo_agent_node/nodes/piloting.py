@@ -13,7 +13,6 @@ from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.flying import fly
-from ppo_agent_node.nodes.flying import summary
 from ppo_agent_node.pilots.base import Pilot
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.parameters import Parameters
@@ -41,9 +40,7 @@ def run_pilot(name: str, make: Callable[[WorldSpec, int], Pilot]) -> int:
         connection = parameters.declare(ConnectionParameters)
         parameters.finish()
         with make_client(node, executor, connection) as client:
-            flown = fly(
-                node, client, make(client.connect(), options.seed), options.seed,
+            fly(node, client, make(client.connect(), options.seed), options.seed,
                 options.episodes, **level_setting(options.level))
-            node.get_logger().info(summary(flown, client.spec.outcomes))
 
     return run(name, pilot, EXPECTED_ERRORS)

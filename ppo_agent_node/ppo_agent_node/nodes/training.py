@@ -71,7 +71,8 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             tick()
             return stopping.requested()
 
-        folder.mark_unfinished()
+        if not folder.finished:  # a finished run stays one when it cannot be taken up
+            folder.mark_unfinished()
         teller = Teller(node, terminal, folder)
         try:
             config = _config(parameters, options.preset, fleet.connect().name, saved)
@@ -143,8 +144,13 @@ def _saved_settings(folder: RunFolder) -> dict[str, Any]:
 def _config(
     parameters: Parameters, preset: str, world: str, saved: dict[str, Any],
 ) -> Config:
-    """Return the settings: those given, else those of the run resumed, else the preset's."""
-    values = {**learning_config.preset_values(preset, world), **saved}
+    """Return the settings: those given, else those of the run resumed, else the preset's.
+
+    A preset that is named when a run is resumed has to be the one that it was begun with.
+    """
+    values = saved
+    if not saved or preset != TrainingParameters.preset:
+        values = {**saved, **learning_config.preset_values(preset, world)}
     return learning_config.make_config(
         parameters.declare_infos(learning_config.describe(), values))
 

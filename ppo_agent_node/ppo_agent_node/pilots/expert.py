@@ -27,6 +27,8 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 F64 = NDArray[np.float64]
 
 _PACE_ITERATIONS = 4
+_LEAST_SPIN_UP = 1e-9
+"""rad/s^2 that the RCS is thought to give, one without torque too"""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,8 @@ class ExpertPilot:
         pull = self._pull(lateral, drift, to_go)
         firing = np.where(to_go.coast > 0, v.gravity + profile.braking, lift)
         torque = attitude_torque(
-            up, spin[::2], self._wanted_up(pull, firing), v.rcs_torque / v.inertia,
+            up, spin[::2], self._wanted_up(pull, firing),
+            max(v.rcs_torque / v.inertia, _LEAST_SPIN_UP),
             gain.attitude_rate, gain.attitude_damping, gain.attitude_brake)
         throttle = lift * mass / (v.max_thrust * np.maximum(up[1], 0.1))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)

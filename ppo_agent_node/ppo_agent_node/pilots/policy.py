@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import load_policy
+from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
 
@@ -27,7 +28,24 @@ class PolicyPilot:
         """
         policy, self.description = load_policy(Path(path), spec)
         self._fly = without_noise(policy)
+        self.unfamiliar = _unfamiliar(Path(path), self.description, spec)
+        """in what the world differs from the one that it was trained in, empty when in nothing"""
 
     def __call__(self, observation: F32) -> NDArray[Any]:
         """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
         return self._fly(observation)
+
+
+def _unfamiliar(path: Path, description: dict[str, Any], spec: WorldSpec) -> str:
+    """Return what to say of a world that is set up otherwise than in training.
+
+    Where its episodes begin is the curriculum's and is left out, and so are other worlds.
+    """
+    trained = description.get('world_settings')
+    if description.get('world') != spec.name or not isinstance(trained, dict):
+        return ''
+    free = set(worlds.reset_settings(spec.name)) if spec.name in worlds.names() else set()
+    differences = [
+        f'{name} {trained[name]!s:.40}, here {value:g}' for name, value in spec.settings.items()
+        if name in trained and name not in free and trained[name] != value]
+    return f'{path} was trained with {"; ".join(differences)}' if differences else ''

@@ -53,8 +53,11 @@ def sections(run: Run) -> list[Section]:
             title, _settings(run.training, values, learning_config.describe())))
     if run.world_settings:
         infos = registry.settings(run.world) if run.world in registry.names() else ()
-        found.append(Section('World', _settings(
-            run.world_settings, {info.name: info.default for info in infos}, infos)))
+        usual = {info.name: info.default for info in infos}
+        values = {
+            name: bool(value) if isinstance(usual.get(name), bool) else value
+            for name, value in run.world_settings.items()}
+        found.append(Section('World', _settings(values, usual, infos)))
     return found
 
 

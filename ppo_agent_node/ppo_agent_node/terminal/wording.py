@@ -35,7 +35,7 @@ def rate(value: float, low: float = math.nan, high: float = math.nan) -> str:
 def amount(count: int) -> str:
     """Return a large number in three figures."""
     for size, name in ((1e9, ' G'), (1e6, ' M'), (1e3, ' k')):
-        if count >= size:
+        if count >= 0.9995 * size:  # which is 1.00 of it
             return f'{count / size:.3g}{name}'
     return str(count)
 

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
@@ -85,24 +86,19 @@ class RecorderNode:
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
         try:
-            stage = Stage.build(
-                message.world, message.dt, tuple(message.outcomes),
-                messages.settings_from_message(message.settings))
-        except (ValueError, KeyError) as error:
+            spec = messages.world_from_message(message)
+            self._recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
+        except ValueError as error:
             self._node.get_logger().warning(
                 f'world left out: {error}', throttle_duration_sec=1.0)
-            return
-        self._recorder.world(stage)
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1
         try:
-            samples = samples_from_message(message)
+            self._recorder.states(message.session, samples_from_message(message))
         except ValueError as error:
             self._node.get_logger().warning(
                 f'refused state: {error}', throttle_duration_sec=1.0)
-            return
-        self._recorder.states(message.session, samples)
 
     def _on_training(self, message: msg.TrainingStatus) -> None:
         self.count += 1
@@ -121,8 +117,11 @@ class RecorderNode:
 def samples_from_message(message: msg.RocketState) -> Samples:
     """Return the samples in a message.
 
-    :raises ValueError: when a field's length does not fit, naming it.
+    :raises ValueError: when a field's length does not fit or a value is not finite, naming it.
     """
+    for name in (*FIELDS, 'leg_angle', 'terrain'):
+        if not np.isfinite(messages.from_sequence(getattr(message, name), 'f8')).all():
+            raise ValueError(f'{name}: a value is not finite')
     return Samples.build(
         messages.from_sequence(message.step, 'u8'), messages.from_sequence(message.row, 'u4'),
         messages.from_sequence(message.episode, 'u8'),
@@ -138,7 +137,8 @@ def training_from_message(message: msg.TrainingStatus) -> Training:
     values = {name: float(getattr(message, name)) for name in names}
     if not message.level:
         del values['level']
-    return Training(message.stage, message.iteration, values, message.message)
+    return Training(
+        message.stage, message.iteration, values, message.message, message.run)
 
 
 def record(node: Node, executor: Executor) -> None:

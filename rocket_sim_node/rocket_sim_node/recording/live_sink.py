@@ -134,26 +134,32 @@ class LiveSink:
             self.dropped += 1
 
     def _run(self) -> None:
-        while True:
+        going = True
+        while going:
             try:
-                item = self._queue.get(timeout=_LOOK_OUT)
-            except queue.Empty:
-                self._flush()
-                self._connect()
-                continue
-            if item is None:
-                break
-            if item.kept:
-                (self._flights if item.flight else self._reports).append(item)
-            try:
-                if self._stream is not None:
-                    self._send(item)
-                else:
-                    self._connect()  # which sends it with the rest
+                going = self._turn()
             except Exception as error:  # noqa: BLE001 - whatever it is, the thread has to go on
                 self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
         if self._stream is not None:
             self._stream.disconnect()
+
+    def _turn(self) -> bool:
+        """Send the next thing that waits, or look after the viewer; tell whether to go on."""
+        try:
+            item = self._queue.get(timeout=_LOOK_OUT)
+        except queue.Empty:
+            self._flush()
+            self._connect()
+            return True
+        if item is None:
+            return False
+        if item.kept:
+            (self._flights if item.flight else self._reports).append(item)
+        if self._stream is not None:
+            self._send(item)
+        else:
+            self._connect()  # which sends it with the rest
+        return True
 
     def _connect(self) -> None:
         """Go to meet a viewer, and tell it what it has missed."""
@@ -177,8 +183,13 @@ class LiveSink:
         self._told_missing = False
         self._note('INFO', f'streaming to {self._url}')
         self._head(stream)
-        for item in (*self._reports, *self._flights):
-            self._send(item)
+        for kept in (self._reports, self._flights):
+            for item in list(kept):
+                try:
+                    self._send(item)
+                except Exception:
+                    kept.remove(item)  # else the rest would never be sent
+                    raise
 
     def _send(self, item: _Item) -> None:
         """Send and wait until the viewer has it; when it does not take it, let go of it."""

@@ -19,6 +19,7 @@ from rocket_sim_node.recording.reel import Reel
 from rocket_sim_node.recording.reel import Settle
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Note
 from rocket_sim_node.recording.sink import Put
@@ -96,10 +97,15 @@ class Recorder:
 
         A new session ends all flights that were under way. Samples may overtake the description
         of their world on the wire: they wait for it.
+
+        :raises ValueError: when they have not the legs that their world has.
         """
         if self._stage is None:
             self._early = [*self._early, (session, samples)][-EARLY:]
             return
+        if samples.layout.legs < (legs := scenery(self._stage.world).legs):
+            raise ValueError(f'contact: for {samples.layout.legs} legs, expected {legs}, as world '
+                             f'{self._stage.world!r} has')
         if session != self._session:
             self._let_go()
             self._session = session

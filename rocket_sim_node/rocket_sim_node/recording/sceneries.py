@@ -42,7 +42,8 @@ class Scenery:
     of the vehicle's origin above the ground when it stands: `label` is where the outcome is
     written above the origin, `velocity` and `thrust` are the arrows of 1 m/s and of full throttle
     (there is none when it is 0), and at the end of a flight an origin within `reach` of the ground
-    has touched it. `bends` is how many points a piece of the trail has between its ends.
+    has touched it. `bends` is how many points a piece of the trail has between its ends; `legs` is
+    how many legs a sample must tell of.
     """
 
     view: Callable[[], rrb.View]
@@ -55,6 +56,7 @@ class Scenery:
     thrust: float = 0.0
     reach: float = 1.0
     bends: int = 0
+    legs: int = 0
     unseen: tuple[Plot, ...] = ()
 
     @property
@@ -94,7 +96,7 @@ SCENERIES: Mapping[str, Scenery] = {
         effects=(
             planar.log_terrain, lander.log_legs, lander.log_flame, lander.log_side_engines,
             lander.log_contact),
-        label=lander.LABEL, velocity=lander.VELOCITY, reach=2.0, bends=3),
+        label=lander.LABEL, velocity=lander.VELOCITY, reach=2.0, bends=3, legs=2),
 }
 
 

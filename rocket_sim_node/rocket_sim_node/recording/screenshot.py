@@ -80,9 +80,8 @@ def take(picture: Picture) -> str:
     flights = trajectories(recording)
     if picture.tab != 'flight' and any(flight.pilot for flight in flights):
         raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
-    when = moment(picture, flights)
-    if picture.tab == 'training':
-        when = 2**31  # its timeline counts iterations: the last one
+    # The timeline of a training counts iterations: the last one.
+    when = 2**31 if picture.tab == 'training' else moment(picture, flights)
     image, = render(recording, [when], size=(picture.width, picture.height), tab=picture.tab)
     Path(picture.output).parent.mkdir(parents=True, exist_ok=True)
     image.save(picture.output, optimize=True)

@@ -63,6 +63,8 @@ class Training:
     iteration: int
     values: Mapping[str, float]
     message: str = ''
+    run: str = ''
+    """whose it is"""
 
     @property
     def learning(self) -> bool:
@@ -75,16 +77,19 @@ class IterationCounter:
 
     def __init__(self) -> None:
         """Begin before the first."""
-        self._stage = ''
+        self._stage = ('', '')
         self._before = 0
         self.count = 0
 
     def add(self, training: Training) -> int:
-        """Return the iteration's number in the run; an evaluation counts episodes, not these."""
+        """Return the iteration's number in the recording.
+
+        An evaluation counts episodes, not these; another run goes on from where the last ended.
+        """
         if not training.learning:
             return self.count
-        if training.stage != self._stage:
-            self._stage, self._before = training.stage, self.count
+        if (training.run, training.stage) != self._stage:
+            self._stage, self._before = (training.run, training.stage), self.count
         self.count = self._before + training.iteration
         return self.count
 

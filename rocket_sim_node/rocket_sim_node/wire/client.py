@@ -76,6 +76,9 @@ class Client:
     def reset(self, seed: int | None = None, **settings: float) -> F32:
         """Begin new episodes; see :class:`VectorEnv`.
 
+        A simulator that is slow to answer is asked again, and without a seed each time begins the
+        episodes that come next: for flights that can be repeated give a seed.
+
         :raises WireTimeout: when there is no answer.
         :raises SimulatorBusy: when another agent keeps it.
         """

@@ -100,13 +100,13 @@ def run_late(
     executor = None
     caught: Errors = (
         UsageError, ProfileError, TransportError, security.SecurityError, *expected)
-    stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
-    if stray:
-        return fail(None, ValueError(
-            f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
-    stopping.listen()
-    leftovers.clean()
     try:
+        stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
+        if stray:
+            return fail(None, ValueError(
+                f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
+        stopping.listen()
+        leftovers.clean()
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
             with prepared(get_rmw_implementation_identifier()):

@@ -86,6 +86,8 @@ class Server:
         self._step = 0
         self._action: NDArray[Any] | None = None
         self._action_time = 0.0
+        self._action_step = 0
+        """of the action flown last, in real time; an older one comes late"""
         spec = world.spec
         self._clipped = Clipped(spec)
         self._health = Health(
@@ -155,7 +157,7 @@ class Server:
             # In lock-step it is only counted: who learns explores, beyond the bounds too.
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
         self._health.clear('actions are back: they are flown again')
-        self._action = action
+        self._action, self._action_step = action, message.step
         self._action_time = self._now()
 
     def _action_refusal(self, message: Any) -> str:
@@ -172,11 +174,10 @@ class Server:
             self._publish_world()
             return f'session: {message.session:016x}, expected {self._session:016x}'
         self._lease.heard()
-        early = message.step > self._step
-        stale = message.step < self._step - 1 and not self._realtime
-        if early or stale:
-            again = f' (or {self._step - 1} again)' if self._step else ''
-            return f'step: {message.step}, expected {self._step}{again}'
+        oldest = self._action_step if self._realtime else max(self._step - 1, 0)
+        if not oldest <= message.step <= self._step:
+            expected = f'{oldest} to {self._step}' if oldest < self._step else f'{oldest}'
+            return f'step: {message.step}, expected {expected}'
         return ''
 
     def _advance(self, action: NDArray[Any]) -> None:
@@ -286,7 +287,7 @@ class Server:
         """Draw a new session and publish its first observation."""
         self._state.flush()
         self._session = secrets.randbits(63) + 1
-        self._step = 0
+        self._step = self._action_step = 0
         self._action = None
         self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)

@@ -15,8 +15,9 @@ from rocket_sim_node.worlds.registry import make
 from rocket_sim_node.worlds.registry import names
 from rocket_sim_node.worlds.registry import reset_settings
 from rocket_sim_node.worlds.registry import settings
+from rocket_sim_node.worlds.registry import settings_from
 
 __all__ = [
     'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make',
-    'names', 'reset_settings', 'settings',
+    'names', 'reset_settings', 'settings', 'settings_from',
 ]

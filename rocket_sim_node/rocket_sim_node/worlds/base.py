@@ -56,7 +56,9 @@ class Episodes:
     """Episodes that ended at a step, one entry each; all arrays `(K,)`.
 
     Speed (m/s), tilt (deg) and distance (m, horizontally from the pad) are those of the last
-    step, which for a touchdown is the first step at or below touchdown height.
+    step, which for a touchdown of `rocket` is the first step at or below touchdown height. In
+    `rocket_planar`, where it may stand for a while, speed and tilt of a touchdown are those at
+    first contact.
     """
 
     row: NDArray[np.int64]

@@ -143,7 +143,7 @@ class LunarLanderWorld:
         """Fly one step and take note of what touched."""
         lanes, s = self._lanes, self.settings
         force = self._force
-        scatter = random_streams.numbers(self._keys, 2, 2 * self.age)
+        scatter = random_streams.numbers(self._keys, 2, lunar_start.DRAWS + 2 * self.age)
         self._main, self._side = self._engines.throttles(command)
         self._engines.push(lanes.pose[:, 0], self._main, self._side, scatter, force[:, 0])
         if s.enable_wind:
@@ -288,6 +288,7 @@ class LunarLanderWorld:
             lunar_start.shape_ground(self._lanes, row, self.terrain[row])
         self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
         self._reward = np.zeros_like(self._reward)
+        self._contact_force[:] = 0.0
         self._finished = self._none_finished
         return self.observe()
 

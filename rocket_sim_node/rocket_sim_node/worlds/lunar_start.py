@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import lunar_vehicle as vehicle
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.lanes import Lanes
-from rocket_sim_node.worlds.random_streams import DrawnAhead
 
 _HEIGHTS = 12
-_DRAWS = _HEIGHTS + 4
+DRAWS = _HEIGHTS + 4
+"""Numbers of its stream that an episode begins with; those that follow are the engines'."""
 _PAD = slice(3, 8)
 """Terrain points of Gymnasium's that it levels: 11 points, of which the pad is the middle."""
 _WIND_PLACES = 9999
@@ -36,7 +37,7 @@ class Start(NamedTuple):
     wind: F64
     """`(2, K)` where in their patterns wind and turbulence begin"""
     key: NDArray[np.uint64]
-    """`(K,)` streams of the engines' scatter"""
+    """`(K,)` streams of the episodes, for the engines' scatter from number DRAWS on"""
 
 
 def _pushed() -> tuple[float, float, float]:
@@ -78,12 +79,18 @@ class Starts:
 
     def __init__(self, seed: int, num_envs: int, dt: float, gravity: float) -> None:
         """Draw nothing yet."""
-        self._drawn = DrawnAhead(
-            seed, num_envs, _DRAWS, lambda unit: derive(unit, dt, gravity))
+        def make(
+            rows: NDArray[np.integer], episodes: NDArray[np.integer],
+        ) -> tuple[NDArray[np.uint64], F64]:
+            key = random_streams.keys(seed, rows, episodes)
+            return key, derive(random_streams.numbers(key, DRAWS), dt, gravity).T
+
+        self._drawn = random_streams.DrawnAhead(num_envs, make)
 
     def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> Start:
         """Return the starts of rows' episodes: one step after the push."""
-        key, flat = self._drawn.take(rows, episodes)
+        key, kept = self._drawn.take(rows, episodes)
+        flat = kept.T
         return Start(
             flat[:, _TERRAIN], flat[:, _POSE].reshape(-1, 3, 3),
             flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)

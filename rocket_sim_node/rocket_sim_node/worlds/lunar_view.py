@@ -78,10 +78,10 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
 def telemetry(captured: F64, engines: Engines) -> Telemetry:
     """Return what is told on the wire, relative to the pad.
 
-    :param captured: `(40, S)` row, episode, time (s); poses (m, m, rad) of hull, left and right
+    :param captured: `(35, S)` row, episode, time (s); poses (m, m, rad) of hull, left and right
         leg; velocity (m/s, m/s, rad/s) of the hull's body; throttle of the main engine, 0 to 1,
-        and of the side engines, -1 (left) to 1; contact force (2, N); reward; outcome; whether
-        hull, left and right leg touch; terrain (m).
+        and of the side engines, -1 (the left one, which pushes to the left) to 1; contact force
+        (2, N); reward; outcome; whether hull, left and right leg touch; terrain (m).
     """
     pose, velocity, (main, side) = captured[3:12].T, captured[12:15].T, captured[15:17]
     flat = np.zeros(len(pose))
@@ -96,7 +96,7 @@ def telemetry(captured: F64, engines: Engines) -> Telemetry:
         angular_velocity=np.stack((flat, flat, velocity[:, 2]), axis=1),
         mass=np.full(len(flat), vehicle.TOTAL_MASS), fuel=flat,
         throttle=main, thrust=main * engines.max_thrust,
-        lateral_thrust=-side * engines.max_lateral_thrust,
+        lateral_thrust=side * engines.max_lateral_thrust,
         torque=np.zeros((len(flat), 3)),
         contact_force=np.column_stack((*captured[17:19], flat)),
         contact=captured[22:24].T.astype(np.bool_),

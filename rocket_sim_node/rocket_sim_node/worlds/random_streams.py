@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,34 +106,33 @@ class DrawnAhead:
     """
 
     def __init__(
-        self, seed: int, num_envs: int, draws: int,
-        make: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+        self, num_envs: int,
+        make: Callable[[NDArray[np.integer], NDArray[np.integer]], tuple[NDArray[Any], ...]],
     ) -> None:
         """Draw nothing yet.
 
-        :param draws: numbers that an episode gets.
-        :param make: returns `(K, M)`, what to keep of episodes, given their numbers `(draws, K)`.
+        :param make: returns arrays `(..., K)`, what episodes `(K,)` of rows `(K,)` begin with.
         """
-        self._seed, self._draws, self._make = seed, draws, make
+        self._make = make
         self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
         self._from = np.full(num_envs, -self._ahead)
-        self._keys = np.zeros((num_envs, self._ahead), np.uint64)
-        size = make(np.zeros((draws, 1))).shape[1]
-        self._kept = np.zeros((num_envs, self._ahead, size))
+        none = np.zeros(0, np.int64)
+        self._kept = [
+            np.zeros((*array.shape[:-1], num_envs, self._ahead), array.dtype)
+            for array in make(none, none)]
 
     def take(
         self, row: NDArray[np.integer], episode: NDArray[np.integer],
-    ) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
-        """Return keys `(K,)` and what was made of the numbers `(K, M)`, of rows' episodes."""
+    ) -> list[NDArray[Any]]:
+        """Return what `make` would, for rows `(K,)` and their episodes."""
         slot = episode - self._from[row]
         missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
         if missing.size:
             rows, first = row[missing], episode[missing]
             episodes = (first[:, None] + np.arange(self._ahead)).ravel()
-            key = keys(self._seed, np.repeat(rows, self._ahead), episodes)
-            self._keys[rows] = key.reshape(-1, self._ahead)
-            made = self._make(numbers(key, self._draws))
-            self._kept[rows] = made.reshape(len(rows), self._ahead, -1)
+            for kept, made in zip(
+                    self._kept, self._make(np.repeat(rows, self._ahead), episodes), strict=True):
+                kept[..., rows, :] = made.reshape(*made.shape[:-1], len(rows), self._ahead)
             self._from[rows] = first
             slot[missing] = 0
-        return self._keys[row, slot], self._kept[row, slot]
+        return [kept[..., row, slot] for kept in self._kept]

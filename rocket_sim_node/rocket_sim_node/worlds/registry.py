@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
@@ -49,6 +51,19 @@ def settings(name: str) -> tuple[SettingInfo, ...]:
     :raises ValueError: for an unknown world.
     """
     return settings_module.describe(_entry(name).settings)
+
+
+def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of `values` that can be set in a world, for `make`.
+
+    Worlds say more of themselves than can be set, and on the wire all of it is a number: what is
+    1.0 there may be a switch here.
+
+    :raises ValueError: or TypeError, for an unknown world or a value that is no number.
+    """
+    return {
+        info.name: type(info.default)(values[info.name])
+        for info in settings(name) if info.name in values}
 
 
 def reset_settings(name: str) -> tuple[str, ...]:

@@ -49,10 +49,6 @@ _MAX_ATTEMPTS = 1000
 _WIDEST = 4
 _OUT_OF_PLANE = [1, 4, 5, 6, 8]
 """Of the ten numbers of a draw: position z, velocity z, spin x and y, pitch."""
-_AHEAD = 32
-"""Most episodes of a rocket drawn at once."""
-_STORED = 2**16
-"""Most episodes of all rockets together that are kept drawn."""
 
 
 class Spawn(NamedTuple):
@@ -151,34 +147,17 @@ def draw(
 
 
 class SpawnStore:
-    """First states of the next few episodes of each rocket, drawn many at a time.
-
-    A draw costs the calls it makes, hardly the numbers it draws, and a step seldom ends more than
-    a few episodes. As a spawn depends on (seed, row, episode) alone, drawing ahead changes none.
-    """
+    """First states of the next few episodes of each rocket."""
 
     def __init__(
         self, seed: int, num_envs: int, ranges: SpawnRange, task: TaskSettings,
         in_plane: bool = False,
     ) -> None:
         """Draw nothing yet."""
-        self._seed, self._ranges, self._task, self._in_plane = seed, ranges, task, in_plane
-        self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
-        self._from = np.full(num_envs, -self._ahead)
-        self._states = np.empty((13, num_envs, self._ahead))
+        self._drawn = random_streams.DrawnAhead(num_envs, lambda rows, episodes: (
+            np.concatenate(draw(seed, rows, episodes, ranges, task, in_plane)),))
 
     def take(self, row: NDArray[np.integer], episode: NDArray[np.integer]) -> Spawn:
         """Return what `draw` would return, `(K,)` rows and their episodes."""
-        slot = episode - self._from[row]
-        missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
-        if missing.size:
-            rows, first = row[missing], episode[missing]
-            episodes = (first[:, None] + np.arange(self._ahead)).ravel()
-            drawn = draw(
-                self._seed, np.repeat(rows, self._ahead), episodes, self._ranges, self._task,
-                self._in_plane)
-            self._states[:, rows] = np.concatenate(drawn).reshape(13, len(rows), -1)
-            self._from[rows] = first
-            slot[missing] = 0
-        states = self._states[:, row, slot]
+        states, = self._drawn.take(row, episode)
         return Spawn(states[0:3], states[3:6], states[6:10], states[10:13])

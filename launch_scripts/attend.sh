@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# Waiting for a command, with an ear for signals to this script alone: bash keeps those to itself
+# while a command runs, and leaves the command behind when it ends. Sourced, not run.
+
+status=0   # of what was attended
+stopped=   # INT or TERM, once there was such a signal
+_attended=
+_again=
+
+# pass_on_signals SIGNAL...: from now on these go to what is attended; of INT, TERM and HUP.
+pass_on_signals() {
+  local signal
+  for signal; do
+    case $signal in
+      INT) trap '_pass_on INT' INT ;;
+      *) trap '_pass_on TERM' "$signal" ;;
+    esac
+  done
+}
+
+_pass_on() {
+  stopped=$1
+  _again=true
+  if [[ -n $_attended ]]; then kill -"$1" "$_attended" 2> /dev/null || true; fi
+}
+
+# attend COMMAND ARGUMENT...: runs it to its end and sets `status`.
+attend() {
+  # In the background, where bash would have it ignore Ctrl-C and read nothing.
+  env --default-signal=INT,QUIT "$@" <&0 &
+  _attended=$!
+  # Asked to end before there was anybody to tell; what has hardly begun does not hear of Ctrl-C yet.
+  if [[ -n $stopped ]]; then kill -TERM "$_attended" 2> /dev/null || true; fi
+  _again=true
+  while $_again; do
+    _again=false
+    status=0
+    wait "$_attended" || status=$?
+  done
+  _attended=
+}
