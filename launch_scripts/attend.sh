@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # Waiting for a command, with an ear for signals to this script alone: bash keeps those to itself
-# while a command runs, and leaves the command behind when it ends. Sourced, not run.
+# while a command runs, and leaves the command behind when it ends. Sourced, not run; needs Python.
 
 status=0   # of what was attended
 stopped=   # INT or TERM, once there was such a signal
@@ -25,10 +25,17 @@ _pass_on() {
   if [[ -n $_attended ]]; then kill -"$1" "$_attended" 2> /dev/null || true; fi
 }
 
+# default_signals COMMAND ...: what bash has run in the background ignores Ctrl-C and cannot change
+# that; with this before it, it does not. (`env --default-signal` is missing in older systems.)
+default_signals=(python3 -c 'import os, signal, sys
+for number in signal.SIGINT, signal.SIGQUIT:
+    signal.signal(number, signal.SIG_DFL)
+os.execvp(sys.argv[1], sys.argv[1:])')
+
 # attend COMMAND ARGUMENT...: runs it to its end and sets `status`.
 attend() {
-  # In the background, where bash would have it ignore Ctrl-C and read nothing.
-  env --default-signal=INT,QUIT "$@" <&0 &
+  # In the background, where bash would have it read nothing.
+  "${default_signals[@]}" "$@" <&0 &
   _attended=$!
   # Asked to end before there was anybody to tell; what has hardly begun does not hear of Ctrl-C yet.
   if [[ -n $stopped ]]; then kill -TERM "$_attended" 2> /dev/null || true; fi

@@ -25,35 +25,39 @@ from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.running import make_executor
 
+_LOST = 2.0
+"""s after which a press is counted as lost"""
 _PAUSE = 0.1
 """s, the least between two presses"""
 
 
-def measure(presses: int, processes: Processes, cabin: Cabin) -> list[float]:
-    """Return the latencies, s."""
+def measure(presses: int, processes: Processes, cabin: Cabin) -> tuple[list[float], int]:
+    """Return the latencies, s, and how many presses nothing followed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime')
     context = Context()
     rclpy.init(context=context, domain_id=processes.domain)
     node = Node('looker', context=context)
     executor = make_executor(context)
     executor.add_node(node)
-    seen = {'throttle': -1.0, 'height': 0.0, 'at': 0.0}
+    seen = {'throttle': -1.0, 'fuel': 0.0, 'height': 0.0, 'at': 0.0}
 
     def look(message: Any) -> None:
-        seen.update(throttle=message.throttle[-1], height=message.position[-1],
-                    at=time.perf_counter())
+        seen.update(throttle=message.throttle[-1], fuel=message.fuel[-1],
+                    height=message.position[-1], at=time.perf_counter())
 
     node.create_subscription(msg.RocketState, 'state', look, qos.EVENTS)
     cabin.fly(processes.env, repeat_delay=0.05)
     phase = random.Random(0)
     latencies: list[float] = []
+    missed = 0
     on = False
     cabin.press(b'r')
     while len(latencies) < presses:
         end = time.perf_counter() + _PAUSE + phase.random() * 0.05
         while time.perf_counter() < end:
             executor.spin_once(timeout_sec=0.005)
-        if time.perf_counter() - seen['at'] > 0.5 or seen['height'] < 20.0:
+        if (time.perf_counter() - seen['at'] > 0.5 or seen['height'] < 20.0
+                or seen['fuel'] < 200.0 or seen['throttle'] != on):
             cabin.press(b'r')
             on = False
             time.sleep(0.5)
@@ -61,13 +65,15 @@ def measure(presses: int, processes: Processes, cabin: Cabin) -> list[float]:
         on = not on
         pressed = time.perf_counter()
         cabin.press(b'z' if on else b'x')
-        while seen['throttle'] != on and time.perf_counter() < pressed + 0.5:
+        while seen['throttle'] != on and time.perf_counter() < pressed + _LOST:
             executor.spin_once(timeout_sec=0.005)
         if seen['throttle'] == on:
             latencies.append(seen['at'] - pressed)
+        else:
+            missed += 1
     cabin.press(b'q')
     rclpy.shutdown(context=context)
-    return latencies
+    return latencies, missed
 
 
 def main() -> None:
@@ -79,18 +85,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         processes, cabin = Processes(Path(folder)), Cabin()
         try:
-            latencies = measure(options.presses, processes, cabin)
+            latencies, missed = measure(options.presses, processes, cabin)
         finally:
             cabin.close()
             processes.end()
     figures = np.percentile(latencies, (50, 95, 100)) * 1e3
-    print('{} presses: median {:.1f} ms, 95 % within {:.1f} ms, at most {:.1f} ms'.format(
-        len(latencies), *figures))
+    print('{} presses: median {:.1f} ms, 95 % within {:.1f} ms, at most {:.1f} ms; '
+          '{} without an answer in {:g} s'.format(len(latencies), *figures, missed, _LOST))
     if options.output:
         names = ('median_ms', 'p95_ms', 'most_ms')
         write_json(options.output, {
             **dict(zip(names, figures.tolist(), strict=True)),
-            'latencies_ms': [1e3 * latency for latency in latencies]})
+            'missed': missed, 'latencies_ms': [1e3 * latency for latency in latencies]})
 
 
 if __name__ == '__main__':

@@ -8,14 +8,14 @@ from typing import Any
 Figures = dict[str, Any]
 
 
-def _batch(rows: dict[str, Figures]) -> Figures:
-    """Return the row of 256 rockets, or the last."""
-    found: Figures = rows.get('256') or rows[max(rows, key=int)]
-    return found
+def _batch(rows: dict[str, Figures]) -> tuple[str, Figures]:
+    """Return 256 and the row of so many rockets, or those of the largest batch."""
+    size = '256' if '256' in rows else max(rows, key=int)
+    return size, rows[size]
 
 
 def _exchange(f: Figures) -> str:
-    row = _batch(f['exchange'])
+    size, row = _batch(f['exchange'])
     return (
         'One action out and one observation and reward back, for a whole batch, in lock-step, '
         'with a world in which nothing '
@@ -23,14 +23,15 @@ def _exchange(f: Figures) -> str:
         'measured twice: as the '
         'scheduler likes it, which puts both on one core, and on a core each, which is what '
         'simulator and agent want when both '
-        f'have work to do. With 256 rockets: {row["dds"]:.0f} us over DDS, {row["tcp"]:.0f} us '
+        f'have work to do. With {size} rockets: {row["dds"]:.0f} us over DDS, {row["tcp"]:.0f} us '
         f'and {row["tcp_apart"]:.0f} us '
         f'over TCP; that is {row["ratio"]:.1f} and {row["ratio_apart"]:.1f} times the floor.')
 
 
 def _budget(f: Figures) -> str:
     return (
-        'Where the time of one lock-step step of a training roll-out goes, 256 rockets, one '
+        'Where the time of one lock-step step of a training roll-out goes, '
+        f'{f["num_envs"]} rockets, one '
         'simulator. Agent and simulator take turns '
         'here; with two simulators or more they work at once (next table), so that only what the '
         'agent does remains. Medians, which need not add up to the whole.')
@@ -88,9 +89,9 @@ def _saturation(f: Figures) -> str:
 
 
 def _hosts(f: Figures) -> str:
-    row = _batch(f['hosts'])
+    size, row = _batch(f['hosts'])
     return (
-        'An exchange with a simulator on another host, 256 rockets: '
+        f'An exchange with a simulator on another host, {size} rockets: '
         f'{row["ratio"]:.2f} times one within the host. The hosts are network namespaces joined '
         f'by a virtual cable, so this is the cost of '
         'the network stack and of acknowledging, not of a real cable.')
@@ -115,14 +116,18 @@ def _learner(f: Figures) -> str:
 
 
 def _result(f: Figures) -> str:
-    lander = f.get('lunar_lander', {})
+    if 'lunar_lander' not in f:
+        return (
+            'Wall clock from the start of the processes, with the preset `quick`, to the end of '
+            'the evaluation.')
+    lander = f['lunar_lander']
     return (
         'Wall clock from the start of the processes until a deterministic evaluation of 100 '
         'episodes passes, side by side in one run on the same cores: ours over DDS in separate '
         'processes, with the preset `quick`, stable-baselines3 with the settings of rl-zoo, and '
         'a tuned PPO in one process on EnvPool. A run ends at the cap, and counts as long as '
         'that: '
-        f'{lander.get("cap", 0):.0f} s here. Each evaluates in its own lander; the last column is '
+        f'{lander["cap"]:.0f} s here. Each evaluates in its own lander; the last column is '
         "the same policy in Gymnasium's.")
 
 
@@ -163,7 +168,8 @@ def _heuristic(f: Figures) -> str:
 def _transfer(f: Figures) -> str:
     low, high = f['difference_interval']
     return (
-        "The `lunar_lander` policy that training made last, flown unchanged in Gymnasium's: "
+        'A `lunar_lander` policy, of the newest run or else the one that ships, flown unchanged '
+        "in Gymnasium's: "
         f'{f["ours"]:.1f} here, {f["gymnasium"]:.1f} there, difference '
         f'{f["difference"]:+.1f} ({low:+.1f} to {high:+.1f}, 95 % interval).')
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+import shared_memory
 from processes import Process
 
 from benchmarks.recorder import cpu_seconds
@@ -121,7 +122,11 @@ class Samples:
 
     def clean(self) -> int:
         """Remove what the nodes left, when all have ended; return how many files that was."""
-        left = self.left()
+        everybody = shared_memory.all_processes()
+        # Names are used again, maybe by others that live.
+        kept = shared_memory.files(
+            shared_memory.locked(everybody) | shared_memory.mapped(everybody))
+        left = self.left().keys() - kept
         for name in left:
             (SHARED / name).unlink(missing_ok=True)
         return len(left)

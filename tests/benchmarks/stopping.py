@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long Ctrl-C takes, from the key to the end of the last process, by stage of a training.
 
-The training is that of the world's preset, with fewer demonstrations and iterations, so that
-each stage comes soon; a stage is interrupted in its middle, with all three nodes running.
+The training is that of the world's preset, with fewer iterations and longer ones, so that each
+stage is soon there and takes its time; it is interrupted in its middle, with all nodes running.
 """
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import psutil
 from processes import Process
 from processes import Processes
 
@@ -22,13 +23,16 @@ from ppo_agent_node.evaluation.metrics import write_json
 
 TRAIN = str(Path(__file__).parents[2] / 'launch_scripts' / 'train')
 SETTINGS = (
-    'demonstration_episodes:=768', 'clone_epochs:=3', 'iterations:=2', 'selection_interval:=1',
-    'checkpoint_interval:=1', 'evaluation_episodes:=1024')
+    'clone_epochs:=3', 'iterations:=1', 'n_steps:=1024', 'critic_warmup_iterations:=0',
+    'selection_interval:=100', 'evaluation_episodes:=1024')
 STAGES = {
     'starting': ('process started with pid', 1.5), 'demonstrations': ('expert flies 1/', 0.5),
-    'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 3.0),
+    'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 0.5),
     'evaluation': ('evaluating ', 0.2), 'plots': ('working out figures', 0.3)}
-"""What a stage is known by, and how long after that line it is interrupted, s."""
+"""What a stage is known by, and how long after that line it is interrupted, s. An update is under
+way when, besides, nobody flies."""
+_STILL = 0.3
+"""s in which a simulator that is flown would have computed"""
 
 
 def alive(group: int) -> bool:
@@ -41,6 +45,22 @@ def alive(group: int) -> bool:
         if int(fields[3]) == group and fields[0] != 'Z':
             return True
     return False
+
+
+def wait_for_update(process: Process) -> None:
+    """Wait until the simulator of a training stands still.
+
+    :raises StopIteration: when there is none.
+    """
+    simulator = next(
+        child for child in psutil.Process(process.pid).children(recursive=True)
+        if 'simulator' in ' '.join(child.cmdline()[:4]) and 'launch' not in child.cmdline())
+    while True:
+        before = simulator.cpu_times()
+        time.sleep(_STILL)
+        now = simulator.cpu_times()
+        if now.user + now.system - before.user - before.system < 0.1 * _STILL:
+            return
 
 
 def interrupt(process: Process) -> float:
@@ -74,6 +94,8 @@ def main() -> None:
                     process = processes.start(TRAIN, f'run_dir:={folder}/run', *SETTINGS)
                     process.wait_for(line, 300.0)
                     time.sleep(later)
+                    if stage == 'update':
+                        wait_for_update(process)
                     seconds.append(interrupt(process))
                     said += bool(re.search(
                         r'stopped; go on with:\n .* resume:=true', process.output()))

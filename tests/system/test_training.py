@@ -159,7 +159,7 @@ def test_full_disk_is_told_and_the_last_checkpoint_is_whole(
     assert limited.wait(30.0) == 2, processes.logs()
     assert str(run / 'checkpoints') in limited.output()
     assert 'Traceback' not in limited.output()
-    assert not list(run.rglob('*.tmp*'))
+    assert not list(run.rglob('*.part'))
     resumed = agent(processes, run, resume=True)
     assert resumed.wait(120.0) == 0, processes.logs()
     assert_same_run(run, undisturbed)

@@ -21,6 +21,7 @@ from ros2.launch.context import Context
 from ros2.launch.context import LaunchError
 from ros2.launch.context import join_namespaces
 from ros2.launch.context import parse_arguments
+from ros2.launch.log import Log
 from ros2.launch.substitutions import substitute
 from ros2.main import main
 
@@ -389,6 +390,39 @@ def test_terminate_is_a_failure(launch: Launch) -> None:
     run.communicate(timeout=20)
     assert run.returncode == 1
     assert not alive(pid)
+
+
+def test_who_holds_the_pipe_of_one_that_died_does_not_hide_it(launch: Launch) -> None:
+    run = launch('launch:\n- executable: {cmd: sh -c "sleep 60 & exit 3", on_exit: shutdown}\n')
+    output, _ = run.communicate(timeout=20)
+    assert 'exit code 3' in output
+
+
+def test_nohup_holds(launch: Launch) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        run = launch('launch:\n- executable: {cmd: sh -c "echo ready; exec sleep 1", name: s, '
+                     'output: screen}\n')
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    child_of(run, 'ready')
+    run.send_signal(signal.SIGHUP)
+    output, _ = run.communicate(timeout=20)
+    assert 'process has finished cleanly' in output
+    assert run.returncode == 0
+
+
+def test_a_full_disk_does_not_keep_a_launch_from_ending(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = Log(tmp_path / 'logs', debug=False)
+    log._file.close()
+    log._file = Path('/dev/full').open('w', encoding='utf-8', buffering=1)  # noqa: SIM115
+    for _ in range(3):
+        log.message('INFO', 'launch', 'going on')
+        log.output('node', 'so am I', to_screen=True, to_file=True)
+    log.close()
+    assert capsys.readouterr().out.count('[node] so am I') == 3
 
 
 def test_no_process_outlives_a_launch_that_is_killed(launch: Launch) -> None:

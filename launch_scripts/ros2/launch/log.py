@@ -2,6 +2,7 @@
 """Where the lines of a launch go: the screen, and launch.log in a folder of this run."""
 from __future__ import annotations
 
+import contextlib
 import datetime
 import os
 import socket
@@ -44,16 +45,21 @@ class Log:
         """Log a line of the launch itself."""
         if level == 'DEBUG' and self._level != 'DEBUG':
             return
-        self._file.write(f'{time.time():.7f} [{level}] [{name}]: {text}\n')
+        self._write(f'[{level}] [{name}]: {text}')
         if not self.quiet or level not in ('DEBUG', 'INFO'):
             self.screen(f'[{level}] [{name}]: {text}')
 
     def output(self, name: str, line: str, to_screen: bool, to_file: bool) -> None:
         """Log a line that a process printed."""
         if to_file:
-            self._file.write(f'{time.time():.7f} [{name}] {line}\n')
+            self._write(f'[{name}] {line}')
         if to_screen:
             self.screen(f'[{name}] {line}')
+
+    def _write(self, text: str) -> None:
+        """Write a line to the file; a full disk must not keep the launch from ending its nodes."""
+        with contextlib.suppress(OSError):
+            self._file.write(f'{time.time():.7f} {text}\n')
 
     def header(self) -> None:
         """Print what the real command begins with."""
@@ -62,12 +68,13 @@ class Log:
 
     @staticmethod
     def screen(text: str) -> None:
-        """Print a line; a reader that went away must not end the launch."""
+        """Print a line; a reader or terminal that went away must not end the launch."""
         try:
             print(text, flush=True)
-        except BrokenPipeError:
+        except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()

@@ -17,6 +17,7 @@ from ros2.launch.log import Log
 _PR_SET_PDEATHSIG = 1
 _TAIL = 20
 _DRAIN_SECONDS = 1.0
+_LOOK_SECONDS = 0.05
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -64,7 +65,10 @@ class Process:
                 (child.stdout, output in ('screen', 'both')), (child.stderr, error_to_screen))
             if stream is not None]
         try:
-            status = await child.wait()
+            # Not `wait`, which in Python 3.11 waits for all who hold its pipes, too.
+            while child.returncode is None:
+                await asyncio.sleep(_LOOK_SECONDS)
+            status = child.returncode
         finally:
             self._signal(signal.SIGKILL)
         if readers:

@@ -36,21 +36,23 @@ class Service:
         loop = asyncio.get_running_loop()
         loop.add_signal_handler(signal.SIGINT, self._on_interrupt)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            loop.add_signal_handler(number, self._on_terminate, number)
+            # What is ignored stays so: nohup ignores SIGHUP.
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                loop.add_signal_handler(number, self._on_terminate, number)
         await asyncio.gather(*(self._keep(process) for process in self._processes))
         return 1 if self._failed else 0
 
     def _on_interrupt(self) -> None:
         again = ' again, ignoring...' if self._interrupts else ''
         self._interrupts += 1
-        self._log.message('WARNING', 'launch', f'user interrupted with ctrl-c (SIGINT){again}')
         self._ending.set()
+        self._log.message('WARNING', 'launch', f'user interrupted with ctrl-c (SIGINT){again}')
 
     def _on_terminate(self, number: signal.Signals) -> None:
         if not self._ending.is_set():
-            self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
+            self._ending.set()
             self._failed = True
-        self._ending.set()
+            self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
 
     async def _keep(self, process: Process) -> None:
         """Run one process, again where it is to respawn, until it or the launch ends."""
