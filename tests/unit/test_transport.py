@@ -64,6 +64,20 @@ def test_our_profiles_are_right(
     check_profile(OURS / name, schema)
 
 
+@pytest.mark.parametrize('reach', ['LOCALHOST', 'SUBNET'])
+def test_who_only_listens_has_no_shared_memory(
+        reach: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(transport.RANGE, reach)
+    with transport.prepared(RMW, listens=True):
+        path = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
+        check_profile(path, schema)
+        used = path.read_text('utf-8').partition('<userTransports>')[2]
+        participant = used.partition('</userTransports>')[0]
+    assert 'shared_memory' not in participant
+    assert participant.count('<transport_id>') == 1
+    assert not path.exists()
+
+
 @pytest.mark.parametrize('namespace', [
     'http://www.eprosima.com', 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles', None])
 def test_good_profiles_pass(namespace: str | None, schema: Path, tmp_path: Path) -> None:

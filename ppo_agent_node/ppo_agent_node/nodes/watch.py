@@ -51,7 +51,7 @@ def watch(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    leave(run('watch', watch, expected=(ParameterError,)))
+    leave(run('watch', watch, expected=(ParameterError,), listens=True))
 
 
 if __name__ == '__main__':

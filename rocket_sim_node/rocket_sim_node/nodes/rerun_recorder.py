@@ -200,7 +200,8 @@ def _drain(executor: Executor, heard: RecorderNode) -> None:
 def main() -> None:
     """Run the node."""
     leave(run(
-        'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError)))
+        'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError),
+        listens=True))
 
 
 if __name__ == '__main__':

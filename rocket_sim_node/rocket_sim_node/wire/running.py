@@ -65,6 +65,7 @@ def _make_node(name: str) -> Node:
 
 def run(
     name: str, body: Body, expected: Errors = (), args: list[str] | None = None,
+    listens: bool = False,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
@@ -72,13 +73,14 @@ def run(
 
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
+    :param listens: whether the node only listens; see `transport.prepared`.
     """
-    return run_late(name, lambda: (body, ()), expected, args)
+    return run_late(name, lambda: (body, ()), expected, args, listens)
 
 
 def run_late(
     name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
-    args: list[str] | None = None,
+    args: list[str] | None = None, listens: bool = False,
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 
@@ -109,7 +111,7 @@ def run_late(
         leftovers.clean()
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
-            with prepared(get_rmw_implementation_identifier()):
+            with prepared(get_rmw_implementation_identifier(), listens):
                 stack.enter_context(
                     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)

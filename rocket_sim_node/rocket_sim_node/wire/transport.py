@@ -10,12 +10,19 @@ word: then there are none of ours, and a profile is checked before the node star
 Each start takes other ports for its data. Fast DDS names its shared memory after them, and with
 those of a process that was killed, as it would by default, its peers find it at once but write
 into the memory of the dead one: for seconds, or, once that was removed, for good.
+
+Who only listens does so over UDP. A reader that is stopped, by a debugger or by Ctrl-Z, leaves
+what it has not read in its writer's shared memory, and that may stay there when it goes on; what
+is free then is in pieces, and the writer's next message of 40 kB fits into none of them, whoever
+it is for. Fast DDS (3.2, `SharedMemManager.hpp`) drops it without a word, again each time.
 """
 from __future__ import annotations
 
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -31,6 +38,7 @@ _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
 _DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
 """which Fast DDS takes from the folder it is started in, without a word"""
 _OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
+_PROFILES_HERE = Path(__file__).parent / 'profiles'
 _DATA_OFFSET = 'HOVERSLAM_DATA_PORT_OFFSET'
 _FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
 _USUAL_OFFSET = 11
@@ -72,13 +80,14 @@ def _user_profiles() -> list[Path]:
 
 
 @contextmanager
-def prepared(rmw: str) -> Iterator[None]:
+def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
     """Have what is made inside, a context and its first node, use the right transport.
 
     The environment is as it was afterwards. Where the user's own set-up opens sockets beyond this
     machine although the range does not say so, that is told.
 
     :param rmw: name of the implementation of ROS 2's middleware.
+    :param listens: whether the node only listens, and nobody shall depend on its going on.
     :raises ProfileError: for a profile of the user's that Fast DDS would not take.
     :raises TransportError: for a range that is none; when the node could be heard beyond this
         machine and must not.
@@ -90,22 +99,23 @@ def prepared(rmw: str) -> Iterator[None]:
     closed = False
     schema = schema_path() if rmw.startswith('rmw_fastrtps') else None
     own = schema is not None and _own_setup(schema)
-    if schema is not None and not own:
-        closed = not beyond_machine()
-        folder = Path(__file__).parent / 'profiles'
-        settings |= {
-            _PROFILES[0]: str(folder / ('machine.xml' if closed else 'network.xml')),
-            _SKIP_DEFAULT: '1', _DATA_OFFSET: str(fresh_data_offset(_domain()))}
-        if closed and discovery_range() == 'LOCALHOST':
-            # With its own name for it ROS 2 would add sockets that hear the network.
-            settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
-    before = {name: os.environ.get(name) for name in settings}
-    opened = open_ports()
-    _set(settings)
-    try:
+    with ExitStack() as stack:
+        if schema is not None and not own:
+            closed = not beyond_machine()
+            profile = _PROFILES_HERE / ('machine.xml' if closed else 'network.xml')
+            if listens:
+                profile = stack.enter_context(_without_shared_memory(profile))
+            settings |= {
+                _PROFILES[0]: str(profile), _SKIP_DEFAULT: '1',
+                _DATA_OFFSET: str(fresh_data_offset(_domain()))}
+            if closed and discovery_range() == 'LOCALHOST':
+                # With its own name for it ROS 2 would add sockets that hear the network.
+                settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
+        before = {name: os.environ.get(name) for name in settings}
+        opened = open_ports()
+        _set(settings)
+        stack.callback(_set, before)
         yield
-    finally:
-        _set(before)
     found = ', '.join(sorted(set(open_ports()) - set(opened)))
     if closed and found:
         raise TransportError(
@@ -115,6 +125,18 @@ def prepared(rmw: str) -> Iterator[None]:
         get_logger('transport').warning(
             f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
             f'heard, although {RANGE} is {discovery_range()}')
+
+
+@contextmanager
+def _without_shared_memory(profile: Path) -> Iterator[Path]:
+    """Yield the path of a copy of a profile whose participant has no shared memory."""
+    text = profile.read_text('utf-8')
+    used = '<transport_id>shared_memory</transport_id>'
+    head, _, transports = text.partition('<userTransports>')
+    with tempfile.NamedTemporaryFile('w', suffix=f'_{profile.name}', encoding='utf-8') as file:
+        file.write(f"{head}<userTransports>{transports.replace(used, '', 1)}")
+        file.flush()
+        yield Path(file.name)
 
 
 def _own_setup(schema: Path) -> bool:

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who only listens may stand still, by Ctrl-Z or a debugger, and holds up nobody.
+
+Fast DDS leaves in a writer's shared memory what a stopped reader has not read; in pieces of what
+is left no snapshot fits, and services are answered no more. See `rocket_sim_node.wire.transport`.
+"""
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shared_memory
+from processes import Processes
+
+STOPS, NIGHTLY_STOPS = 5, 60
+STILL = 1.5
+"""s; after one Fast DDS takes a reader's queue for that of a dead one"""
+
+
+@pytest.mark.timeout(600)
+def test_a_recorder_that_is_stopped_holds_up_nobody(
+        processes: Processes, make_client: Callable[..., Any], tmp_path: Path,
+        nightly: bool) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=256)
+    recorder = processes.run_node(
+        'rocket_sim_node', 'rerun_recorder', output=tmp_path / 'run.rrd', max_steps=10_000)
+    recorder.wait_for('recording to', 30.0)
+    assert not shared_memory.owned(recorder)
+    client = make_client(patience=15.0)
+    client.reset(1)
+    action = np.zeros((256, 3), np.float32)
+
+    def fly(seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for _ in range(20):
+                client.step(action)
+            client.snapshot()
+
+    for _ in range(NIGHTLY_STOPS if nightly else STOPS):
+        recorder.signal(signal.SIGSTOP)
+        try:
+            fly(STILL)
+        finally:
+            recorder.signal(signal.SIGCONT)
+        fly(0.5)
+    recorder.signal(signal.SIGINT)
+    assert recorder.wait(20.0) == 0
+    assert (tmp_path / 'run.rrd').is_file()
