@@ -22,10 +22,11 @@ _RECORDED = 20_000
 """steps recorded at most, half of them while an agent learns"""
 _PAUSE = 3.0
 """s that a node is stopped for"""
-_FIRST_PAUSE = 45.0
+_FIRST_PAUSE = 90.0
 """s that recorders are stopped for at the beginning. DDS keeps what they have not had meanwhile,
 up to the depth of a topic, and the room for that stays. Filled once, it cannot grow with each stop
-that falls on a quicker machine than those before, and look like a slow leak."""
+that falls on a quicker machine than those before, and look like a slow leak. Two messages of
+`state` come a second, and a hundred are kept."""
 
 
 class Fault(NamedTuple):
