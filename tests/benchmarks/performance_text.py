@@ -54,7 +54,10 @@ def _rollouts(f: Figures) -> str:
         + each(lambda row: row['steps_per_second']['in process, 2']
                / row['steps_per_second']['in process, 1'])
         + '); of the speed of two worlds in process ("of equals") two simulators make '
-        f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}.')
+        f'{each(lambda row: row["ratio_of_equals"]["DDS, 2"])}. A single simulator that takes '
+        'turns with its agent could make '
+        f'{each(lambda row: row["tcp_bound"])} if its exchange cost no more than a TCP ping-pong '
+        'of the same bytes.')
 
 
 def _fleet(f: Figures) -> str:

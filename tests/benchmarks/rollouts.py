@@ -5,7 +5,9 @@ Beside all rockets in one world of the process, which is quickest there, and bes
 as there are simulators, where each loop does exactly the same.
 
 The same policy, the same flights, the same buffers; only who moves the rockets differs. Measured
-in turns, medians are reported; what was flown is compared, bit for bit.
+in turns, medians are reported; what was flown is compared, bit for bit. Beside it what one
+simulator could make at best: the loop in process, with nothing added but a TCP ping-pong of the
+same bytes a step, between two cores.
 """
 from __future__ import annotations
 
@@ -26,6 +28,9 @@ import rclpy
 import torch
 from processes import Processes
 
+from benchmarks.exchange import microseconds
+from benchmarks.exchange import on_core
+from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.policies import Policy
@@ -131,11 +136,18 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
                 torch.equal(getattr(twin.rollout, name), getattr(course.rollout, name))
                 for name in ('observation', 'action', 'log_prob', 'reward', 'terminated')))
         speeds: dict[str, list[float]] = {name: [] for name in courses}
+        floor = TcpFloor(rockets, core=1)
+        stack.callback(floor.close)
+        pings: list[float] = []
         for _ in range(rounds):
             for name, course in courses.items():
                 speeds[name].append(course())
+            with on_core(0):
+                pings.append(microseconds(floor, steps)[0])
+    alone = rockets / statistics.median(speeds['in process, 1'])
     return {
-        'equal': all(twins), 'steps_per_second': {
+        'equal': all(twins), 'tcp_bound': alone / (alone + 1e-6 * statistics.median(pings)),
+        'steps_per_second': {
             name: statistics.median(values) for name, values in speeds.items()},
         'ratio': {
             name: ratio(values, speeds['in process, 1']) for name, values in speeds.items()},
@@ -162,7 +174,7 @@ def main() -> None:
     print(f'rocket steps/s of roll-outs of {options.steps} steps, median of {options.rounds} '
           'rounds; DDS: simulators in processes of their own')
     print(f'{"rockets":>8}{"in process":>12}{"one sim.":>12}{"ratio":>7}{"two worlds":>12}'
-          f'{"two sim.":>12}{"ratio":>7}{"of equals":>11}  bits equal')
+          f'{"two sim.":>12}{"ratio":>7}{"of equals":>11}{"TCP alone":>11}  bits equal')
     table = {}
     for size in options.sizes:
         figures = table[size] = measure(size, options.steps, options.rounds, policy)
@@ -170,6 +182,7 @@ def main() -> None:
         print(f'{size:>8}{speed["in process, 1"]:>12,.0f}{speed["DDS, 1"]:>12,.0f}'
               f'{ratios["DDS, 1"]:>7.2f}{speed["in process, 2"]:>12,.0f}{speed["DDS, 2"]:>12,.0f}'
               f'{ratios["DDS, 2"]:>7.2f}{figures["ratio_of_equals"]["DDS, 2"]:>11.2f}'
+              f'{figures["tcp_bound"]:>11.2f}'
               f'  {"yes" if figures["equal"] else "NO"}', flush=True)
     if options.output:
         write_json(options.output, {'steps': options.steps, 'rollouts': table})

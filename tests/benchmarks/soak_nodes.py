@@ -84,8 +84,7 @@ class Nodes:
             process = self.processes.run_node(
                 'rocket_sim_node', 'rerun_recorder',
                 (f'__ns:=/{simulator}', 'training:=/training'),
-                # Its memory grows with what it has recorded, until that is as much as it may; in
-                # a long training that is soon the case, here within the warm-up.
+                # Its file ends within the warm-up: what grows after that would be a leak.
                 output=self.processes.folder / f'{name}.rrd', max_steps=_RECORDED)
         else:
             process = self.processes.run_node(

@@ -83,14 +83,13 @@ class Starts:
             rows: NDArray[np.integer], episodes: NDArray[np.integer],
         ) -> tuple[NDArray[np.uint64], F64]:
             key = random_streams.keys(seed, rows, episodes)
-            return key, derive(random_streams.numbers(key, DRAWS), dt, gravity).T
+            return key, derive(random_streams.numbers(key, DRAWS), dt, gravity)
 
         self._drawn = random_streams.DrawnAhead(num_envs, make)
 
     def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> Start:
         """Return the starts of rows' episodes: one step after the push."""
-        key, kept = self._drawn.take(rows, episodes)
-        flat = kept.T
+        key, flat = self._drawn.take(rows, episodes)
         return Start(
             flat[:, _TERRAIN], flat[:, _POSE].reshape(-1, 3, 3),
             flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)

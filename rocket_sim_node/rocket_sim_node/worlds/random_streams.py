@@ -111,14 +111,14 @@ class DrawnAhead:
     ) -> None:
         """Draw nothing yet.
 
-        :param make: returns arrays `(..., K)`, what episodes `(K,)` of rows `(K,)` begin with.
+        :param make: returns arrays `(K, ...)`, what episodes `(K,)` of rows `(K,)` begin with.
         """
         self._make = make
         self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
         self._from = np.full(num_envs, -self._ahead)
         none = np.zeros(0, np.int64)
         self._kept = [
-            np.zeros((*array.shape[:-1], num_envs, self._ahead), array.dtype)
+            np.zeros((num_envs, self._ahead, *array.shape[1:]), array.dtype)
             for array in make(none, none)]
 
     def take(
@@ -132,7 +132,7 @@ class DrawnAhead:
             episodes = (first[:, None] + np.arange(self._ahead)).ravel()
             for kept, made in zip(
                     self._kept, self._make(np.repeat(rows, self._ahead), episodes), strict=True):
-                kept[..., rows, :] = made.reshape(*made.shape[:-1], len(rows), self._ahead)
+                kept[rows] = made.reshape(len(rows), self._ahead, *made.shape[1:])
             self._from[rows] = first
             slot[missing] = 0
-        return [kept[..., row, slot] for kept in self._kept]
+        return [kept[row, slot] for kept in self._kept]

@@ -155,9 +155,9 @@ class SpawnStore:
     ) -> None:
         """Draw nothing yet."""
         self._drawn = random_streams.DrawnAhead(num_envs, lambda rows, episodes: (
-            np.concatenate(draw(seed, rows, episodes, ranges, task, in_plane)),))
+            np.concatenate(draw(seed, rows, episodes, ranges, task, in_plane)).T,))
 
     def take(self, row: NDArray[np.integer], episode: NDArray[np.integer]) -> Spawn:
         """Return what `draw` would return, `(K,)` rows and their episodes."""
-        states, = self._drawn.take(row, episode)
+        states = self._drawn.take(row, episode)[0].T
         return Spawn(states[0:3], states[3:6], states[6:10], states[10:13])
