@@ -116,7 +116,7 @@ def _loss(axes: Axes, f: Figures) -> None:
         label: [row[key] for row in rows.values()]
         for key, label in {'p50': 'median', 'p99': '99th percentile', 'p999': '99.9th'}.items()},
         'a step, ms')
-    axes.set(xlabel='packets lost', yscale='log')
+    axes.set(xlabel='packets lost')
 
 
 def _heuristic(axes: Axes, f: Figures) -> None:

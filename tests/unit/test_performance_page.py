@@ -63,6 +63,14 @@ def test_a_part_without_figures_stays_as_it_is(tmp_path: Path) -> None:
     assert again == page
 
 
+def test_figures_of_an_older_benchmark_leave_the_section_as_it_is(tmp_path: Path) -> None:
+    write(tmp_path, 'bench-1', 'heuristic', [], 'a table')  # type: ignore[arg-type]
+    before = "# Performance\n\n## Gymnasium's pilot in our lander\n\nIt flies.\n"
+    page = '\n'.join(performance.sections(tmp_path, tmp_path, before))
+    assert 'It flies.' in page
+    assert 'a table' not in page
+
+
 def test_what_is_said_of_roll_outs_and_of_many_simulators() -> None:
     speed = {'in process, 1': 100.0, 'in process, 2': 80.0}
     said = SECTIONS['rollouts'][1]({'rollouts': {

@@ -78,6 +78,19 @@ def test_who_only_listens_has_no_shared_memory(
     assert not path.exists()
 
 
+def test_a_listener_without_room_for_its_profile_says_so(
+        schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(transport.tempfile, 'NamedTemporaryFile', refuse)
+    before = dict(os.environ)
+    with (pytest.raises(transport.TransportError, match='No space left'),
+          transport.prepared(RMW, listens=True)):
+        pass
+    assert dict(os.environ) == before
+
+
 @pytest.mark.parametrize('namespace', [
     'http://www.eprosima.com', 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles', None])
 def test_good_profiles_pass(namespace: str | None, schema: Path, tmp_path: Path) -> None:

@@ -154,8 +154,6 @@ class Trainer:
     def _take_up(self, path: Path, sealed: Sealed) -> None:
         tensors = dict(sealed.tensors)
         self._state = run_state.from_content(path, sealed, self._spec, self._config)
-        # Some settings may be others now, such as how many episodes are evaluated.
-        self._folder.write_config(run_state.description(self._spec, self._config))
         self._worlds = run_state.take_worlds(path, tensors, len(self._worlds))
         self._learner.load(path, tensors)
         self._journal.take_up(self._state.lines, self._state.steps)
@@ -167,6 +165,8 @@ class Trainer:
             list(self._fly([functools.partial(_try_on, world) for world in self._worlds]))
         except ValueError as error:
             raise ValueError(f'{path}: {error}') from error
+        # Some settings may be others now, such as how many episodes are evaluated.
+        self._folder.write_config(run_state.description(self._spec, self._config))
         self._keep_best()
         self._journal.keep(saved=f'{path.parent.name}/{path.name}')
         self._begin_stage_finetune()

@@ -81,6 +81,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
                 fleet, config, folder, teller.report, stop_requested=stop_requested,
                 say=terminal.say).run()
             if result.finished:
+                folder.mark_unfinished()
                 try:
                     _evaluate(fleet, config, folder, teller, terminal, tick)
                 except EnvironmentClosed:

@@ -27,6 +27,8 @@ from rocket_sim_node.recording.stream_file import flush
 
 RESERVE = 32 * 2**20
 """bytes of disk left free; below it the recording ends, whole"""
+UNHEARD = 2**18
+"""bytes that the file of a recorder which has heard nothing yet stays below"""
 JOINED = 32 * 2**20
 """bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, at
 100 MB a second"""
@@ -149,7 +151,7 @@ class FileSink:
         self._check_space(2 * size + RESERVE)
         try:
             viewer.repair(self._partial, self._merged)
-            if is_empty(self._merged):
+            if size < UNHEARD and is_empty(self._merged):
                 self._partial.unlink()
                 self._note('INFO', 'a recorder was killed before it heard anything')
                 return

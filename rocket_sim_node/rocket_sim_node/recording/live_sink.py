@@ -187,9 +187,9 @@ class LiveSink:
             for item in list(kept):
                 try:
                     self._send(item)
-                except Exception:
-                    kept.remove(item)  # else the rest would never be sent
-                    raise
+                except Exception as error:  # noqa: BLE001 - the rest shall be shown all the same
+                    kept.remove(item)
+                    self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
 
     def _send(self, item: _Item) -> None:
         """Send and wait until the viewer has it; when it does not take it, let go of it."""

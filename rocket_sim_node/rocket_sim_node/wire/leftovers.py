@@ -3,7 +3,7 @@
 
 A participant has a segment for its messages and ports at which it is told of those of others,
 files in /dev/shm; beside each lies one that its owner keeps locked (flock) while it lives. Who is
-killed takes nothing along but its locks: 0.6 MB stay. Some of it is removed by peers that live or
+killed takes nothing along but its locks: 2 MB stay. Some of it is removed by peers that live or
 by `fastdds shm clean`; ports that were only written to, and the semaphores by which ports are
 opened, by nobody.
 """

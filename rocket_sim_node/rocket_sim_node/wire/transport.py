@@ -96,17 +96,17 @@ def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
         raise TransportError(
             f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
     settings: dict[str, str | None] = {RANGE: discovery_range()}
-    closed = False
+    closed, profile = False, None
     schema = schema_path() if rmw.startswith('rmw_fastrtps') else None
     own = schema is not None and _own_setup(schema)
     with ExitStack() as stack:
         if schema is not None and not own:
             closed = not beyond_machine()
-            profile = _PROFILES_HERE / ('machine.xml' if closed else 'network.xml')
+            used = profile = _PROFILES_HERE / ('machine.xml' if closed else 'network.xml')
             if listens:
-                profile = stack.enter_context(_without_shared_memory(profile))
+                used = stack.enter_context(_without_shared_memory(profile))
             settings |= {
-                _PROFILES[0]: str(profile), _SKIP_DEFAULT: '1',
+                _PROFILES[0]: str(used), _SKIP_DEFAULT: '1',
                 _DATA_OFFSET: str(fresh_data_offset(_domain()))}
             if closed and discovery_range() == 'LOCALHOST':
                 # With its own name for it ROS 2 would add sockets that hear the network.
@@ -119,8 +119,7 @@ def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
     found = ', '.join(sorted(set(open_ports()) - set(opened)))
     if closed and found:
         raise TransportError(
-            f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take '
-            f'{settings[_PROFILES[0]]}')
+            f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take {profile}')
     if found and own and not beyond_machine():
         get_logger('transport').warning(
             f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
@@ -129,13 +128,22 @@ def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
 
 @contextmanager
 def _without_shared_memory(profile: Path) -> Iterator[Path]:
-    """Yield the path of a copy of a profile whose participant has no shared memory."""
+    """Yield the path of a copy of a profile whose participant has no shared memory.
+
+    :raises TransportError: when it cannot be written.
+    """
     text = profile.read_text('utf-8')
     used = '<transport_id>shared_memory</transport_id>'
     head, _, transports = text.partition('<userTransports>')
-    with tempfile.NamedTemporaryFile('w', suffix=f'_{profile.name}', encoding='utf-8') as file:
-        file.write(f"{head}<userTransports>{transports.replace(used, '', 1)}")
-        file.flush()
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(tempfile.NamedTemporaryFile(
+                'w', suffix=f'_{profile.name}', encoding='utf-8'))
+            file.write(f"{head}<userTransports>{transports.replace(used, '', 1)}")
+            file.flush()
+        except OSError as error:
+            raise TransportError(
+                f'the profile for Fast DDS could not be written: {error}') from error
         yield Path(file.name)
 
 
