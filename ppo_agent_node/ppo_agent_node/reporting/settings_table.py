@@ -52,12 +52,13 @@ def sections(run: Run) -> list[Section]:
         found.append(Section(
             title, _settings(run.training, values, learning_config.describe())))
     if run.world_settings:
-        infos = registry.settings(run.world) if run.world in registry.names() else ()
-        usual = {info.name: info.default for info in infos}
-        values = {
-            name: bool(value) if isinstance(usual.get(name), bool) else value
-            for name, value in run.world_settings.items()}
-        found.append(Section('World', _settings(values, usual, infos)))
+        infos: tuple[SettingInfo, ...] = ()
+        values = dict(run.world_settings)
+        if run.world in registry.names():
+            infos = registry.settings(run.world)
+            values |= registry.settings_from(run.world, values)
+        found.append(Section('World', _settings(
+            values, {info.name: info.default for info in infos}, infos)))
     return found
 
 

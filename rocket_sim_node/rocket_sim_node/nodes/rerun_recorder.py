@@ -22,6 +22,7 @@ from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import OWN_FIELDS
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
@@ -119,16 +120,18 @@ def samples_from_message(message: msg.RocketState) -> Samples:
 
     :raises ValueError: when a field's length does not fit or a value is not finite, naming it.
     """
-    for name in (*FIELDS, 'leg_angle', 'terrain'):
-        if not np.isfinite(messages.from_sequence(getattr(message, name), 'f8')).all():
-            raise ValueError(f'{name}: a value is not finite')
-    return Samples.build(
+    samples = Samples.build(
         messages.from_sequence(message.step, 'u8'), messages.from_sequence(message.row, 'u4'),
         messages.from_sequence(message.episode, 'u8'),
         messages.from_sequence(message.outcome, 'u1'),
         contact=messages.from_sequence(message.contact, 'u1'),
         **{name: messages.from_sequence(getattr(message, name), 'f8')
            for name in (*FIELDS, 'leg_angle', 'terrain')})
+    if not np.isfinite(samples.values).all():
+        name = next(name for name in (*FIELDS, *OWN_FIELDS) if not np.isfinite(
+            samples.values[:, samples.layout.place(name)]).all())
+        raise ValueError(f'{name}: a value is not finite')
+    return samples
 
 
 def training_from_message(message: msg.TrainingStatus) -> Training:

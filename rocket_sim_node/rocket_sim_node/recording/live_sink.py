@@ -139,7 +139,7 @@ class LiveSink:
             try:
                 going = self._turn()
             except Exception as error:  # noqa: BLE001 - whatever it is, the thread has to go on
-                self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
+                self._complain(error)
         if self._stream is not None:
             self._stream.disconnect()
 
@@ -189,7 +189,10 @@ class LiveSink:
                     self._send(item)
                 except Exception as error:  # noqa: BLE001 - the rest shall be shown all the same
                     kept.remove(item)
-                    self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
+                    self._complain(error)
+
+    def _complain(self, error: Exception) -> None:
+        self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
 
     def _send(self, item: _Item) -> None:
         """Send and wait until the viewer has it; when it does not take it, let go of it."""

@@ -57,13 +57,14 @@ def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of `values` that can be set in a world, for `make`.
 
     Worlds say more of themselves than can be set, and on the wire all of it is a number: what is
-    1.0 there may be a switch here.
+    1.0 there may be a switch here. `make` checks the rest.
 
-    :raises ValueError: or TypeError, for an unknown world or a value that is no number.
+    :raises ValueError: for an unknown world.
     """
     return {
-        info.name: type(info.default)(values[info.name])
-        for info in settings(name) if info.name in values}
+        info.name: bool(value) if isinstance(info.default, bool) and value in (0, 1) else value
+        for info in settings(name) if info.name in values
+        for value in [values[info.name]]}
 
 
 def reset_settings(name: str) -> tuple[str, ...]:
