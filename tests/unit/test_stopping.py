@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
+from types import FrameType
+from typing import Any
 
 import pytest
 
@@ -30,6 +33,25 @@ def test_a_signal_is_a_wish(number: signal.Signals) -> None:
     signal.raise_signal(number)
     signal.raise_signal(number)
     assert stopping.requested()
+
+
+@pytest.mark.timeout(20)
+def test_a_signal_may_come_at_any_line_of_the_handler_of_another() -> None:
+    lines = []
+
+    def interrupt(frame: FrameType, event: str, argument: Any) -> Any:
+        if event == 'line':
+            lines.append(frame.f_lineno)
+            signal.raise_signal(signal.SIGTERM)
+        return interrupt
+
+    before = sys.gettrace()
+    sys.settrace(interrupt)
+    try:
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        sys.settrace(before)
+    assert lines and stopping.requested()
 
 
 def test_an_ignored_hang_up_stays_ignored() -> None:

@@ -7,7 +7,6 @@ step or of a write; then nobody could be told, and control not be handed back.
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import TypeVar
@@ -16,7 +15,9 @@ from rocket_sim_node.errors import EnvironmentClosed
 
 T = TypeVar('T')
 
-_stop = threading.Event()
+# No threading.Event: a signal that arrives while the handler of another one is within `set` would
+# wait there for ever for the lock that the interrupted handler holds.
+_stop = False
 _abandon = False
 
 
@@ -29,7 +30,8 @@ def listen() -> None:
 
     A SIGHUP that is ignored, as nohup has it, stays so.
     """
-    _stop.clear()
+    global _stop
+    _stop = False
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _on_signal)
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
@@ -37,8 +39,8 @@ def listen() -> None:
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    global _abandon
-    _stop.set()
+    global _stop, _abandon
+    _stop = True
     if _abandon:
         _abandon = False
         raise _Abandoned
@@ -46,7 +48,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 def requested() -> bool:
     """Return whether this process has been asked to end."""
-    return _stop.is_set()
+    return _stop
 
 
 def abandonable(work: Callable[[], T]) -> T:
@@ -62,13 +64,13 @@ def abandonable(work: Callable[[], T]) -> T:
     try:
         try:
             _abandon = True
-            if _stop.is_set():
+            if _stop:
                 raise _Abandoned
             result = work()
         finally:
             _abandon = False
     except _Abandoned:
         raise EnvironmentClosed('asked to stop') from None
-    if _stop.is_set():
+    if _stop:
         raise EnvironmentClosed('asked to stop')
     return result
