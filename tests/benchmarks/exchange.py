@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A lock-step exchange, action out and observation and reward back, beside its floor.
 
-The floor is the same number of bytes over a TCP socket between two Python processes, once where
-the scheduler puts them, mostly on one core, and once on a core each. The simulator's world stands
-still, so that what is measured is the wire. All are measured in turns; medians are reported.
+The floor is the same number of bytes over a TCP socket between two Python processes. Both are
+measured twice: where the scheduler puts them, and with each of the two processes, all its threads,
+on a core of its own. The simulator's world stands still, so that what is measured is the wire. All
+are measured in turns; medians are reported.
 """
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,18 +43,24 @@ def microseconds(once: Callable[[], Any], count: int) -> tuple[float, float]:
 
 
 @contextmanager
-def on_core(number: int) -> Iterator[None]:
-    """Stay on one of the cores that there are."""
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {sorted(cores)[number % len(cores)]})
+def on_core(number: int, pid: int = 0) -> Iterator[None]:
+    """Keep all threads of a process, by default this one, on one of the cores that it has."""
+    threads = [int(task.name) for task in Path(f'/proc/{pid or os.getpid()}/task').iterdir()]
+    cores = {thread: os.sched_getaffinity(thread) for thread in threads}
     try:
+        for thread, its in cores.items():
+            os.sched_setaffinity(thread, {sorted(its)[number % len(its)]})
         yield
     finally:
-        os.sched_setaffinity(0, cores)
+        for thread, its in cores.items():
+            with suppress(ProcessLookupError):  # a thread that has ended meanwhile
+                os.sched_setaffinity(thread, its)
 
 
 def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
     """Return medians over rounds for one size of batch."""
+    found: dict[str, list[tuple[float, float]]] = {
+        'tcp': [], 'tcp_apart': [], 'dds': [], 'dds_apart': []}
     with tempfile.TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
         floor, apart = TcpFloor(num_envs), TcpFloor(num_envs, core=1)
@@ -61,33 +69,40 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
             executor = make_executor()
             executor.add_node(node)
             try:
-                processes.start('python', '-m', 'benchmarks.still_world', str(num_envs)).wait_for(
-                    'waiting for an agent', 60.0)
+                simulator = processes.start(
+                    'python', '-m', 'benchmarks.still_world', str(num_envs))
+                simulator.wait_for('waiting for an agent', 60.0)
                 with Client(node, executor) as client:
                     client.reset(0)
                     action = np.zeros((num_envs, 3), np.float32)
-                    for once in (floor, apart, lambda: client.step(action)):
+
+                    def step() -> Any:
+                        return client.step(action)
+
+                    for once in (floor, apart, step):
                         microseconds(once, count // 4)
-                    tcp, far, dds = [], [], []
                     for _ in range(rounds):
-                        tcp.append(microseconds(floor, count))
-                        with on_core(0):
-                            far.append(microseconds(apart, count))
-                        dds.append(microseconds(lambda: client.step(action), count))
+                        found['tcp'].append(microseconds(floor, count))
+                        found['dds'].append(microseconds(step, count))
+                        with on_core(0), on_core(1, simulator.pid):
+                            found['tcp_apart'].append(microseconds(apart, count))
+                            found['dds_apart'].append(microseconds(step, count))
                     resent = client.resent
             finally:
                 processes.end()
                 floor.close()
                 apart.close()
+
+    def ratio(ours: str, floor: str) -> float:
+        return statistics.median(
+            d / t for (d, _), (t, _) in zip(found[ours], found[floor], strict=True))
+
     return {
-        'tcp': statistics.median(m for m, _ in tcp), 'dds': statistics.median(m for m, _ in dds),
-        'tcp_apart': statistics.median(m for m, _ in far),
-        'tcp_p99': statistics.median(p for _, p in tcp),
-        'dds_p99': statistics.median(p for _, p in dds),
-        'ratio': statistics.median(d / t for (d, _), (t, _) in zip(dds, tcp, strict=True)),
-        'ratio_apart': statistics.median(
-            d / t for (d, _), (t, _) in zip(dds, far, strict=True)),
-        'resent': resent}
+        **{name: statistics.median(m for m, _ in times) for name, times in found.items()},
+        **{f'{name}_p99': statistics.median(p for _, p in times)
+           for name, times in found.items()},
+        'ratio': ratio('dds', 'tcp'), 'ratio_apart': ratio('dds_apart', 'tcp_apart'),
+        'ratio_scheduled_apart': ratio('dds', 'tcp_apart'), 'resent': resent}
 
 
 def main() -> None:
@@ -99,16 +114,18 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    print(f'one exchange, us: medians of {options.rounds} rounds')
-    print(f'{"":>6}{"TCP, as":>10}{"TCP, a":>10}{"":>10}{"DDS / TCP":>18}{"p99":>10}')
-    print(f'{"batch":>6}{"scheduled":>10}{"core each":>10}{"DDS":>10}{"scheduled":>10}{"apart":>8}'
-          f'{"DDS":>10}')
+    print(f'one exchange, us: medians of {options.rounds} rounds; s: as scheduled, a: a core each')
+    print(f'{"":>6}{"TCP":>14}{"DDS":>14}{"DDS / TCP":>21}{"p99":>14}')
+    print(f'{"batch":>6}' + f'{"s":>7}{"a":>7}' * 2 + f'{"s / s":>7}{"s / a":>7}{"a / a":>7}'
+          f'{"DDS, s":>7}{"DDS, a":>7}')
     table = {}
     for size in options.sizes:
-        figures = table[size] = measure(size, options.rounds, options.count)
-        print(f'{size:>6}{figures["tcp"]:>10.0f}{figures["tcp_apart"]:>10.0f}'
-              f'{figures["dds"]:>10.0f}{figures["ratio"]:>10.1f}{figures["ratio_apart"]:>8.1f}'
-              f'{figures["dds_p99"]:>10.0f}', flush=True)
+        row = table[size] = measure(size, options.rounds, options.count)
+        times = ''.join(f'{row[key]:>7.0f}' for key in ('tcp', 'tcp_apart', 'dds', 'dds_apart'))
+        ratios = ''.join(
+            f'{row[key]:>7.1f}' for key in ('ratio', 'ratio_scheduled_apart', 'ratio_apart'))
+        late = ''.join(f'{row[key]:>7.0f}' for key in ('dds_p99', 'dds_apart_p99'))
+        print(f'{size:>6}{times}{ratios}{late}', flush=True)
     if options.output:
         write_json(options.output, {'exchange': table})
 

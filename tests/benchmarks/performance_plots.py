@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from ppo_agent_node.reporting.style import CYCLE
 from ppo_agent_node.reporting.style import GREY
+from ppo_agent_node.reporting.style import plain_logarithm
 from ppo_agent_node.reporting.style import save
 from ppo_agent_node.reporting.style import styled
 
@@ -28,6 +29,7 @@ def _curves(axes: Axes, curves: dict[str, dict[str, float]], x: str, y: str) -> 
     ticks = sorted({int(size) for values in curves.values() for size in values})
     axes.set_xticks(ticks, [f'{tick:,}' for tick in ticks], minor=False)
     axes.minorticks_off()
+    plain_logarithm(axes.yaxis)
     axes.legend()
 
 
@@ -46,7 +48,9 @@ def _bars(axes: Axes, groups: list[str], series: dict[str, list[float]], y: str)
 
 def _exchange(axes: Axes, f: Figures) -> None:
     rows = f['exchange']
-    names = {'dds': 'DDS', 'tcp_apart': 'TCP, a core each', 'tcp': 'TCP, as scheduled'}
+    names = {
+        'dds': 'DDS, as scheduled', 'dds_apart': 'DDS, a core each',
+        'tcp_apart': 'TCP, a core each', 'tcp': 'TCP, as scheduled'}
     _curves(axes, {
         label: {size: row[key] for size, row in rows.items()} for key, label in names.items()},
         'rockets', 'one exchange, us (median)')
@@ -100,7 +104,7 @@ def _learner(axes: Axes, f: Figures) -> None:
     _bars(axes, names, {
         'ours': [row['samples_per_second']['ours'] / row['floor'] for row in rows],
         'stable-baselines3': [row.get('SB3', np.nan) / row['floor'] for row in rows]},
-        'samples/s, as a share of the floor')
+        'samples/s, as a share of what the bare matrix products make')
     axes.tick_params(axis='x', labelsize=8)
 
 

@@ -37,6 +37,7 @@ def draw(runs: Sequence[Run], names: Mapping[str, str], target: float, path: Pat
             axes.axhline(target, color=style.INK, lw=1, ls=':')
         if len(colours) > 1:
             axes.set_xscale('log')
+            style.plain_logarithm(axes.xaxis)
         axes.set_xlabel('s from the start of the processes')
         axes.set_ylabel('mean return of a deterministic evaluation')
         axes.set_title('Time to a result')
