@@ -21,6 +21,8 @@ LONGEST_STOP = 2.5
 """s; longer than a call of a service is waited for before it is repeated"""
 BEGUN = ('waiting for an agent', 'run /', 'recording to')
 """what simulator, agent and recorder say first"""
+ENDS = ('resume:=true', 'everything is in', 'stopped before the run began')
+"""what an agent says at its end"""
 END = 60.0
 """s in which a process ends that was told to, and is not busy with a step"""
 
@@ -109,7 +111,7 @@ class Training:
             assert status == 0, output
             assert 'Traceback' not in output, output
             if process is self.agent and self.run.exists():
-                assert 'resume:=true' in output or 'everything is in' in output, output
+                assert any(said in output for said in ENDS), output
         else:
             # It was still on its way, importing: the signal itself ends it.
             assert status in (0, 1, 130, -number), output

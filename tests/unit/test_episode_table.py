@@ -59,7 +59,7 @@ def test_the_starts_of_rockets_are_those_that_were_drawn(tmp_path: Path) -> None
 
 def test_the_push_of_a_lander_is_in_metres_per_second() -> None:
     env = worlds.make('lunar_lander', num_envs=8, seed=3)
-    start = initial_conditions(env.spec, env.observe())
+    start = initial_conditions(env.spec, env.observe(), env.spec.settings)
     told = env.telemetry(np.arange(8)).linear_velocity
     assert start['start_velocity_x_m_s'] == pytest.approx(told[:, 0], abs=1e-5)
     assert start['start_velocity_y_m_s'] == pytest.approx(told[:, 1], abs=1e-5)
@@ -85,7 +85,7 @@ def test_what_a_world_does_not_have_is_left_empty(tmp_path: Path) -> None:
 def test_another_world_gives_its_observations_by_name() -> None:
     spec = worlds.make('lunar_lander').spec
     other = type(spec)(**{**spec.__dict__, 'name': 'other', 'observation_names': ('place', 'age')})
-    start = initial_conditions(other, np.array([[1.0, 2.0], [3.0, 4.0]], np.float32))
+    start = initial_conditions(other, np.array([[1.0, 2.0], [3.0, 4.0]], np.float32), {})
     assert {name: values.tolist() for name, values in start.items()} == {
         'start_place': [1.0, 3.0], 'start_age': [2.0, 4.0]}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ppo_agent_node.learning import config
-from ppo_agent_node.learning.config import check_headings
+from ppo_agent_node.learning.config import check_world
 from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.config import preset_names
 from ppo_agent_node.learning.config import preset_values
@@ -78,17 +78,27 @@ def test_unknown_ones_are_named() -> None:
         load_preset('default', 'mars')
 
 
+def test_levels_are_for_worlds_that_have_them() -> None:
+    no_levels = {'curriculum_start_level': 0, 'curriculum_final_level': 0}
+    with pytest.raises(ValueError, match='curriculum_final_level: got 0, expected 1 or more'):
+        check_world(load_preset('default', 'rocket', **no_levels), worlds.make('rocket').spec)
+    lander = worlds.make('lunar_lander').spec
+    check_world(load_preset('default', 'lunar_lander'), lander)
+    with pytest.raises(ValueError, match='curriculum_final_level: got 7, expected 0'):
+        check_world(load_preset('default', 'rocket'), lander)
+
+
 def test_headings_are_for_worlds_that_have_them() -> None:
     """Else a run would end after cloning, when the world refuses the reset."""
     turned = load_preset('default', 'rocket_planar')
     assert turned.curriculum.reset_settings(3) == {'level': 3, 'spawn_heading': 180.0}
-    check_headings(turned, worlds.make('rocket_planar').spec)
+    check_world(turned, worlds.make('rocket_planar').spec)
     with pytest.raises(ValueError, match='curriculum_heading: got 180'):
-        check_headings(turned, worlds.make('rocket').spec)
-    check_headings(load_preset('default', 'rocket'), worlds.make('rocket').spec)
+        check_world(turned, worlds.make('rocket').spec)
+    check_world(load_preset('default', 'rocket'), worlds.make('rocket').spec)
     asked = load_preset('default', 'rocket', demonstration_spawn_heading=90.5)
     with pytest.raises(ValueError, match='demonstration_spawn_heading: got 90'):
-        check_headings(asked, worlds.make('rocket').spec)
+        check_world(asked, worlds.make('rocket').spec)
     plane = load_preset('default', 'rocket', demonstration_spawn_heading=0.0)
     with pytest.raises(ValueError, match='demonstration_spawn_heading: got 0'):
-        check_headings(plane, worlds.make('rocket').spec)
+        check_world(plane, worlds.make('rocket').spec)

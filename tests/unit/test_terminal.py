@@ -78,6 +78,14 @@ def test_a_log_gets_one_plain_line_a_report() -> None:
     ]
 
 
+def test_time_left_is_told_once_there_is_something_to_go_by() -> None:
+    unknown = replace(STATUS, iteration=0, progress=0, remaining=math.inf)
+    assert wording.line(unknown).endswith('return 281.3, 123,457 steps/s')
+    for width in (NARROW - 1, 100):
+        assert 'left' not in text(picture([0.0], unknown), width)
+        assert '2:05 left' in text(picture([0.0], STATUS), width)
+
+
 def test_a_long_stage_does_not_flood_a_log_but_tells_what_happens_and_both_ends() -> None:
     file = io.StringIO()
     with Terminal(file) as terminal:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 import shutil
 from collections.abc import Callable
@@ -93,6 +94,10 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert result.iterations == 6
     assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
     assert {s.stage for s in told} == set(STAGES[:3])
+    # What is looked at before the first iteration says nothing of how long one takes.
+    looked, *iterations = (s for s in told if s.stage == 'finetune' and s.is_iteration)
+    assert looked.iteration == 0 and looked.remaining == math.inf
+    assert all(math.isfinite(s.remaining) for s in iterations) and iterations[-1].remaining == 0.0
     # Policies are news, each in a line that stays; checkpoints, which may be thousands, are not.
     news = [s.message for s in told if s.message.startswith('saved')]
     assert news[0] == 'saved cloned.safetensors'
@@ -100,6 +105,24 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert told[-1].saved.endswith('checkpoints/iteration_000006.safetensors')
     assert [s.level for s in told if s.stage == 'finetune' and s.iteration][-1] == 3
     return path
+
+
+def test_starts_that_the_world_refuses_are_told_before_there_is_a_run(tmp_path: Path) -> None:
+    """Else every resume would be refused alike."""
+    for setting, value, whose in (
+            ('demonstration_spawn_position', 500.0, 'demonstrations: .*spawn_position.* 500'),
+            ('demonstration_spawn_angle', -0.5, 'demonstrations: .*spawn_angle')):
+        with pytest.raises(ValueError, match=whose):
+            train(tmp_path / setting, small(**{setting: value}))
+        assert not (tmp_path / setting / 'config.yaml').exists()
+        assert not (tmp_path / setting / 'train.jsonl').exists()
+
+
+def test_a_rollout_larger_than_the_memory_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=(
+            r'n_steps: got 1000000, which with 4096 groups \(num_groups\) of 8 rockets '
+            r'\(num_envs\) makes a roll-out of [\d,]+ GiB')):
+        train(tmp_path / 'run', small(n_steps=1_000_000, num_groups=4096))
 
 
 def copy_name(tmp_path: Path) -> Path:

@@ -2,6 +2,7 @@
 """Command `compare`: expert, clone and fine-tuned policy of a run, side by side in a recording."""
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +48,7 @@ def make(wanted: Comparison) -> str:
     size = output.stat().st_size
     return (
         f'{said.text}\ncomparison: {output} ({said.steps} steps, {size / 2**20:.1f} MiB); '
-        f'watch it with: rerun {output}\n')
+        f'watch it with: {shutil.which("rerun") or "rerun"} {output}\n')
 
 
 def main() -> None:

@@ -77,7 +77,7 @@ def from_result(result: EvaluationResult) -> EpisodeTable:
             'fuel_used_kg': flown.fuel_used if result.is_rocket else unknown,
             'fuel_bound_kg': result.fuel_bound, 'end_x_m': result.end_position[:, 0],
             'end_z_m': result.end_position[:, 1], 'standing': standing,
-            **initial_conditions(result.spec, result.first_observation)},
+            **initial_conditions(result.spec, result.first_observation, result.settings)},
         words={
             'outcome': tuple(result.spec.outcomes[code] for code in flown.outcome.tolist()),
             'after_touchdown': (

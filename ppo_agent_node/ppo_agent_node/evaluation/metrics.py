@@ -26,7 +26,8 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
     """Return the figures of an evaluation, ready for JSON: null where there is no value.
 
     - `landing_rate` with `landing_rate_interval`, Wilson, 95 %;
-    - `mean_return` with `mean_return_interval`, bootstrap, 95 %, and `return_std`;
+    - `mean_return` with `mean_return_interval`, 95 % (see `intervals.mean_interval`), and
+      `return_std`;
     - `touchdown_speed` (m/s), `tilt` (deg from vertical), `distance` (m from the pad's centre),
       over the episodes that touched down, `fuel_used_kg` over all: each `mean` and `p95`, the
       95th percentile;

@@ -2,6 +2,8 @@
 """Where episodes began, in physical units, read from their first observations."""
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,9 @@ from rocket_sim_node.worlds.base import WorldSpec
 
 Columns = dict[str, F64]
 
-def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Columns:
+def initial_conditions(
+    spec: WorldSpec, observation: NDArray[np.float32], settings: Mapping[str, float],
+) -> Columns:
     """Return the initial conditions of K episodes, `(K,)` each; units stand in the names.
 
     Rockets: height of the vehicle's origin, speed downwards, horizontal offset from the pad,
@@ -19,10 +23,11 @@ def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Col
     that are not known here: their observations, by name.
 
     :param observation: `(K, D)` the first of each episode.
+    :param settings: of the world, as it was flown.
     """
     seen = dict(zip(spec.observation_names, observation.astype(np.float64).T, strict=True))
     if spec.name.startswith('rocket'):
-        return _rocket(seen, spec.settings)
+        return _rocket(seen, settings)
     if spec.name == 'lunar_lander':
         x, y = lunar_view.seen_velocity(observation)
         return {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
@@ -30,11 +35,14 @@ def initial_conditions(spec: WorldSpec, observation: NDArray[np.float32]) -> Col
     return {f'start_{name}': values for name, values in seen.items()}
 
 
-def _rocket(seen: Columns, settings: dict[str, float]) -> Columns:
-    """Return the initial conditions of rockets; their observations are scaled and clipped."""
+def _rocket(seen: Columns, settings: Mapping[str, float]) -> Columns:
+    """Return the initial conditions of rockets, whose observations are scaled and clipped.
+
+    All begin at the same height, which an observation may be clipped below.
+    """
     metres, speed = settings['position_scale'], settings['velocity_scale']
     return {
-        'start_height_m': metres * seen['position_y'],
+        'start_height_m': np.full_like(seen['position_y'], settings['spawn_height']),
         'start_descent_m_s': -speed * seen['velocity_y'],
         'start_offset_m': metres * np.hypot(seen['position_x'], seen['position_z']),
         'start_drift_m_s': speed * np.hypot(seen['velocity_x'], seen['velocity_z']),

@@ -39,11 +39,11 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
-    log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -20.0, 2.0)
+    log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
-        'log_std_init or more: no bound', -20.0, 20.0)
-    log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -20.0, 2.0)
+        'log_std_init or more: no bound', -10.0, 20.0)
+    log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -10.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -202,16 +202,25 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'log_std_init: got {config.network.log_std_init}, '
             f'expected at least log_std_floor, {config.network.log_std_floor}')
+    if config.network.log_std_final < config.network.log_std_floor:
+        raise ValueError(
+            f'log_std_final: got {config.network.log_std_final}, '
+            f'expected at least log_std_floor, {config.network.log_std_floor}')
     if not config.network.hidden_sizes:
         raise ValueError('hidden_sizes: got none, expected at least one layer')
     return config
 
 
-def check_headings(config: Config, spec: WorldSpec) -> None:
-    """Check that headings are asked of a world only that has them.
+def check_world(config: Config, spec: WorldSpec) -> None:
+    """Check that levels and headings are asked of a world that has them, and of no other.
 
     :raises ValueError: naming the setting.
     """
+    levels, final = 'level' in spec.settings, config.curriculum.curriculum_final_level
+    if levels != (final > 0):
+        raise ValueError(
+            f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
+            f'world {spec.name!r} has {"" if levels else "no "}levels')
     for name, value, unset in (
         ('curriculum_heading', config.curriculum.curriculum_heading, 0),
         ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading, UNSET),

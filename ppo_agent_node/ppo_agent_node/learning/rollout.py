@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 import operator
+import os
 from collections.abc import Callable
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,6 +22,11 @@ from rocket_sim_node.worlds.flight import Snapshot
 
 Ended = tuple[int, Episodes]
 """A step of a roll-out, from 0, and the episodes that ended with it."""
+
+
+def physical_memory() -> int:
+    """Return the memory of this machine, bytes."""
+    return os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
 
 
 def in_order(groups: Sequence[Sequence[Ended]]) -> Episodes:
@@ -63,8 +70,18 @@ class Rollout:
     def __init__(
         self, steps: int, rockets: int, observation_size: int, policy: Policy, groups: int = 1,
     ) -> None:
-        """Allocate for T steps of N rockets in each of G groups."""
+        """Allocate for T steps of N rockets in each of G groups.
+
+        :raises ValueError: for more than this machine's memory.
+        """
         shape = (steps, groups * rockets)
+        entry = 4 * (observation_size + math.prod(policy.action_shape) + 2) + 2
+        needed, memory = steps * shape[1] * entry, physical_memory()
+        if needed > memory:
+            raise ValueError(
+                f'n_steps: got {steps}, which with {groups} groups (num_groups) of {rockets} '
+                f'rockets (num_envs) makes a roll-out of {needed / 2**30:,.0f} GiB, expected less '
+                f"than this machine's memory, {memory / 2**30:,.0f} GiB")
         self._rockets = rockets
         self.observation = torch.zeros(*shape, observation_size)
         self.action = torch.zeros(*shape, *policy.action_shape, dtype=policy.action_dtype)

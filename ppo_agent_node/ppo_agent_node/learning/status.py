@@ -57,4 +57,4 @@ class Status:
     @property
     def is_iteration(self) -> bool:
         """Whether it tells of an iteration, not only of what happened in between."""
-        return math.isfinite(self.remaining)
+        return not math.isnan(self.remaining)

@@ -21,13 +21,14 @@ from typing import TypeVar
 import numpy as np
 
 from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.learning import rehearsal
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.cloning import CloneEpoch
 from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.config import Config
-from ppo_agent_node.learning.config import check_headings
+from ppo_agent_node.learning.config import check_world
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import Demonstrations
 from ppo_agent_node.learning.demonstrations import fly_wave
@@ -55,7 +56,6 @@ from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
 
 T = TypeVar('T')
@@ -99,7 +99,7 @@ class Trainer:
         """
         self._fleet, self._config, self._folder = fleet, config, folder
         spec = self._spec = fleet.spec
-        check_headings(config, spec)
+        check_world(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(spec, config.demonstration)
         self._expert, self._stop_requested, self._say = expert, stop_requested, say
@@ -128,6 +128,7 @@ class Trainer:
         saved = self._folder.newest(self._journal.message)
         try:
             if saved is None:
+                rehearsal.try_starts(self._fly, self._config)
                 self._journal.take_up(0, 0)
                 self._folder.write_config(run_state.description(self._spec, self._config))
                 self._imitate()
@@ -162,7 +163,7 @@ class Trainer:
                 self._score_lines.add(line.get('scores', ()))
         try:
             # To hear now whether the simulators take them, and not when there is work to be lost.
-            list(self._fly([functools.partial(_try_on, world) for world in self._worlds]))
+            rehearsal.try_snapshots(self._fly, self._worlds)
         except ValueError as error:
             raise ValueError(f'{path}: {error}') from error
         # Some settings may be others now, such as how many episodes are evaluated.
@@ -344,7 +345,8 @@ class Trainer:
             message = message.removeprefix(', ')
         self._journal.entry(
             state.iteration, state.steps, message,
-            self._ending.left(state.iteration, state.episodes), self._progress(), **numbers)
+            0.0 if self._done() else self._ending.left(state.iteration, state.episodes),
+            self._progress(), **numbers)
         self._state = replace(state, lines=self._journal.lines)
         if due:
             self._save(self._tensors(), best)
@@ -381,8 +383,3 @@ class Trainer:
 def later(group: int) -> tuple[int, ...]:
     """Return the index of a group for its random streams: the first has those of one alone."""
     return (group,) if group else ()
-
-
-def _try_on(world: bytes) -> Flight[None]:
-    """Go into a snapshot, for the complaints."""
-    yield Restore(world)

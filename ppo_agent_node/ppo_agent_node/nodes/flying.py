@@ -49,6 +49,7 @@ def fly(
 ) -> None:
     """Fly until `episodes` have ended (0: for ever), or this process is asked to end.
 
+    Those that end first count, whoever flies them; `evaluation.runner` is fair to long ones.
     The log says every few seconds how they ended, for ever of those few seconds, and in the end
     of all. A simulator that comes back is reset and flown on.
     """

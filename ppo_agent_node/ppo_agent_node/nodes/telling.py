@@ -27,6 +27,7 @@ class Teller:
     def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
         """Begin with where it is."""
         self._terminal, self._folder = terminal, folder
+        self._namespace = node.get_namespace()
         self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
         self._began = time.monotonic()
         self._last = Status(run=folder.name, folder=str(folder.path))
@@ -54,12 +55,25 @@ class Teller:
             selection_return=last.selection_return, best_iteration=last.best_iteration,
             best_landing_rate=last.best_landing_rate, best_return=last.best_return))
 
-    def advise(self) -> None:
-        """Say how to resume, if nobody else will."""
-        if STARTED_BY_TRAIN not in os.environ:
-            run = shlex.quote(f'run_dir:={self._folder.path.resolve()}')
-            self._terminal.say(
-                f'stopped; go on with: ./launch_scripts/train {run} resume:=true')
+    def advise(self, simulators: str) -> None:
+        """Say how to resume, if nobody else will.
+
+        :param simulators: namespaces of those that fly, as the agent was given them.
+        """
+        if STARTED_BY_TRAIN in os.environ:
+            return
+        if not self._folder.config.exists():
+            self._folder.withdraw()
+            self._terminal.say('stopped before the run began; start it as before')
+            return
+        words = ['ros2', 'run', 'ppo_agent_node', 'ppo_agent', '--ros-args']
+        if self._namespace != '/':
+            words += ['-r', f'__ns:={self._namespace}']
+        if simulators:
+            words += ['-p', f'simulators:={simulators}']
+        words += ['-p', f'run_dir:={self._folder.path.resolve()}', '-p', 'resume:=true']
+        self._terminal.say(
+            f'stopped; go on, with simulators as they were, by: {shlex.join(words)}')
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)

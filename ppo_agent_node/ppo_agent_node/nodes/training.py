@@ -93,12 +93,12 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except EnvironmentClosed:
             pass
         except (WireTimeout, SimulatorBusy):
-            teller.advise()
+            teller.advise(options.simulators)
             raise
         except (ValueError, OSError):
             folder.withdraw()
             raise
-        teller.advise()
+        teller.advise(options.simulators)
     return 0
 
 
@@ -147,7 +147,8 @@ def _config(
 ) -> Config:
     """Return the settings: those given, else those of the run resumed, else the preset's.
 
-    A preset that is named when a run is resumed has to be the one that it was begun with.
+    A preset other than the default one that is named when a run is resumed has to be the one that
+    it was begun with; `default` says nothing, since launch files always name it.
     """
     values = saved
     if not saved or preset != TrainingParameters.preset:

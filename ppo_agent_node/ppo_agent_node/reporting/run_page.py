@@ -108,13 +108,12 @@ def _evaluation(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
              if run.figures.get(name) is not None]
     ends = ', '.join(
         f'{words(name)} {count}' for name, count in run.figures['outcomes'].items() if count)
-    means = 'bootstrap' if run.figures['episodes'] <= BOOTSTRAPPED else 'normal'
     return [
         page.tag('h2', EVALUATION),
         page.table(figures_table.HEAD, figures_table.rows(run.figures, run.episodes)),
         page.tag(
-            'p', f'Outcomes: {ends}. Intervals: Wilson for rates, bootstrap for the mean return, '
-            f'{means} for the other means.', class_='soft'),
+            'p', f'Outcomes: {ends}. Intervals: Wilson for rates; for means bootstrap up to '
+            f'{BOOTSTRAPPED:,} values, normal beyond.', class_='soft'),
         page.tag('details', page.tag('summary', 'Who flew, and from which starts'),
                  page.table((), facts)),
         *_section(EVALUATION, pictures)[1:]]

@@ -79,7 +79,7 @@ class Picture:
         parts = [_name(status)]
         if count := wording.count_text(status):
             parts.append(count.removesuffix(' episodes'))
-        if status.remaining > 0:
+        if 0 < status.remaining < math.inf:
             parts.append(f'{wording.duration(status.remaining)} left')
         more = [f'level {status.level}'] if status.level and status.stage == 'finetune' else []
         if math.isfinite(status.landing_rate):

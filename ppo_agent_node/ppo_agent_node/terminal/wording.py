@@ -96,7 +96,8 @@ def line(status: Status) -> str:
     if status.is_iteration:
         if status.stage == 'finetune' and status.selection_iteration == status.iteration:
             parts += filter(None, [without_noise(status)])
-        parts.append(f'{duration(status.remaining)} left')
+        if math.isfinite(status.remaining):
+            parts.append(f'{duration(status.remaining)} left')
     text = '; '.join(filter(None, (', '.join(parts), status.message)))
     head = f'{stage_name(status.stage)} {count_text(status)}'.strip()
     return f'[{duration(status.elapsed)}] ' + ': '.join(filter(None, (head, text)))
