@@ -2,9 +2,12 @@
 """Arguments of commands that are no nodes, written as those of launch files: NAME:=VALUE."""
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
+from collections.abc import Iterator
 from collections.abc import Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 from rocket_sim_node import settings
@@ -56,6 +59,18 @@ def usage(name: str, synopsis: str, what: str, cls: type) -> str:
     return '\n'.join(lines) + '\n'
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: it tidies up, and says nothing."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
 def run(
     name: str, synopsis: str, what: str, cls: type[S], do: Callable[[S], str], *,
     expected: tuple[type[Exception], ...] = (), bare: bool = False,
@@ -73,7 +88,8 @@ def run(
         sys.stdout.write(usage(name, synopsis, what, cls))
         return
     try:
-        sys.stdout.write(do(parse(cls, arguments)))
+        with interruptible():
+            sys.stdout.write(do(parse(cls, arguments)))
     except caught as error:
         sys.stderr.write(f'{name}: {error}\n')
         sys.exit(2)

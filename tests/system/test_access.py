@@ -60,7 +60,8 @@ def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, list]:
     :return: what the intruder found, what the pilot did, and what the simulator's host listens on.
     """
     one = {RANGE: spoken_to, 'FASTDDS_DEFAULT_PROFILES_FILE': None}
-    simulator = hosts.on(0, **one).run_node('rocket_sim_node', 'simulator', num_envs=intruder.N)
+    simulator = hosts.on(0, **one).run_node(
+        'rocket_sim_node', 'simulator', num_envs=intruder.N, agent_lease=100.0)
     go = hosts.folder / 'go'
     flown = hosts.on(0, **one).start('python', intruder.__file__, 'pilot', str(go))
     flown.wait_for('flying', 60.0)
@@ -115,8 +116,10 @@ def test_every_command_has_this_machine_as_its_default() -> None:
         '.yaml', '.sh', '.py', '') and path.is_file()}
     assert [path.name for path, text in texts.items() if RANGE in text] == ['env.sh']
     for path in folder.glob('*.launch.yaml'):
-        for entry in yaml.safe_load(path.read_text())['launch']:
+        entries = yaml.safe_load(path.read_text())['launch']
+        for entry in entries:
             assert 'set_env' not in entry, path
+            entries += entry.get('group', [])
 
 
 def test_a_bad_profile_stops_every_node_before_it_starts(

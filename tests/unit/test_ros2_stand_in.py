@@ -2,6 +2,7 @@
 """The stand-in for the ros2 command: launch files, substitutions, processes, messages."""
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -22,6 +23,7 @@ from ros2.launch.context import LaunchError
 from ros2.launch.context import join_namespaces
 from ros2.launch.context import parse_arguments
 from ros2.launch.log import Log
+from ros2.launch.process import Process
 from ros2.launch.substitutions import substitute
 from ros2.main import main
 
@@ -412,6 +414,49 @@ def test_nohup_holds(launch: Launch) -> None:
     assert run.returncode == 0
 
 
+def test_asked_to_end_while_it_is_being_made(tmp_path: Path) -> None:
+    plan = ProcessPlan('sleeper', ('sleep', '60'), dict(os.environ))
+
+    async def run() -> int:
+        process = Process(plan, Log(tmp_path / 'logs', debug=False), False, False)
+        running = asyncio.create_task(process.run())
+        await asyncio.sleep(0)  # it has begun, and waits for the system
+        process._send(signal.SIGTERM)
+        return await asyncio.wait_for(running, 20.0)
+
+    assert asyncio.run(run()) == -signal.SIGTERM
+
+
+def test_what_the_terminal_cannot_show_is_shown_otherwise(tmp_path: Path) -> None:
+    code = (f'import sys; sys.path.insert(0, {str(_SCRIPTS)!r})\n'
+            'from pathlib import Path; from ros2.launch.log import Log\n'
+            f'log = Log(Path({str(tmp_path / "logs")!r}), debug=False)\n'
+            "log.output('node', 'caf\u00e9 \u2192', to_screen=True, to_file=True)\n")
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, timeout=30, check=False,
+        env={**os.environ, 'PYTHONIOENCODING': 'latin-1'})
+    assert (done.returncode, done.stdout) == (0, '[node] café \\u2192\n'.encode('latin-1'))
+
+
+# Ctrl-C that comes before a child has had the time to hear of it.
+_SLOW = '#!/bin/sh\nsleep 1.5\nexec {python} "$@"\n'
+
+
+def test_ctrl_c_is_not_lost_on_a_child_that_has_hardly_begun(tmp_path: Path) -> None:
+    (tmp_path / 'python3').write_text(_SLOW.format(python=sys.executable))
+    (tmp_path / 'python3').chmod(0o755)
+    script = (f'set -eu; . {_SCRIPTS}/attend.sh; pass_on_signals INT; echo ready; '
+              'attend sleep 60; echo "$stopped $status"')
+    run = subprocess.Popen(
+        ['bash', '-c', script], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, 'PATH': f'{tmp_path}:{os.environ["PATH"]}'})
+    assert run.stdout is not None
+    assert run.stdout.readline() == 'ready\n'
+    time.sleep(0.5)
+    run.send_signal(signal.SIGINT)
+    assert run.communicate(timeout=20)[0] == 'INT 143\n'
+
+
 def test_a_full_disk_does_not_keep_a_launch_from_ending(
     tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -445,10 +490,12 @@ launch:
 
 def test_a_single_screen_process_gets_the_terminal(tmp_path: Path) -> None:
     file = tmp_path / 'test.launch.yaml'
-    file.write_text("""
+    said = tmp_path / 'said'
+    file.write_text(f"""
 launch:
-- executable: {cmd: sh -c "echo hidden; echo hidden >&2; sleep 1"}
-- executable: {cmd: sh -c "test -t 1 && echo live", output: screen, on_exit: shutdown}
+- executable: {{cmd: sh -c "echo hidden; echo hidden >&2; touch {said}; sleep 60"}}
+- executable: {{cmd: sh -c "while ! test -e {said}; do sleep 0.1; done; test -t 1 && echo live",
+    output: screen, on_exit: shutdown}}
 """)
     main_end, other_end = os.openpty()
     run = subprocess.Popen(

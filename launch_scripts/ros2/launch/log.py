@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import io
 import os
 import socket
 import sys
@@ -29,6 +30,9 @@ class Log:
         """Make the folder and launch.log, and let the link `latest` point there."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # What the terminal cannot show must not end whoever passes it on.
+            sys.stdout.reconfigure(errors='backslashreplace')
         self.quiet = False
         self._level = 'DEBUG' if debug else 'INFO'
         self._file = (folder / 'launch.log').open('a', encoding='utf-8', buffering=1)

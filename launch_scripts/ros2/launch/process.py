@@ -42,7 +42,7 @@ class Process:
         self._own_terminal = own_terminal
         self._quiet = quiet
         self._child: asyncio.subprocess.Process | None = None
-        self._asked = False
+        self._asked: signal.Signals | None = None
 
     async def run(self) -> int:
         """Start it and return its exit status, negative for a signal.
@@ -57,6 +57,8 @@ class Process:
             stdout=pipe, stderr=pipe, start_new_session=True, preexec_fn=_die_with_parent)
         self._child = child
         self._log.message('INFO', name, f'process started with pid [{child.pid}]')
+        if self._asked is not None:  # to end, while it was being made
+            self._send(self._asked)
         output = self.plan.output
         error_to_screen = output in ('screen', 'both') or not self._quiet
         readers = [
@@ -123,8 +125,8 @@ class Process:
         self._send(signal.SIGKILL)
 
     def _send(self, number: signal.Signals) -> None:
+        self._asked = number
         if self._child is not None:
             name = self.plan.name
-            self._asked = True
             self._log.message('INFO', name, f"sending signal '{number.name}' to process[{name}]")
             self._signal(number)

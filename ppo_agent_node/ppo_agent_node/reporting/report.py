@@ -79,6 +79,26 @@ def _new_folder(path: Path) -> Path:
     raise AssertionError
 
 
+def _report(arguments: Sequence[str]) -> None:
+    """Draw and write what is asked for.
+
+    :raises ValueError: or TypeError, for bad arguments; OSError for files.
+    """
+    options = command_line.parse(Options, [one for one in arguments if ':=' in one])
+    folders = list(dict.fromkeys(Path(one) for one in arguments if ':=' not in one))
+    if not folders:
+        raise ValueError('got no RUN, expected the folder of a run or an evaluation')
+    if options.output and len(folders) < 2:
+        raise ValueError(f'output: got {options.output!r}, expected none with one RUN')
+    runs = [load(folder) for folder in folders]  # all of them, before any is drawn
+    for run in runs:
+        sys.stdout.write(f'{_write(run)}\n')
+    if len(runs) > 1:
+        output = Path(options.output) if options.output else _new_folder(
+            runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
+        sys.stdout.write(f'{write_comparison(runs, output)}\n')
+
+
 def main() -> None:
     """Run the command."""
     arguments = sys.argv[1:]
@@ -90,19 +110,8 @@ def main() -> None:
             'runs it also compares the learning curves over seeds.', Options))
         return
     try:
-        options = command_line.parse(Options, [one for one in arguments if ':=' in one])
-        folders = list(dict.fromkeys(Path(one) for one in arguments if ':=' not in one))
-        if not folders:
-            raise ValueError('got no RUN, expected the folder of a run or an evaluation')
-        if options.output and len(folders) < 2:
-            raise ValueError(f'output: got {options.output!r}, expected none with one RUN')
-        runs = [load(folder) for folder in folders]  # all of them, before any is drawn
-        for run in runs:
-            sys.stdout.write(f'{_write(run)}\n')
-        if len(runs) > 1:
-            output = Path(options.output) if options.output else _new_folder(
-                runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
-            sys.stdout.write(f'{write_comparison(runs, output)}\n')
+        with command_line.interruptible():
+            _report(arguments)
     except (ValueError, TypeError, OSError) as error:
         sys.stderr.write(f'report: {error}\n')
         sys.exit(2)

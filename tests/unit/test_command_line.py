@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that are no nodes: told to end, they tidy up and say nothing."""
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_told_to_end_it_tidies_up(number: signal.Signals, tmp_path: Path) -> None:
+    left = tmp_path / 'left'
+    left.touch()
+    code = (
+        'import sys, time\n'
+        'from pathlib import Path\n'
+        'from rocket_sim_node import command_line\n'
+        'try:\n'
+        '    with command_line.interruptible():\n'
+        '        try:\n'
+        "            print('ready', flush=True)\n"
+        '            time.sleep(60)\n'
+        '        finally:\n'
+        '            Path(sys.argv[1]).unlink()\n'
+        'except OSError:\n'
+        '    sys.exit(2)\n')
+    run = subprocess.Popen(
+        [sys.executable, '-c', code, str(left)], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE)
+    assert run.stdout is not None
+    assert run.stdout.readline() == 'ready\n'
+    run.send_signal(number)
+    _, said = run.communicate(timeout=20)
+    assert (run.returncode, said) == (130, '')
+    assert not left.exists()
