@@ -221,7 +221,8 @@ def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Sample
     sink = FileSink(path, lambda *note: None)
     recorder = Recorder(Choice(), [sink], lambda *note: None)
     feed(recorder, flown)
-    time.sleep(0.3)
+    assert sink._stream is not None
+    sink._stream.flush()
     cut_off = partial_path(path).read_bytes()[:-1000]
     recorder.close()
     path.unlink()
@@ -378,6 +379,36 @@ def test_a_writer_that_died_is_noticed_while_recording(
     assert recorder.flights == before
     recorder.close()
     assert len(notes) == 1
+
+
+def test_a_disk_may_stand_still_for_a_while_but_not_for_two(
+    tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stands = [True, False, True, True]
+
+    def flush(stream: object) -> None:
+        if stands and stands.pop(0):
+            raise RuntimeError('time is over')
+
+    monkeypatch.setattr(file_sink, 'LOOK', 0.0)
+    monkeypatch.setattr(file_sink, 'PATIENCE', 0.0)
+    monkeypatch.setattr(file_sink, 'flush', flush)
+    notes: Notes = []
+    sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
+    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    session = 1
+    while stands:
+        feed(recorder, flown, session=session)
+        session += 1
+    assert [level for level, _ in notes] == ['WARN', 'WARN', 'ERROR', 'INFO']
+    assert 'nothing has been written' in notes[0][1]
+    assert 'the recording ends here: time is over' in notes[2][1]
+    before = recorder.flights
+    feed(recorder, flown, session=session)
+    recorder.close()
+    assert 0 < recorder.flights == before
+    # The one with which it ended is in the file, but nobody could promise that.
+    assert before <= len(read.trajectories(tmp_path / 'run.rrd')) <= before + 1
 
 
 def test_a_recorder_without_room_lets_go_of_the_file(

@@ -22,6 +22,7 @@ from rocket_sim_node.recording.sink import APPLICATION
 from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Note
 from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.recording.stream_file import PATIENCE
 from rocket_sim_node.recording.stream_file import end
 from rocket_sim_node.recording.stream_file import flush
 
@@ -94,7 +95,7 @@ class FileSink:
                 self._repair()
                 repaired, self._lock = self._lock, self._take()
                 os.close(repaired)
-            self._empty = True
+            self._empty, self._stood = True, False
             self._look = Look()
             self._next_look = time.monotonic() + LOOK
             self._stream: rr.RecordingStream | None = self._begin()
@@ -187,7 +188,7 @@ class FileSink:
         self.write(head)
 
     def flight(self, put: Put) -> bool:
-        """Write a flight that has ended; return whether it was written."""
+        """Write a flight that has ended; return whether it certainly was written."""
         self.write(put)
         return self._stream is not None
 
@@ -207,11 +208,28 @@ class FileSink:
         self._empty = False
         put(self._stream)
         if time.monotonic() > self._next_look:
-            self._next_look = time.monotonic() + LOOK
-            try:
-                flush(self._stream)
-            except RuntimeError:
+            self._look_at(self._stream)
+
+    def _look_at(self, stream: rr.RecordingStream) -> None:
+        """See whether what was logged gets written, and close the file when it does not.
+
+        A disk may stand still for a while, that of a network for instance; a writer that has died
+        fails at once.
+        """
+        began = time.monotonic()
+        try:
+            flush(stream)
+            self._stood = False
+        except RuntimeError as error:
+            if time.monotonic() - began < PATIENCE:
                 self.close()  # which says why
+            elif self._stood:
+                self._note('ERROR', f'the recording ends here: {error}')
+                self.close()
+            else:
+                self._note('WARN', f'nothing has been written for {PATIENCE:g} s: {error}')
+                self._stood = True
+        self._next_look = time.monotonic() + LOOK
 
     def _add_contents(self) -> None:
         """Give the partial file its table of contents; join its chunks when that is quick."""

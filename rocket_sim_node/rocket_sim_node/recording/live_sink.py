@@ -81,6 +81,7 @@ class LiveSink:
         self._reports: deque[_Item] = deque(maxlen=KEPT_REPORTS)
         self._stream: rr.RecordingStream | None = None
         self._unsent: Unsent | None = None
+        self._farewell: threading.Thread | None = None
         self._next_try = 0.0
         self._told_missing = False
         self.dropped = 0
@@ -167,6 +168,8 @@ class LiveSink:
         if self._stream is not None or self._head is None or now < self._next_try:
             return
         self._next_try = now + _LOOK_OUT
+        if self._farewell is not None and self._farewell.is_alive():
+            return
         if not viewer.reachable(*self._address):
             if not self._told_missing:
                 self._told_missing = True
@@ -216,8 +219,10 @@ class LiveSink:
         except RuntimeError as error:
             self._note('WARN', f'the viewer at {self._url} is gone: {error}')
             stream, self._stream = self._stream, None
-            # It goes on trying for some seconds; nobody needs to wait for that.
-            threading.Thread(target=stream.disconnect, daemon=True).start()
+            # It goes on trying, for as long as a viewer that was stopped stands: nobody waits for
+            # that, but there is no other stream before it is over.
+            self._farewell = threading.Thread(target=stream.disconnect, daemon=True)
+            self._farewell.start()
 
 
 def _layout(look: Look) -> rr.blueprint.Blueprint:

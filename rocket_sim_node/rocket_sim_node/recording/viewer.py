@@ -21,6 +21,14 @@ SLOWEST = 2e6
 """bytes/s of a file's that it must manage on top"""
 
 
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+_LIKE_US = _die_with_parent if sys.platform == 'linux' else None
+"""what a child does first, so that it ends when we do, however that comes"""
+
+
 class ViewerError(RuntimeError):
     """The Rerun program is missing or did not do what was asked."""
 
@@ -62,7 +70,8 @@ def rrd(*arguments: str | Path) -> None:
     try:
         result = subprocess.run(
             command, env=environment(), capture_output=True, text=True, timeout=timeout,
-            check=False, start_new_session=True)  # Ctrl-C is for us, and we wait for it
+            check=False, start_new_session=True,  # Ctrl-C is for us, and we wait for it
+            preexec_fn=_LIKE_US)
     except subprocess.TimeoutExpired as error:
         raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
     if result.returncode != 0:
@@ -100,7 +109,7 @@ class Program:
             [str(binary()), *arguments], env={**environment(), **variables},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said,
             start_new_session=True,  # Ctrl-C is for us: it has to take what we still send
-            preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
+            preexec_fn=_LIKE_US)
 
     def said(self, length: int = 600) -> str:
         """Return the beginning of what it complained of."""
@@ -129,10 +138,6 @@ class Program:
             self._process.kill()
             self._process.wait()
         self._said.close()
-
-
-def _die_with_parent() -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def reachable(host: str, port: int, patience: float = 0.3) -> bool:

@@ -49,7 +49,7 @@ class Call:
             return response
         if now < self.due:
             return None
-        self._silence.check()
+        self._silence.check(self.due)
         self.drop()
         if self._client.service_is_ready():
             self._future = self._client.call_async(self._request)

@@ -244,7 +244,7 @@ class Link:
         now = time.monotonic()
         if now >= self._next:
             assert self._silence is not None
-            self._silence.check()
+            self._silence.check(self._next)
             self.resent += 1
             self._publisher.publish(self._message)
             self._pause = min(2 * self._pause, 8 * self._options.resend_after)

@@ -2,6 +2,7 @@
 """Waiting for the far end: bounded, with a word now and then, and without nested spinning."""
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -17,6 +18,10 @@ from rocket_sim_node.wire.inbox import Mailbox
 
 _NOTICE_PERIOD = 5.0
 """s between log lines while there is no answer"""
+_LATE = 1.0
+"""s by which a look at a silence comes later than planned when this process has stood still"""
+_GRACE = 5.0
+"""s that there are for an answer after that, at least"""
 _SIGNAL_PERIOD = 0.2
 """s between two looks at whether this process was asked to end"""
 
@@ -87,8 +92,12 @@ class Waiter:
         :raises WireTimeout: when patience is over.
         """
         silence = Silence(self._node, what, self.patience, topic)
-        while not self.until(done, min(_NOTICE_PERIOD, silence.left)):
-            silence.check()
+        while True:
+            seconds = min(_NOTICE_PERIOD, silence.left)
+            planned = time.monotonic() + seconds
+            if self.until(done, seconds):
+                return
+            silence.check(planned)
 
 
 class Silence:
@@ -113,12 +122,16 @@ class Silence:
         """When `check` has something to say next, s of the steady clock."""
         return min(self._notice, self._end)
 
-    def check(self) -> None:
+    def check(self, planned: float = math.inf) -> None:
         """Say how long it has been, when it is time to.
 
+        :param planned: when this look was to be taken, s of the steady clock.
         :raises WireTimeout: when patience is over.
         """
         now = time.monotonic()
+        if now > planned + _LATE:
+            # Perhaps everybody stood still, and nobody could have answered.
+            self._end = max(self._end, now + _GRACE)
         if now < self.due:
             return
         topic = self._topic or self._node.resolve_topic_name('world')

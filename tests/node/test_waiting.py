@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Patience with the far end, and time in which nobody could have answered."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rocket_sim_node.wire import waiting
+from rocket_sim_node.wire.waiting import Silence
+from rocket_sim_node.wire.waiting import WireTimeout
+
+
+class Node:
+    """What a silence wants of one."""
+
+    def __init__(self) -> None:
+        self.warned: list[str] = []
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(warning=self.warned.append)
+
+    def count_publishers(self, topic: str) -> int:
+        return 1
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time of `waiting`, in its only entry."""
+    now = [1000.0]
+    monkeypatch.setattr(waiting.time, 'monotonic', lambda: now[0])
+    return now
+
+
+def wait(silence: Silence, clock: list[float], seconds: float) -> None:
+    for _ in range(round(seconds)):
+        clock[0] += 1.0
+        silence.check(clock[0])
+
+
+def test_a_silence_is_told_and_ends(clock: list[float]) -> None:
+    node = Node()
+    silence = Silence(node, 'an answer', 20.0, '/world')  # type: ignore[arg-type]
+    wait(silence, clock, 19.0)
+    assert [text.split(' for')[0] for text in node.warned] == [
+        'waited 5 s', 'waited 10 s', 'waited 15 s']
+    with pytest.raises(WireTimeout, match='waited 20 s for an answer'):
+        wait(silence, clock, 1.0)
+
+
+@pytest.mark.parametrize('frozen', [3600.0, 8.5, 7.5])
+def test_time_in_which_this_process_stood_still_is_nobodys_silence(
+        clock: list[float], frozen: float) -> None:
+    """Agent and simulator are frozen together, and thaw: who looks first must not give up."""
+    silence = Silence(Node(), 'an answer', 20.0, '/world')  # type: ignore[arg-type]
+    wait(silence, clock, 12.0)
+    planned = clock[0] + 1.0
+    clock[0] += frozen
+    silence.check(planned)
+    assert silence.left == pytest.approx(5.0)
+    with pytest.raises(WireTimeout):
+        wait(silence, clock, 6.0)
+
+
+def test_who_looks_seldom_gives_up_all_the_same(clock: list[float]) -> None:
+    silence = Silence(Node(), 'an answer', 20.0, '/world')  # type: ignore[arg-type]
+    with pytest.raises(WireTimeout):
+        for _ in range(3):
+            clock[0] += 10.0
+            silence.check(clock[0])
