@@ -48,9 +48,12 @@ def nightly(request: pytest.FixtureRequest) -> bool:
 def pytest_runtest_makereport(item: pytest.Item) -> Any:
     """Keep the outcome where fixtures can see it, and show the nodes' logs when a test fails."""
     report = yield
-    processes = getattr(item, 'funcargs', {}).get('processes')
-    if report.failed and processes is not None:
-        report.sections.append(('logs of the nodes', processes.logs()))
+    used = getattr(item, 'funcargs', {})
+    for name in ('processes', 'hosts') if report.failed else ():
+        if name in used:
+            report.sections.append(('logs of the nodes', used[name].logs()))
+    if report.failed and 'cabin' in used:
+        report.sections.append(('the terminal', used['cabin'].text))
     return report
 
 

@@ -66,10 +66,14 @@ class Process:
             lambda: f'{self.command} did not print {text!r}:\n{self.output()}')
         assert text in self.output(), f'{self.command} ended without {text!r}:\n{self.output()}'
 
-    def end(self) -> None:
-        """End it, kindly at first."""
+    def end(self, asked: bool = False) -> None:
+        """End it, kindly at first.
+
+        :param asked: whether it was asked kindly already.
+        """
         for number, seconds in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
-            self.signal(number)
+            if number == signal.SIGKILL or not asked:
+                self.signal(number)
             try:
                 self._child.wait(seconds)
             except subprocess.TimeoutExpired:
@@ -143,6 +147,12 @@ class Processes:
             f'--- {" ".join(p.command)} (pid {p.pid})\n{p.output()}' for p in self._started)
 
     def end(self) -> None:
-        """End all of them."""
-        for process in self._started:
-            process.end()
+        """End all of them: kindly, and at the same time, at first."""
+        try:
+            for process in self._started:
+                process.signal(signal.SIGINT)
+            for process in self._started:
+                process.end(asked=True)
+        finally:  # also when the time of the test is over
+            for process in self._started:
+                process.signal(signal.SIGKILL)

@@ -31,7 +31,7 @@ from rocket_sim_node.worlds import make
 
 N, STRANGER = 4, 0xBAD
 MakeClient = Callable[..., Client]
-REALTIME = {'mode': 'realtime', 'action_timeout': 0.4, 'agent_lease': 30.0}
+REALTIME = {'mode': 'realtime', 'action_timeout': 1.0, 'agent_lease': 30.0}
 FULL = np.tile(np.float32([1, 0, 0]), (N, 1))
 
 
@@ -260,7 +260,7 @@ def test_diagnostics_say_who_where_and_what(
     processes.start(
         'ros2', 'run', 'rocket_sim_node', 'simulator', '--ros-args', '-r', '__ns:=/sim_0',
         '-p', f'num_envs:={N}')
-    client = make_client(namespace='/sim_0')
+    client = make_client(namespace='/sim_0', resend_after=5.0)
     client.reset(1)
     client.step(FULL)
     watch = Watch(client)

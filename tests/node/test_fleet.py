@@ -123,7 +123,7 @@ def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
         assert {'/sim_0/action', '/sim_0/world', '/sim_0/reset'} <= set(of_the_simulator())
     assert of_the_simulator() == []
     fleet.close()
-    with Fleet(*make_node(), LinkOptions(0.1, 5.0), 2, '/sim_*') as other:
+    with Fleet(*make_node(), LinkOptions(0.1, 15.0), 2, '/sim_*') as other:
         assert len(list(other.fly([functools.partial(fall, 1)]))) == 1
 
 

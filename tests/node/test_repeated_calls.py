@@ -139,5 +139,5 @@ def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
         while time.monotonic() < began + 20.0:
             link.poll()
             time.sleep(0.01)
-    assert 4.0 < time.monotonic() - began < 8.0  # patience begins anew with the last answer
+    assert 4.0 < time.monotonic() - began < 15.0  # patience begins anew with the last answer
     assert service.calls >= 4 + len(REPEATED)

@@ -90,7 +90,7 @@ def test_state_tells_of_legs_contact_and_ground(
     for _ in range(600):
         observation = client.step(pilot(observation))[0]
     client.close()
-    client.waiter.until(lambda: False, 0.5)
+    client.waiter.until(lambda: any(max(s.step) >= 600 for s in states), 20.0)
     count = sum(len(s.row) for s in states)
     contact = np.concatenate([np.reshape(s.contact, (-1, 2)) for s in states])
     force = np.concatenate([np.reshape(s.contact_force, (-1, 3)) for s in states])

@@ -86,7 +86,7 @@ def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
     land = command(processes, 'land', 'episodes:=0', f'output:={recording}')
     land.wait_for('episodes:', 60.0)
     land.signal(signal.SIGINT)
-    assert land.wait(15.0) == 0, processes.logs()
+    assert land.wait(45.0) == 0, processes.logs()
     assert recording.is_file()
 
 
@@ -96,7 +96,7 @@ def test_land_passes_on_what_ends_it_alone(processes: Processes, tmp_path: Path)
     land.wait_for('episodes:', 60.0)
     nodes = psutil.Process(land.pid).children(recursive=True)
     os.kill(land.pid, signal.SIGTERM)
-    land.wait(20.0)
+    land.wait(45.0)
     assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
     assert (tmp_path / 'landing.rrd').is_file()
 
@@ -150,6 +150,18 @@ def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
         assert pilot.wait(60.0) == 0, processes.logs()
         assert re.search(r'1[6-9] episodes: .*mean return -\d', pilot.output()), pilot.output()
         simulator.end()
+
+
+def test_the_pilot_of_the_readme_flies_and_lands(processes: Processes, tmp_path: Path) -> None:
+    text = (SCRIPTS.parent / 'README.md').read_text()
+    (snippet,) = re.findall(r'```python\n(.*?run_pilot\(.*?)```', text, re.DOTALL)
+    (tmp_path / 'my_pilot.py').write_text(snippet)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=16)
+    pilot = processes.start(
+        'python', str(tmp_path / 'my_pilot.py'), '--ros-args', '-p', 'episodes:=16',
+        '-p', 'level:=1')
+    assert pilot.wait(60.0) == 0, processes.logs()
+    assert re.search(r'(1[6-9]) episodes: landed \1;', pilot.output()), pilot.output()
 
 
 @pytest.mark.parametrize(('name', 'argument', 'words'), [

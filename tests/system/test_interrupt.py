@@ -44,7 +44,7 @@ def runs(pid: int) -> bool:
 
 def assert_stopped_well(process: Process, run: Path, status: int, count: int) -> None:
     """Assert that all processes ended without force, and that the last line says how to go on."""
-    assert process.wait(30.0) == status, process.output()
+    assert process.wait(60.0) == status, process.output()
     output = process.output()
     assert len(nodes(output)) == count
     assert not [pid for pid in nodes(output) if runs(pid)]
@@ -99,7 +99,7 @@ def test_interrupted_before_it_began_the_advice_has_all_settings(
     # The agent is still on its way: it left no mark of the run.
     assert not (run / 'config.yaml').exists()
     process.signal(signal.SIGTERM)
-    assert process.wait(30.0) == 143, process.output()
+    assert process.wait(60.0) == 143, process.output()
     assert not [pid for pid in nodes(process.output()) if runs(pid)]
     before, advice = process.output().splitlines()[-2:]
     assert before == 'stopped; go on with:'

@@ -12,8 +12,13 @@ N = 64
 P99 = 20.0
 """ms that a step may take, 99 times in 100, while one packet in a hundred is lost: the median of
 stretches of a flight"""
+BUSY = 3.0
+"""times what a step takes without losses that it may take instead, where that is more: on a
+machine that has much else to do"""
 FLIGHTS = 4
-"""at most: a machine that has much else to do may be too busy in one or the other"""
+"""at most: it may have so much to do in one or the other"""
+
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())
@@ -27,4 +32,7 @@ def test_no_step_is_lost_or_taken_twice(share: float, nightly: bool) -> None:
         assert figures['equal']
         if share != 0.01 or figures['typical_p99'] <= P99:
             break
-        assert flight < FLIGHTS, figures
+        without = measure(0.0, N, 1500, 1)
+        if figures['typical_p99'] <= BUSY * without['typical_p99']:
+            break
+        assert flight < FLIGHTS, (figures, without)

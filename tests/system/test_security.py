@@ -103,7 +103,7 @@ def test_policy_allows_what_nodes_do_and_nothing_else(
                 del left[name]
         return not left
 
-    wait_until(all_as_allowed, 60.0, lambda: f'not all that is allowed is done: {left}\n'
+    wait_until(all_as_allowed, 100.0, lambda: f'not all that is allowed is done: {left}\n'
                + processes.logs() + ''.join(cabin.text for cabin in cabins))
 
 
