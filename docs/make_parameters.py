@@ -28,6 +28,10 @@ _HEAD = """# Parameters of all nodes
 Made by `python docs/make_parameters.py` from the code's declarations; a test keeps it current.
 Give one with `--ros-args -p name:=value`. All are read-only after start; an unknown name,
 another kind or a value out of range ends the node with status 2 and an error that names it.
+Paths that are not absolute are seen from where the node was started.
+"""
+_PRESETS = """What is given comes first, then the preset's values; the defaults above hold for what
+neither names. These are the values of the presets that ship and are not the default:
 """
 
 
@@ -39,6 +43,24 @@ def table(title: str, infos: Iterable[SettingInfo]) -> str:
         f'| `{info.name}` | {_kind(info)} | {_value(info.default)} | {_range(info)} '
         f'| {_escaped(info.description)}{f", {info.unit}" if info.unit else ""} |'
         for info in infos]
+    return '\n'.join([*lines, ''])
+
+
+def presets(world: str) -> str:
+    """Return a heading and a Markdown table of what the presets of a world set."""
+    defaults = {info.name: info.default for info in config.describe()}
+    names = sorted(config.preset_names(world), key=lambda name: (name != 'default', name))
+    values = [{
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in config.preset_values(preset, world).items()} for preset in names]
+    lines = [f'### Presets of `{world}`', '', f'| name | {" | ".join(names)} |',
+             f'| --- |{" --- |" * len(names)}']
+    for name, default in defaults.items():
+        cells = [
+            _value(found[name]) if found.get(name, default) != default else ''
+            for found in values]
+        if any(cells):
+            lines.append(f'| `{name}` | {" | ".join(cells)} |')
     return '\n'.join([*lines, ''])
 
 
@@ -71,9 +93,7 @@ def _range(info: SettingInfo) -> str:
 
 def text() -> str:
     """Return what parameters.md ought to hold."""
-    agent = (
-        ('mode `train`', (*describe(training.TrainingParameters), *config.describe())),
-        ('mode `infer`', describe(inference.InferenceParameters)))
+    training_infos = (*describe(training.TrainingParameters), *config.describe())
     return '\n'.join([
         _HEAD,
         table('`simulator`', describe(serving.SimulatorParameters)),
@@ -81,7 +101,9 @@ def text() -> str:
           for name in worlds.names()),
         table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
         table('`ppo_agent`', describe(acting.AgentParameters)),
-        *(table(f'`ppo_agent`, {mode}', infos) for mode, infos in agent),
+        table('`ppo_agent`, mode `train`', training_infos),
+        _PRESETS, *(presets(name) for name in worlds.names()),
+        table('`ppo_agent`, mode `infer`', describe(inference.InferenceParameters)),
         table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),
         table('`keyboard_pilot`', (
             *describe(keyboard_pilot.KeyboardParameters), *describe(keyboard.KeyboardSettings))),
