@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Waiting for the next message of an exchange: awake for a moment, asleep after that."""
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from processes import wait_until
+from rocket_msgs import msg
+
+from rocket_sim_node.wire import inbox
+from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.inbox import Inbox
+from rocket_sim_node.wire.inbox import Mailbox
+
+PATIENCE = 10.0
+
+
+class Line:
+    """A publisher of observations, and an inbox that waits for them."""
+
+    def __init__(self, make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        self.looks = self.sleeps = 0
+        self._step = 0
+        sender, _ = make_node()
+        node, executor = make_node()
+        self.publisher = sender.create_publisher(msg.Observation, 'observation', qos.STREAM)
+        self.box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
+        self.inbox = Inbox(node, executor)
+        make = self.inbox._make
+
+        def made(size: Any) -> None:
+            make(size)
+            self.inbox._wait_set = Counting(self, self.inbox._wait_set)
+
+        monkeypatch.setattr(self.inbox, '_make', made)
+        give_way = os.sched_yield
+
+        def counted() -> None:
+            self.looks += 1
+            give_way()
+
+        monkeypatch.setattr(inbox.os, 'sched_yield', counted)
+        while not self.publisher.get_subscription_count():
+            executor.spin_once(timeout_sec=0.01)
+        self.inbox.wait([self.box], 0.0)  # which serves the rest of the node, first of all
+        self.sleeps = 0
+
+    def send(self) -> None:
+        """Publish the next step."""
+        self._step += 1
+        self.publisher.publish(msg.Observation(session=1, step=self._step))
+
+    def receive(self) -> None:
+        """Wait for it, and take it."""
+        for _ in range(200):
+            if self.box in self.inbox.wait([self.box], PATIENCE)[0]:
+                break
+        assert self.box.take().step == self._step
+
+
+class Counting:
+    """A wait set that counts how often somebody sleeps in it."""
+
+    def __init__(self, line: Line, wait_set: Any) -> None:
+        self._line, self._wait_set = line, wait_set
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._wait_set, name)
+
+    def wait(self, nanoseconds: int) -> None:
+        self._line.sleeps += 1
+        self._wait_set.wait(nanoseconds)
+
+
+@pytest.fixture
+def line(make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Line:
+    monkeypatch.setattr(inbox, '_CORES', 2)
+    monkeypatch.setattr(inbox, '_LOOK_OUT', PATIENCE)
+    monkeypatch.setattr(inbox, '_BRISK', PATIENCE)
+    monkeypatch.setattr(inbox, '_SERVE_PERIOD', 100.0)
+    return Line(make_node, monkeypatch)
+
+
+def test_who_exchanges_briskly_does_not_sleep(line: Line) -> None:
+    line.send()
+    line.receive()
+    assert (line.looks, line.sleeps) == (0, 1)
+    for _ in range(20):
+        line.send()
+        line.receive()
+    assert line.sleeps == 1
+
+
+def test_who_waited_long_sleeps_at_once(
+        line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    line.send()
+    line.receive()
+    monkeypatch.setattr(inbox, '_LOOK_OUT', 0.0)
+    assert line.inbox.wait([line.box], 0.01) == ([], False)
+    looks = line.looks
+    assert looks <= 1 and line.sleeps == 2
+    monkeypatch.setattr(inbox, '_LOOK_OUT', PATIENCE)
+    assert line.inbox.wait([line.box], 0.01) == ([], False)
+    assert line.looks == looks and line.sleeps == 3
+
+
+def test_nobody_looks_out_who_would_be_in_the_way(
+        line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inbox, '_CORES', 1)
+    for _ in range(3):
+        line.send()
+        line.receive()
+    assert line.looks == 0 and line.sleeps >= 3
+
+
+def test_what_was_seen_and_not_taken_is_not_slept_on(line: Line) -> None:
+    line.send()
+    wait_until(lambda: line.box.full, PATIENCE)
+    assert line.inbox.wait([line.box], PATIENCE) == ([line.box], False)
+    assert np.array_equal(line.box.take().data, [])
+    assert line.box.take() is None
