@@ -104,7 +104,7 @@ def _learner(axes: Axes, f: Figures) -> None:
     _bars(axes, names, {
         'ours': [row['samples_per_second']['ours'] / row['floor'] for row in rows],
         'stable-baselines3': [row.get('SB3', np.nan) / row['floor'] for row in rows]},
-        'samples/s, as a share of what the bare matrix products make')
+        'share of what the bare products make')
     axes.tick_params(axis='x', labelsize=8)
 
 

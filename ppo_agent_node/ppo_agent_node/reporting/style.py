@@ -56,7 +56,7 @@ def styled() -> Iterator[None]:
 def plain_logarithm(axis: Axis) -> None:
     """Put plain numbers at 1, 2 and 5 of each decade of a logarithmic axis."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(StrMethodFormatter('{x:,g}'))
+    axis.set_major_formatter(StrMethodFormatter('{x:,.10g}'))
     axis.set_minor_locator(NullLocator())
 
 
