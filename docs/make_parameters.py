@@ -93,7 +93,6 @@ def _range(info: SettingInfo) -> str:
 
 def text() -> str:
     """Return what parameters.md ought to hold."""
-    training_infos = (*describe(training.TrainingParameters), *config.describe())
     return '\n'.join([
         _HEAD,
         table('`simulator`', describe(serving.SimulatorParameters)),
@@ -101,7 +100,8 @@ def text() -> str:
           for name in worlds.names()),
         table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
         table('`ppo_agent`', describe(acting.AgentParameters)),
-        table('`ppo_agent`, mode `train`', training_infos),
+        table('`ppo_agent`, mode `train`', (
+            *describe(training.TrainingParameters), *config.describe())),
         _PRESETS, *(presets(name) for name in worlds.names()),
         table('`ppo_agent`, mode `infer`', describe(inference.InferenceParameters)),
         table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),

@@ -76,3 +76,8 @@ known_arguments() {
   local name
   for name in "${known[@]}"; do printf '%s:=%s\n' "$name" "${values[$name]}"; done
 }
+
+# tell_recording FILE: says where it is and how to see it, from any shell.
+tell_recording() {
+  echo "recording: $1; watch it with: $(command -v rerun || echo rerun) $1"
+}

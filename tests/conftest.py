@@ -48,12 +48,13 @@ def nightly(request: pytest.FixtureRequest) -> bool:
 def pytest_runtest_makereport(item: pytest.Item) -> Any:
     """Keep the outcome where fixtures can see it, and show the nodes' logs when a test fails."""
     report = yield
-    used = getattr(item, 'funcargs', {})
-    for name in ('processes', 'hosts') if report.failed else ():
-        if name in used:
-            report.sections.append(('logs of the nodes', used[name].logs()))
-    if report.failed and 'cabin' in used:
-        report.sections.append(('the terminal', used['cabin'].text))
+    if report.failed:
+        used = getattr(item, 'funcargs', {})
+        for name in ('processes', 'hosts'):
+            if name in used:
+                report.sections.append(('logs of the nodes', used[name].logs()))
+        if 'cabin' in used:
+            report.sections.append(('the terminal', used['cabin'].text))
     return report
 
 

@@ -316,27 +316,19 @@ def test_fly_ends_all_with_ctrl_c(
     assert child.wait(20.0) == 0
     assert_restored(cabin)
     cabin.wait_for(f'recording: {recording}', 5.0)
-    mine = f'/fly_{os.getpid()}'.encode()
-    assert not [p for p in Path('/proc').glob('[0-9]*/cmdline') if mine in reading(p)]
+    assert not running(f'/fly_{os.getpid()}')
 
 
 def test_fly_told_to_end_as_soon_as_it_has_begun_leaves_nothing(
         processes: Processes, cabin: Cabin) -> None:
-    mine = f'/fly_{os.getpid()}_early'.encode()
-
-    def children() -> list[Path]:
-        return [p for p in Path('/proc').glob('[0-9]*/cmdline')
-                if b'fly.launch.yaml' in reading(p) and mine in reading(p)]
-
+    mine = f'/fly_{os.getpid()}_early'
     child = cabin.start(
-        str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine.decode()}',
-        env=processes.env)
+        str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', env=processes.env)
     # The launch has hardly begun, and does not hear of Ctrl-C yet.
-    wait_until(lambda: bool(children()), 60.0, lambda: cabin.text)
+    wait_until(lambda: bool(running(mine, 'fly.launch.yaml')), 60.0, lambda: cabin.text)
     os.kill(child.pid, signal.SIGTERM)
     assert child.wait(40.0) == 143, cabin.text
-    wait_until(lambda: not [
-        p for p in Path('/proc').glob('[0-9]*/cmdline') if mine in reading(p)], 10.0)
+    wait_until(lambda: not running(mine), 10.0)
 
 
 def test_fly_puts_the_terminal_back_when_the_pilot_is_killed(
@@ -346,20 +338,21 @@ def test_fly_puts_the_terminal_back_when_the_pilot_is_killed(
         env=processes.env)
     cabin.wait_for('press r to fly', 60.0)
     assert not cabin.restored
-    mine = f'/fly_{os.getpid()}'.encode()
-    for path in Path('/proc').glob('[0-9]*/cmdline'):
-        if mine in (command := reading(path)) and b'/keyboard_pilot\0' in command:
-            os.kill(int(path.parent.name), signal.SIGKILL)
+    for pid in running(f'/fly_{os.getpid()}', '/keyboard_pilot\0'):
+        os.kill(pid, signal.SIGKILL)
     assert child.wait(20.0) > 2
     assert_restored(cabin)
 
 
-def reading(path: Path) -> bytes:
-    """Return what a file holds, nothing when it has gone."""
-    try:
-        return path.read_bytes()
-    except OSError:
-        return b''
+def running(*words: str) -> list[int]:
+    """Return the ids of the processes whose command line has all the words."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*/cmdline'):
+        with suppress(OSError):  # it has gone
+            command = path.read_bytes()
+            if all(word.encode() in command for word in words):
+                found.append(int(path.parent.name))
+    return found
 
 
 @pytest.mark.parametrize(('argument', 'words'), [

@@ -422,10 +422,7 @@ def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
 # Real viewers
 
 def wait(done: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    wait_until(done, seconds)
 
 
 def wait_for_more(path: Path) -> int:
@@ -544,7 +541,7 @@ def test_a_viewer_that_stands_still_has_one_stream_at_a_time(
     time.sleep(1.5)  # it looks for a viewer each second
     assert not looks
     stands.set()
-    wait_until(lambda: bool(looks), 10.0)
+    wait(lambda: bool(looks), 10.0)
     live.close()
 
 

@@ -198,15 +198,13 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'curriculum_start_level: got {levels.curriculum_start_level}, expected 1 to '
             f'curriculum_final_level, {levels.curriculum_final_level}, or both 0')
-    if config.network.log_std_init < config.network.log_std_floor:
-        raise ValueError(
-            f'log_std_init: got {config.network.log_std_init}, '
-            f'expected at least log_std_floor, {config.network.log_std_floor}')
-    if config.network.log_std_final < config.network.log_std_floor:
-        raise ValueError(
-            f'log_std_final: got {config.network.log_std_final}, '
-            f'expected at least log_std_floor, {config.network.log_std_floor}')
-    if not config.network.hidden_sizes:
+    network = config.network
+    for name in ('log_std_init', 'log_std_final'):
+        if getattr(network, name) < network.log_std_floor:
+            raise ValueError(
+                f'{name}: got {getattr(network, name)}, '
+                f'expected at least log_std_floor, {network.log_std_floor}')
+    if not network.hidden_sizes:
         raise ValueError('hidden_sizes: got none, expected at least one layer')
     return config
 

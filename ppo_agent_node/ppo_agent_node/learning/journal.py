@@ -90,14 +90,14 @@ class Journal:
         done = iteration - self._first
         left = self._iterations - iteration if left is None else left
         # Iteration 0 of fine-tuning is a look at the clone: no measure of what the others take.
-        remaining = (now - self._stage_began) / done * max(0, left) if done else math.inf
+        each = (now - self._stage_began) / done if done else math.inf
         self._iteration = iteration
         self._progress = progress or Progress(iteration, self._iterations, self._unit)
         if 'level' in numbers:
             self.keep(level=numbers['level'])
         told = {name: value for name, value in numbers.items() if name in _STATUS_FIELDS}
         self._tell(
-            message, remaining=remaining if left else 0.0, steps_per_second=rate, **told)
+            message, remaining=each * left if left > 0 else 0.0, steps_per_second=rate, **told)
 
     def message(self, text: str) -> None:
         """Tell what happened between two entries; it is not written down."""

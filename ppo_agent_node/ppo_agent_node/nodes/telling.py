@@ -56,7 +56,7 @@ class Teller:
             best_landing_rate=last.best_landing_rate, best_return=last.best_return))
 
     def advise(self, simulators: str) -> None:
-        """Say how to resume, if nobody else will.
+        """Say how to resume, if nobody else will; of a run that never began leave nothing.
 
         :param simulators: namespaces of those that fly, as the agent was given them.
         """
