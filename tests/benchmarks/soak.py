@@ -7,8 +7,10 @@ a stop for 3 s. Every few seconds each is looked at. At the end each figure has 
 an hour with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when
 the slope is below 1 % of the mean.
 
-Each node has a row of its own: of those that live through it all, `sim_0` and `recorder_0`, the
-slope tells most; those that are killed every few minutes are mostly young.
+Each node has a row of its own, for those of its lives that last a fifth of the soak: `sim_0` and
+`recorder_0` live through it all, an agent for two thirds. Who is killed every few minutes is never
+old enough to lose much; its lives are compared with each other at the same age, a minute, so that
+what a later one might find there and take over would show.
 
 Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
 Steps per second of processor time, of agent and simulators, are what other load on the machine
@@ -28,6 +30,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import soak_plot
+from benchmarks.soak_nodes import KILLED
 from benchmarks.soak_nodes import NODES
 from benchmarks.soak_nodes import Nodes
 from benchmarks.soak_samples import SHARED_FIELDS
@@ -35,6 +38,9 @@ from benchmarks.soak_samples import Iterations
 from benchmarks.soak_samples import Row
 from benchmarks.soak_samples import Samples
 from benchmarks.soak_samples import read
+from benchmarks.soak_slopes import Slope
+from benchmarks.soak_slopes import Values
+from benchmarks.soak_slopes import at_age
 from benchmarks.soak_slopes import fit
 from benchmarks.soak_slopes import in_blocks
 from ppo_agent_node.evaluation.metrics import write_json
@@ -45,6 +51,10 @@ _AFTERMATH = 15.0
 """s after a fault in which nodes start and find each other"""
 _SPELL = 10.0
 """s of undisturbed training that make a point of steps/s"""
+_LIFE = 1 / 5
+"""of the soak: shorter lives are all youth"""
+_AGE = 60.0
+"""s after which lives are compared with each other"""
 _SAVED = 60.0
 """s between two savings of what is known so far"""
 _FIGURES = {
@@ -65,19 +75,28 @@ def slopes(
     """
     warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
 
-    def one(what: str, of: str, rows: list[Row], name: str) -> dict[str, Any]:
-        found = None
-        if rows:
-            lives = np.array([row.get('life', 1) for row in rows], np.float64)
-            found = fit(*in_blocks(
-                np.array([row['time'] for row in rows]), np.array([row[name] for row in rows]),
-                lives, warm_up, block))
+    def told(what: str, of: str, found: Slope | None) -> dict[str, Any]:
         return {'what': what, 'of': of, **(vars(found) if found else {}),
                 'flat': found.flat if found else None}
+
+    def columns(rows: list[Row], name: str) -> tuple[Values, Values, Values]:
+        return (np.array([row['time'] for row in rows], np.float64),
+                np.array([row[name] for row in rows], np.float64),
+                np.array([row.get('life', 1) for row in rows], np.float64))
+
+    def one(what: str, of: str, rows: list[Row], name: str) -> dict[str, Any]:
+        return told(what, of, fit(*in_blocks(
+            *columns(rows, name), warm_up, block, _LIFE * length)))
+
+    def young(node: str) -> dict[str, Any]:
+        rows = [row for row in looks if row['node'] == node]
+        return told(
+            f'memory at {_AGE:g} s, MiB', node, fit(*at_age(*columns(rows, 'own'), _AGE)))
 
     return [
         *(one(title, node, [row for row in looks if row['node'] == node], figure)
           for figure, title in _FIGURES.items() for node in NODES),
+        *(young(node) for node in KILLED),
         *(one(f'/dev/shm, {figure}', 'all', shared, figure) for figure in SHARED_FIELDS),
         *(one(title, 'all', rates, figure) for figure, title in _RATES.items())]
 
@@ -116,7 +135,8 @@ class Soak:
             self.elapsed = now - began
             self.nodes.tend()
             if now > fault:
-                print(f'{self.elapsed / 60:6.1f} min: {self.nodes.disturb()}', flush=True)
+                done = self.nodes.disturb(self.elapsed / self.length)
+                print(f'{self.elapsed / 60:6.1f} min: {done}', flush=True)
                 fault = now + self.nodes.until_next(every)
                 calm = now + min(_AFTERMATH, every / 4)
             if now < calm:

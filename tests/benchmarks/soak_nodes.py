@@ -35,14 +35,17 @@ class Fault(NamedTuple):
     what: str
     node: str
     weight: int
+    until: float = 1.0
+    """part of the soak after which it happens no more"""
 
 
 NODES = ('sim_0', 'sim_1', 'recorder_0', 'recorder_1', 'agent')
 FAULTS = (
-    Fault('killed', 'sim_1', 4), Fault('killed', 'recorder_1', 2), Fault('killed', 'agent', 1),
-    *(Fault('stopped', node, 1) for node in NODES))
-"""`sim_0` and `recorder_0` live as long as the soak, beside all the deaths of the others; an agent
-lives long enough for what it may lose to show."""
+    Fault('killed', 'sim_1', 4), Fault('killed', 'recorder_1', 2),
+    Fault('killed', 'agent', 3, until=1 / 3), *(Fault('stopped', node, 1) for node in NODES))
+"""`sim_0` and `recorder_0` live as long as the soak, beside all the deaths of the others, and one
+agent lives for two thirds of it: long enough for what they may lose to show."""
+KILLED = tuple(fault.node for fault in FAULTS if fault.what == 'killed')
 
 
 class Nodes:
@@ -92,9 +95,13 @@ class Nodes:
         self.nodes[name] = process
         self.lives[name] += 1
 
-    def disturb(self) -> str:
-        """Let something happen; return what."""
-        fault = self._random.choices(FAULTS, [fault.weight for fault in FAULTS])[0]
+    def disturb(self, part: float) -> str:
+        """Let something happen; return what.
+
+        :param part: of the soak that is over
+        """
+        faults = [fault for fault in FAULTS if part < fault.until]
+        fault = self._random.choices(faults, [fault.weight for fault in faults])[0]
         node = self.nodes[fault.node]
         if fault.what == 'stopped':
             self._stop(fault.node, _PAUSE)

@@ -73,17 +73,21 @@ def fit(hours: Values, values: Values, lives: Values, lag: int = _LAG) -> Slope 
 
 def in_blocks(
     seconds: Values, values: Values, lives: Values, warm_up: float, block: float,
+    shortest: float = 0.0,
 ) -> tuple[Values, Values, Values]:
     """Leave out the beginning of each life and average the rest over blocks of time.
 
     :param warm_up: s, at least, from the first point of a life; WARM_UP of it where that is more
     :param block: s
+    :param shortest: s; lives that last less are left out
     :return: hours, values and lives of the blocks, in order of time within each life.
     """
     parts = []
     for life in np.unique(lives):
         own = lives == life
         t, v = seconds[own], values[own]
+        if t[-1] - t[0] < shortest:
+            continue
         late = t >= t[0] + max(warm_up, WARM_UP * (t[-1] - t[0]))
         t, v = t[late], v[late]
         number = np.floor(t / block).astype(np.int64)
@@ -91,3 +95,21 @@ def in_blocks(
             chosen = number == one
             parts.append((t[chosen].mean() / 3600.0, v[chosen].mean(), life))
     return tuple(np.array(parts, np.float64).reshape(-1, 3).T)  # type: ignore[return-value]
+
+
+def at_age(
+    seconds: Values, values: Values, lives: Values, age: float,
+) -> tuple[Values, Values, Values]:
+    """Take one value of each life, at the same age: the first that is not of a younger one.
+
+    :param age: s from the first point of a life; lives that end before are left out
+    :return: hours, values, and ones: all count as one life.
+    """
+    points = []
+    for life in np.unique(lives):
+        own = lives == life
+        t, v = seconds[own], values[own]
+        old = np.flatnonzero(t >= t[0] + age)
+        if len(old):
+            points.append((t[old[0]] / 3600.0, v[old[0]], 1.0))
+    return tuple(np.array(points, np.float64).reshape(-1, 3).T)  # type: ignore[return-value]

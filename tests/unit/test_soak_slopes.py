@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.soak_slopes import at_age
 from benchmarks.soak_slopes import fit
 from benchmarks.soak_slopes import in_blocks
 
@@ -66,3 +67,23 @@ def test_of_a_long_life_the_first_third_is_left_out() -> None:
     values = np.where(seconds < 295.0, 1000.0, 5.0)
     _, means, _ = in_blocks(seconds, values, np.zeros(len(seconds)), 10.0, 60.0)
     assert set(means) == {5.0}
+
+
+def test_short_lives_are_left_out_when_asked() -> None:
+    seconds = np.arange(0.0, 900.0, 5.0)
+    lives = (seconds >= 100.0).astype(np.float64)
+    _, _, names = in_blocks(seconds, seconds, lives, 10.0, 60.0, shortest=200.0)
+    assert set(names) == {1.0}
+    none = in_blocks(seconds, seconds, lives, 10.0, 60.0, shortest=2000.0)
+    assert fit(*none) is None
+
+
+def test_lives_are_compared_at_the_same_age() -> None:
+    """Each begins at 10 and grows by 1 a second; the last is too short."""
+    seconds = np.arange(0.0, 210.0, 5.0)
+    lives = seconds // 100.0
+    values = 10.0 + seconds % 100.0 + 3.0 * lives
+    hours, found, ones = at_age(seconds, values, lives, 30.0)
+    assert (hours * 3600.0).tolist() == pytest.approx([30.0, 130.0])
+    assert found.tolist() == [40.0, 43.0]
+    assert ones.tolist() == [1.0, 1.0]
