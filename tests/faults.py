@@ -114,7 +114,8 @@ class Training:
                 assert any(said in output for said in ENDS), output
         else:
             # It was still on its way, importing: the signal itself ends it.
-            assert status in (0, 1, 130, -number), output
+            assert status in (0, 130, -number) or (
+                status == 1 and 'KeyboardInterrupt' in output), output
         self.restart(process)
 
     def interrupt(self) -> None:

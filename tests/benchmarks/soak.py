@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import soak_plot
-from benchmarks.soak_nodes import KILLED
 from benchmarks.soak_nodes import NODES
+from benchmarks.soak_nodes import YOUNG
 from benchmarks.soak_nodes import Nodes
 from benchmarks.soak_samples import SHARED_FIELDS
 from benchmarks.soak_samples import Iterations
@@ -71,7 +71,7 @@ def slopes(
     """Return each figure's slope, node by node.
 
     :param looks: at the nodes, in order; `shared`: at what they share; `rates`: of the training.
-    :param length: of the soak, s.
+    :param length: of the soak, as far as it has come, s.
     """
     warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
 
@@ -84,19 +84,23 @@ def slopes(
                 np.array([row[name] for row in rows], np.float64),
                 np.array([row.get('life', 1) for row in rows], np.float64))
 
-    def one(what: str, of: str, rows: list[Row], name: str) -> dict[str, Any]:
-        return told(what, of, fit(*in_blocks(
-            *columns(rows, name), warm_up, block, _LIFE * length)))
+    def one(
+        what: str, of: str, rows: list[Row], name: str, shortest: float = 0.0,
+    ) -> dict[str, Any]:
+        return told(what, of, fit(*in_blocks(*columns(rows, name), warm_up, block, shortest)))
 
     def young(node: str) -> dict[str, Any]:
-        rows = [row for row in looks if row['node'] == node]
-        return told(
-            f'memory at {_AGE:g} s, MiB', node, fit(*at_age(*columns(rows, 'own'), _AGE)))
+        # The first one begins otherwise: recorders stand still.
+        rows = [row for row in looks if row['node'] == node and row['life'] > 1]
+        hours, values, ones = at_age(*columns(rows, 'own'), _AGE)
+        found = told(f'memory at {_AGE:g} s, MiB', node, fit(hours, values, ones))
+        return {**found, 'lives': len(values)}
 
     return [
-        *(one(title, node, [row for row in looks if row['node'] == node], figure)
+        *(one(title, node, [row for row in looks if row['node'] == node], figure,
+              _LIFE * length)
           for figure, title in _FIGURES.items() for node in NODES),
-        *(young(node) for node in KILLED),
+        *(young(node) for node in YOUNG),
         *(one(f'/dev/shm, {figure}', 'all', shared, figure) for figure in SHARED_FIELDS),
         *(one(title, 'all', rates, figure) for figure, title in _RATES.items())]
 
@@ -120,7 +124,7 @@ class Soak:
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
             **self.nodes.told(), 'spells': len(self.iterations.rows),
             'slopes': slopes(
-                self.samples.rows, self.samples.shared, self.iterations.rows, self.length)}
+                self.samples.rows, self.samples.shared, self.iterations.rows, self.elapsed)}
 
     def run(self, period: float, save: Path | None) -> None:
         """Watch until the time is over.

@@ -45,7 +45,9 @@ FAULTS = (
     Fault('killed', 'agent', 3, until=1 / 3), *(Fault('stopped', node, 1) for node in NODES))
 """`sim_0` and `recorder_0` live as long as the soak, beside all the deaths of the others, and one
 agent lives for two thirds of it: long enough for what they may lose to show."""
-KILLED = tuple(fault.node for fault in FAULTS if fault.what == 'killed')
+YOUNG = tuple(
+    fault.node for fault in FAULTS if fault.what == 'killed' and fault.until == 1.0)
+"""who is killed to the end, and never gets old"""
 
 
 class Nodes:

@@ -130,6 +130,34 @@ def test_an_agent_that_only_computes_gives_no_orders(
     watch.until(lambda: watch.throttle == 0.0)
 
 
+def test_an_action_sent_again_is_no_new_order(
+        processes: Processes, make_client: MakeClient) -> None:
+    """As by an agent that hears nothing any more, or by a network that doubles and delays."""
+    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    blind = client.node.create_publisher(msg.Action, 'action', qos.STREAM)
+    order = msg.Action(
+        session=client.link.session, step=client.link.step, agent=client.link.agent,
+        continuous=messages.to_sequence(FULL, 'f4'))
+
+    def cut() -> bool:
+        blind.publish(order)
+        return watch['engine cuts'] == '1'
+
+    watch.until(cut)
+    for _ in range(20):
+        blind.publish(order)
+        watch.passes(2)
+        assert watch.throttle == 0.0
+    assert int(watch['repeated actions']) > 20
+    assert 'actions are back' not in process.output()
+    client.step(FULL)  # the same once more, but answered with what is seen now
+    client.step(FULL)
+    watch.until(lambda: watch.throttle == 1.0)
+
+
 @pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
 def test_a_second_agent_cannot_take_over_in_flight(
         processes: Processes, make_client: MakeClient, mode: str) -> None:

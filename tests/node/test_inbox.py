@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,7 @@ from rocket_sim_node.wire import inbox
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.wire.steady import create_timer
 
 PATIENCE = 10.0
 
@@ -115,6 +117,19 @@ def test_nobody_looks_out_who_would_be_in_the_way(
         line.send()
         line.receive()
     assert line.looks == 0 and line.sleeps >= 3
+
+
+def test_a_timer_that_is_due_is_served_amid_messages(line: Line) -> None:
+    """A flood of messages must not make lumps of the steps of real time."""
+    served: list[None] = []
+    timer = create_timer(line.box._node, 0.001, lambda: served.append(None))
+    for _ in range(50):
+        line.send()
+        while line.box not in line.inbox.wait([line.box], PATIENCE, timers=[timer])[0]:
+            pass
+        assert line.box.take() is not None
+        time.sleep(0.002)
+    assert len(served) >= 40
 
 
 def test_what_was_seen_and_not_taken_is_not_slept_on(line: Line) -> None:

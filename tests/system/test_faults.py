@@ -5,6 +5,8 @@ Each fault 50 times with `--nightly`; else all of them in turn, two times each.
 """
 from __future__ import annotations
 
+import signal
+import time
 from collections import deque
 from pathlib import Path
 
@@ -23,6 +25,8 @@ PER_RUN = 12
 LONGEST_WAIT = 2.0
 """s from one fault to the next: often a process is still starting"""
 
+FROZEN = 25.0
+"""s; DDS takes a participant for gone that was silent for 20"""
 HANGS = 400.0
 """s after which a training that nobody disturbs any more is given up"""
 
@@ -63,3 +67,22 @@ def test_training_goes_on_and_learns_the_same(
         flights += training.assert_recordings_readable()
     assert flights
     print(f'{len(faults)} faults in {runs} trainings, {flights} flights recorded')
+
+
+def test_all_are_frozen_for_longer_than_anybody_is_patient(
+        processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
+    """As by `docker pause`: longer than the agent waits, and than DDS remembers who is silent."""
+    if not nightly:
+        pytest.skip('a minute of standing still: --nightly')
+    training = Training(processes, tmp_path / 'run', Moments(), patience=5.0, **SETTINGS)
+    training.agent.wait_for('PPO 2/', HANGS)
+    everybody = training.simulator, training.agent, training.recorder
+    for _ in range(2):
+        for process in everybody:
+            process.signal(signal.SIGSTOP)
+        time.sleep(FROZEN)
+        for process in everybody:
+            process.signal(signal.SIGCONT)
+        time.sleep(LONGEST_WAIT)
+    training.finish(HANGS)
+    assert_same_run(training.run, undisturbed)

@@ -19,7 +19,7 @@ from processes import Processes
 
 STOPS, NIGHTLY_STOPS = 5, 60
 STILL = 1.5
-"""s; after one Fast DDS takes a reader's queue for that of a dead one"""
+"""s; after less Fast DDS may take a reader's queue for that of a dead one"""
 
 
 @pytest.mark.timeout(600)

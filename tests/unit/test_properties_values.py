@@ -19,9 +19,19 @@ from hypothesis.extra import numpy as hnp
 from rocket_msgs import msg
 
 from ppo_agent_node.learning import config
+from ppo_agent_node.nodes import acting
+from ppo_agent_node.nodes import connection
+from ppo_agent_node.nodes import evaluate
+from ppo_agent_node.nodes import inference
+from ppo_agent_node.nodes import keyboard_pilot
+from ppo_agent_node.nodes import piloting
+from ppo_agent_node.nodes import training
+from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
-from rocket_sim_node.nodes.serving import SimulatorParameters
+from rocket_sim_node.nodes import rerun_recorder
+from rocket_sim_node.nodes import serving
+from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.wire.cdr import Codec
 from rocket_sim_node.worlds.actions import Clipped
@@ -34,9 +44,13 @@ SPEC = replace(
 DISCRETE = replace(SPEC, continuous=False, action_count=4)
 LOW, HIGH = np.array(SPEC.action_low), np.array(SPEC.action_high)
 INFOS = [
-    info for cls in (SimulatorParameters, config.NetworkConfig, config.PPOConfig,
-                     config.CurriculumConfig) for info in settings.describe(cls)
-] + [info for name in worlds.names() for info in worlds.settings(name)]
+    *config.describe(), *(info for name in worlds.names() for info in worlds.settings(name)),
+    *(info for cls in (
+        serving.SimulatorParameters, rerun_recorder.Destinations, Choice, acting.AgentParameters,
+        training.TrainingParameters, inference.InferenceParameters, piloting.PilotParameters,
+        keyboard_pilot.KeyboardParameters, keyboard.KeyboardSettings,
+        evaluate.EvaluationParameters, connection.ConnectionParameters)
+      for info in settings.describe(cls))]
 ANY_ARRAY = hnp.arrays(
     st.one_of(hnp.scalar_dtypes(), st.just(np.dtype(object))),
     st.one_of(st.sampled_from([(2, 3), (2,)]), hnp.array_shapes(min_dims=0, max_side=4)))

@@ -252,6 +252,27 @@ def test_nothing_is_published_of_a_recorder_that_was_killed_before_it_heard_anyt
     assert not list(tmp_path.iterdir())
 
 
+def test_a_repair_that_was_ended_is_made_another_time(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when a job is told to end, with all that it started."""
+    path, whole = tmp_path / 'run.rrd', tmp_path / 'whole.rrd'
+    record(whole, simulate(1, 150))
+    cut = whole.read_bytes()[:-2000]
+    partial_path(path).write_bytes(cut)
+    ended = tmp_path / 'rerun'
+    ended.write_text('#!/bin/sh\nkill -TERM $$\n')
+    ended.chmod(0o755)
+    with monkeypatch.context() as patched:
+        patched.setattr(viewer, 'binary', lambda: ended)
+        with pytest.raises(OSError, match=r'not repaired yet, .* ended by signal 15'):
+            FileSink(path, lambda *note: None)
+    assert partial_path(path).read_bytes() == cut
+    notes: Notes = []
+    FileSink(path, lambda *note: notes.append(note)).close()
+    assert 'its recording is repaired' in notes[0][1]
+    assert path.exists() and not partial_path(path).exists()
+
+
 def test_what_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
     partial_path(tmp_path / 'run.rrd').write_bytes(b'no recording' * 100)
     notes: Notes = []

@@ -50,6 +50,23 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(folder: RunFolder) ->
         folder.newest(said.append)
 
 
+def test_what_was_left_out_is_put_aside_when_the_run_goes_on(folder: RunFolder) -> None:
+    save(folder, 15)
+    save(folder, 20)
+    newer = folder.checkpoints / 'iteration_000020.safetensors'
+    whole = newer.read_bytes()
+    newer.write_bytes(whole[:-1])
+    found = folder.newest(lambda text: None)
+    assert found is not None
+    folder.go_on_from(found[0])
+    assert newer.with_suffix('.damaged').read_bytes() == whole[:-1]
+    save(folder, 16)
+    newest = folder.newest(pytest.fail)
+    assert newest is not None and newest[0].stem == 'iteration_000016'
+    folder.go_on_from(newest[0])
+    assert newest[0].exists()
+
+
 def test_log(folder: RunFolder) -> None:
     for iteration in range(4):
         folder.append({'iteration': iteration, 'value': 0.1 + iteration, 'none': float('nan')})

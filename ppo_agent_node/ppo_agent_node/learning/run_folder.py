@@ -208,6 +208,15 @@ class RunFolder:
             raise ValueError(f'{self.checkpoints}: all {len(saved)} checkpoints are damaged')
         return None
 
+    def go_on_from(self, path: Path) -> None:
+        """Put aside the checkpoints that are newer, which were left out as damaged.
+
+        One of them may be readable again another time; the run has then another past.
+        """
+        saved = self._saved()
+        for newer in saved[:saved.index(path)]:
+            newer.replace(newer.with_suffix('.damaged'))
+
     def _saved(self) -> list[Path]:
         """Return the checkpoints of iterations, newest first."""
         found = [p for p in self.checkpoints.iterdir() if _NAME.fullmatch(p.name)]

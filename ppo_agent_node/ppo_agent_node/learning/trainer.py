@@ -157,6 +157,7 @@ class Trainer:
         self._state = run_state.from_content(path, sealed, self._spec, self._config)
         self._worlds = run_state.take_worlds(path, tensors, len(self._worlds))
         self._learner.load(path, tensors)
+        self._folder.go_on_from(path)
         self._journal.take_up(self._state.lines, self._state.steps)
         if self._config.run.episode_lines:
             for line in self._folder.lines():

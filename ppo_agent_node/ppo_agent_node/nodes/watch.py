@@ -24,9 +24,14 @@ _SPIN_PERIOD = 0.2
 
 
 def status_from_message(message: TrainingStatus) -> Status:
-    """Return the report in a message."""
+    """Return the report in a message, whose words move no cursor."""
     values = {name: getattr(message, name) for name in Status.__dataclass_fields__}
-    return Status(**{**values, 'stages': tuple(message.stages)})
+    words = {name: _printable(value) for name, value in values.items() if isinstance(value, str)}
+    return Status(**{**values, **words, 'stages': tuple(map(_printable, message.stages))})
+
+
+def _printable(text: str) -> str:
+    return ''.join(sign if sign.isprintable() else ' ' for sign in text)
 
 
 def watch(node: Node, executor: Executor) -> None:

@@ -19,7 +19,9 @@ def stage_name(stage: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return minutes and seconds, and hours where there are any."""
+    """Return minutes and seconds, and hours where there are any; '?' for what is no time."""
+    if not math.isfinite(seconds):
+        return '?'
     whole = max(0, int(seconds))
     if whole < 3600:
         return f'{whole // 60}:{whole % 60:02d}'

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,7 @@ from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.steady import STEADY
 
 _SPIN_PERIOD = 0.2
 """s; the events executor needs a finite time-out, and Python looks after signals in between"""
@@ -48,6 +50,8 @@ _DRAIN = 1.5
 _DRAINED_AT_ONCE = 20
 _AGENT_GONE = 3.0
 """s without anybody who might report a training after which it is over"""
+_BEYOND_ALL = 1e30
+"""what no quantity comes to; a recording holds single precision"""
 _NICENESS = 10
 """how far it stands behind simulator and agent where there are not cores enough"""
 
@@ -85,26 +89,43 @@ class RecorderNode:
             node.create_subscription(kind, topic, callback, profile)
 
     def _on_world(self, message: msg.World) -> None:
-        self.count += 1
-        try:
+        def take() -> None:
             spec = messages.world_from_message(message)
             self._recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
-        except ValueError as error:
-            self._node.get_logger().warning(
-                f'world left out: {error}', throttle_duration_sec=1.0)
+
+        self.count += 1
+        self._with('world', take)
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1
-        try:
-            self._recorder.states(message.session, samples_from_message(message))
-        except ValueError as error:
-            self._node.get_logger().warning(
-                f'refused state: {error}', throttle_duration_sec=1.0)
+        self._with('state', lambda: self._recorder.states(
+            message.session, samples_from_message(message)))
 
     def _on_training(self, message: msg.TrainingStatus) -> None:
         self.count += 1
         self._agent_there = time.monotonic()
-        self._recorder.training(training_from_message(message))
+        self._with('training', lambda: self._recorder.training(training_from_message(message)))
+
+    def tick(self) -> None:
+        """Have logged what has waited long enough."""
+        self._with('flight', self._recorder.tick)
+
+    def close(self) -> None:
+        """Have all finished that can be."""
+        self._with('flight', self._recorder.close)
+
+    def _with(self, what: str, do: Callable[[], None]) -> None:
+        """Do something with what others said; what makes no sense is left out, with a warning.
+
+        Anybody may publish here, and what is told of a world shapes numbers far from where it is
+        heard. A file or a viewer that fails is another matter (`OSError`, `ViewerError`).
+        """
+        try:
+            do()
+        except (ValueError, TypeError, ArithmeticError, LookupError, MemoryError) as error:
+            self._node.get_logger().warning(
+                f'{what} left out: {error or type(error).__name__}', throttle_duration_sec=1.0,
+                throttle_time_source_type=STEADY)
 
     def look_after_agents(self) -> None:
         """Tell the recorder when the last agent has gone; it may not have been able to say so."""
@@ -112,7 +133,7 @@ class RecorderNode:
         if self._node.count_publishers('training'):
             self._agent_there = now
         elif now - self._agent_there > _AGENT_GONE:
-            self._recorder.training_is_over()
+            self._with('flight', self._recorder.training_is_over)
 
 
 def samples_from_message(message: msg.RocketState) -> Samples:
@@ -127,10 +148,11 @@ def samples_from_message(message: msg.RocketState) -> Samples:
         contact=messages.from_sequence(message.contact, 'u1'),
         **{name: messages.from_sequence(getattr(message, name), 'f8')
            for name in (*FIELDS, 'leg_angle', 'terrain')})
-    if not np.isfinite(samples.values).all():
-        name = next(name for name in (*FIELDS, *OWN_FIELDS) if not np.isfinite(
-            samples.values[:, samples.layout.place(name)]).all())
-        raise ValueError(f'{name}: a value is not finite')
+    good = np.abs(samples.values) < _BEYOND_ALL
+    if not good.all():
+        name = next(name for name in (*FIELDS, *OWN_FIELDS)
+                    if not good[:, samples.layout.place(name)].all())
+        raise ValueError(f'{name}: a value is not finite, or beyond {_BEYOND_ALL:g}')
     return samples
 
 
@@ -183,10 +205,10 @@ def record(node: Node, executor: Executor) -> None:
             while not stopping.requested():
                 executor.spin_once(timeout_sec=_SPIN_PERIOD)
                 heard.look_after_agents()
-                recorder.tick()
+                heard.tick()
             _drain(executor, heard)
         finally:
-            recorder.close()
+            heard.close()
             note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps')
 
 

@@ -2,6 +2,7 @@
 """A recording as a file: written under another name, whole when it gets its own."""
 from __future__ import annotations
 
+import errno
 import fcntl
 import itertools
 import os
@@ -146,7 +147,7 @@ class FileSink:
     def _repair(self) -> None:
         """Publish what can be read of the partial file.
 
-        :raises OSError: when there is no room for that; the partial file stays.
+        :raises OSError: when there is no room for that, or it was ended; the partial file stays.
         """
         size = os.fstat(self._lock).st_size
         self._check_space(2 * size + RESERVE)
@@ -161,6 +162,10 @@ class FileSink:
             else:
                 rewrite(self._merged, self._repaired)
                 self._become(self._repaired)
+        except viewer.ViewerEnded as error:
+            raise OSError(
+                errno.EINTR, f'left by a recorder that was killed, not repaired yet, {error}',
+                str(self._partial)) from error
         except (viewer.ViewerError, OSError) as error:
             self._repaired.unlink(missing_ok=True)
             self._check_space()

@@ -85,9 +85,11 @@ class Recorder:
         """Take note of a world; what came before it was kept for it."""
         if stage == self._stage:
             return
-        self._finish_all()
-        self._stage = stage
-        self._begin(stage)
+        try:
+            self._finish_all()
+        finally:  # be it that the flights of the world before cannot be shown
+            self._stage = stage
+            self._begin(stage)
         early, self._early = self._early, []
         for session, samples in early:
             self.states(session, samples)
@@ -103,7 +105,8 @@ class Recorder:
         if self._stage is None:
             self._early = [*self._early, (session, samples)][-EARLY:]
             return
-        if samples.layout.legs < (legs := scenery(self._stage.world).legs):
+        legs = scenery(self._stage.world).legs
+        if legs and samples.layout.legs != legs:
             raise ValueError(f'contact: for {samples.layout.legs} legs, expected {legs}, as world '
                              f'{self._stage.world!r} has')
         if session != self._session:
@@ -154,6 +157,13 @@ class Recorder:
 
         A flight that was under way is kept only when no other was recorded.
         """
+        try:
+            self._log_the_rest()
+        finally:
+            for sink in self._sinks:
+                sink.close()
+
+    def _log_the_rest(self) -> None:
         followed = self._follower.flight
         if self._stage is not None and not self.flights and not self._held:
             rows = [row for row, buffer in self._buffers.items() if len(buffer) > 1]
@@ -164,8 +174,6 @@ class Recorder:
         self._finish_all()
         if self._training is not None:
             self._training.flush(self._dt)
-        for sink in self._sinks:
-            sink.close()
 
     # What becomes of it
 

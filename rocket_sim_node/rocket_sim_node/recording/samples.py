@@ -26,6 +26,9 @@ FIELDS = {
 WIDTH = 26
 """Numbers in a row of a world that has neither legs nor terrain."""
 
+_MOST_EACH = 1024
+"""legs, or heights of terrain, that a world may have: a flight keeps them for each of its steps"""
+
 OWN_FIELDS = ('contact', 'leg_angle', 'terrain')
 """Quantities that follow those of :data:`FIELDS`, as wide as the world has them."""
 
@@ -59,7 +62,10 @@ def _per_sample(name: str, values: NDArray[Any], count: int) -> int:
     if np.size(values) and (not count or np.size(values) % count):
         raise ValueError(
             f'{name}: {np.size(values)} values, expected a multiple of {count}, the samples')
-    return np.size(values) // count if count else 0
+    each = np.size(values) // count if count else 0
+    if each > _MOST_EACH:
+        raise ValueError(f'{name}: {each} values a sample, expected {_MOST_EACH} at most')
+    return each
 
 
 @dataclass(frozen=True)

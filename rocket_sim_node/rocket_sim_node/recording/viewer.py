@@ -33,22 +33,26 @@ class ViewerError(RuntimeError):
     """The Rerun program is missing or did not do what was asked."""
 
 
+class ViewerEnded(ViewerError):
+    """It is missing, or somebody ended it: another time it may do what was asked."""
+
+
 def binary() -> Path:
     """Return the native program of the installed package.
 
     The console script of the same name would leave it orphaned when it is ended.
 
-    :raises ViewerError: when it is not there.
+    :raises ViewerEnded: when it is not there.
     """
     try:
         import rerun_cli  # type: ignore[import-untyped]  # it has no types
     except ImportError as error:
-        raise ViewerError(
+        raise ViewerEnded(
             'the Rerun program is missing: pip install rerun-sdk (its version is pinned in the '
             'lock file)') from error
     path = Path(str(rerun_cli.__file__)).parent / 'rerun'
     if not path.is_file():
-        raise ViewerError(f'the Rerun program is missing: no file {path}')
+        raise ViewerEnded(f'the Rerun program is missing: no file {path}')
     return path
 
 
@@ -74,6 +78,8 @@ def rrd(*arguments: str | Path) -> None:
             preexec_fn=_LIKE_US)
     except subprocess.TimeoutExpired as error:
         raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
+    if result.returncode < 0:
+        raise ViewerEnded(f'rerun rrd {arguments[0]}: ended by signal {-result.returncode}')
     if result.returncode != 0:
         said = (result.stderr or result.stdout).strip().splitlines()[-3:]
         raise ViewerError(f'rerun rrd {arguments[0]}: {" ".join(said) or "failed"}')

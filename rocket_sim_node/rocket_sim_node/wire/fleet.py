@@ -8,6 +8,7 @@ decides how long it takes and nothing else.
 """
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -37,6 +38,8 @@ from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Restore
 
 T = TypeVar('T')
+_IDLE_PERIOD = 0.1
+"""s between two looks for somebody who flies"""
 _SILENT = 2.0
 """s without an answer after which a flight is given to a simulator that has nothing to do; more
 each time, as a step may just take long"""
@@ -59,6 +62,7 @@ class Fleet:
         self._roster = Roster(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
+        self._idle_look = math.inf
         """since nobody flies"""
 
     def __enter__(self) -> Fleet:
@@ -231,10 +235,11 @@ class Fleet:
         if not busy:
             self._idle = self._idle or Silence(
                 self._node, 'somebody who flies', self._waiter.patience, self._roster.where)
-            self._idle.check()
-            self._waiter.spin(0.1)
+            self._idle.check(self._idle_look)
+            self._idle_look = time.monotonic() + _IDLE_PERIOD
+            self._waiter.spin(_IDLE_PERIOD)
             return []
-        self._idle = None
+        self._idle, self._idle_look = None, math.inf
         if not self._waiter.overdue and (ready := [m for m in busy if m.link.arrived]):
             return ready  # while one was thought about, others have answered: no need to wait
         mailboxes: list[Mailbox] = []

@@ -124,9 +124,11 @@ class Inbox:
         :return: the mailboxes that have a message, and whether something else may have happened.
         """
         began = time.monotonic()
-        # With as many far ends at work as there are cores, one who looks out is in their way.
+        # With as many far ends at work as there are cores, one who looks out is in their way; and
+        # a timer that is due must not wait for a flood of messages to end.
         full = [mailbox for mailbox in mailboxes if mailbox.held is not None]
-        if self._brisk and not full and len(mailboxes) < _CORES and not self.overdue:
+        if (self._brisk and not full and not timers and len(mailboxes) < _CORES
+                and not self.overdue):
             full = _look_out(mailboxes, min(seconds, _LOOK_OUT))
         if full:
             return full, False

@@ -20,6 +20,7 @@ from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.answers import observation_of
 from rocket_sim_node.wire.calling import Call
 from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.definitions import check_definitions
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.waiting import Silence
@@ -99,6 +100,8 @@ class Link:
             msg.World, f'{prefix}world', self._on_world, qos.WORLD)
         self.topic = str(self._world_subscription.topic_name)
         """on which the simulator describes itself, with its namespace"""
+        self._topics = [f'{prefix}{name}' for name in (
+            'world', 'observation', 'reward', 'episodes')]
         stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
@@ -127,13 +130,23 @@ class Link:
     def _on_world(self, message: msg.World) -> None:
         self.world, self.heard = message, time.monotonic()
 
+    def described(self) -> WorldSpec:
+        """Return the shape of the world as last described.
+
+        :raises ValueError: for a description that makes no sense, or by a node that was built from
+            other definitions of the messages.
+        """
+        check_definitions(self._node, self._topics)
+        assert self.world is not None
+        return messages.world_from_message(self.world)
+
     def adopt_spec(self) -> WorldSpec:
         """Take the shape of the world as last described.
 
         :raises WorldChanged: when it came back as another one.
+        :raises ValueError: as `described` does.
         """
-        assert self.world is not None
-        spec = messages.world_from_message(self.world)
+        spec = self.described()
         if spec == self._spec:
             return self._spec
         if self._spec is not None:

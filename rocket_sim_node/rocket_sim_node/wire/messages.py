@@ -25,6 +25,7 @@ from rocket_sim_node.worlds.base import WorldSpec
 MOST_ENVS = 1_000_000
 """rockets of one simulator"""
 _MOST_NAMES = 4096
+_LEAST_DT, _MOST_DT = 1e-5, 60.0
 _CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
 
 
@@ -92,7 +93,7 @@ def _description_checks(
 ) -> Iterator[tuple[str, object, bool, str]]:
     """Yield name, value, whether it is good, and what is expected, of what a world says."""
     yield 'num_envs', spec.num_envs, 1 <= spec.num_envs <= MOST_ENVS, f'1 to {MOST_ENVS}'
-    yield 'dt', spec.dt, 0 < spec.dt < math.inf, 'a time in s above 0'
+    yield 'dt', spec.dt, _LEAST_DT <= spec.dt <= _MOST_DT, f'{_LEAST_DT:g} to {_MOST_DT:g} s'
     yield 'mode', message.mode, message.mode in (World.LOCKSTEP, World.REALTIME), '0 or 1'
     for name, most in (('observation_names', _MOST_NAMES), ('action_names', _MOST_NAMES),
                        ('outcomes', RocketState.NONE)):

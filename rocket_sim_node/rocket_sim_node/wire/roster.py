@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 from rclpy.node import Node
 
-from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import WorldChanged
@@ -100,7 +99,7 @@ class Roster:
         member.vetted, fitted = member.link.world, member.fits
         reason = ''
         try:
-            spec = messages.world_from_message(member.vetted)
+            spec = member.link.described()
         except ValueError as error:
             if not self._pattern:
                 raise

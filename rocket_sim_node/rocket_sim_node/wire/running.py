@@ -84,7 +84,7 @@ def run_late(
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 
-    DDS takes up to 0.8 s until those that were there before know a new participant. A node which
+    DDS takes a good part of a second until those that were there before know a new participant. A node which
     is there before it imports a world, or PyTorch, exchanges as soon as it is ready. When it is
     told to end meanwhile, it does, with status 0.
 

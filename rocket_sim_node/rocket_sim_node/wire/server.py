@@ -36,7 +36,7 @@ _SPIN_PERIOD = 0.2
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
-    'repeated answers')
+    'repeated answers', 'repeated actions')
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Server:
         self._step = 0
         self._action: NDArray[Any] | None = None
         self._action_time = 0.0
-        self._action_step = 0
+        self._action_step = -1
         """of the action flown last, in real time; an older one comes late"""
         spec = world.spec
         self._clipped = Clipped(spec)
@@ -139,6 +139,10 @@ class Server:
         if refusal:
             self._health.refuse('action', refusal)
             return
+        if self._realtime and message.step == self._action_step:
+            # Sent again, or late: no order of this moment. Whoever gives it may see nothing.
+            self._health.count('repeated actions')
+            return
         if not self._realtime and message.step == self._step - 1:
             self._health.count('repeated answers')
             self._result.publish()
@@ -174,7 +178,7 @@ class Server:
             self._publish_world()
             return f'session: {message.session:016x}, expected {self._session:016x}'
         self._lease.heard()
-        oldest = self._action_step if self._realtime else max(self._step - 1, 0)
+        oldest = max(self._action_step if self._realtime else self._step - 1, 0)
         if not oldest <= message.step <= self._step:
             expected = f'{oldest} to {self._step}' if oldest < self._step else f'{oldest}'
             return f'step: {message.step}, expected {expected}'
@@ -287,7 +291,7 @@ class Server:
         """Draw a new session and publish its first observation."""
         self._state.flush()
         self._session = secrets.randbits(63) + 1
-        self._step = self._action_step = 0
+        self._step, self._action_step = 0, -1
         self._action = None
         self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)

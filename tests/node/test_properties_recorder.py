@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever others publish: a recorder, and who watches a training, show what makes sense."""
+from __future__ import annotations
+
+import array
+import copy
+import io
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+from fuzzing import ANY_F32
+from fuzzing import ANY_FLOAT
+from fuzzing import ANY_U64
+from fuzzing import WIRE_TEXT
+from hypothesis import given
+from hypothesis import settings
+from hypothesis import strategies as st
+from recordings import fly
+from rocket_msgs import msg
+
+from ppo_agent_node.nodes.watch import status_from_message
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.nodes.rerun_recorder import RecorderNode
+from rocket_sim_node.nodes.rerun_recorder import samples_from_message
+from rocket_sim_node.recording import touchdown
+from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import OWN_FIELDS
+from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.sink import Look
+from rocket_sim_node.recording.sink import Put
+from rocket_sim_node.wire import messages
+from rocket_sim_node.worlds import make
+
+ROCKETS = 2
+WORLDS = ('rocket', 'rocket_planar', 'lunar_lander')
+ANY = {
+    'uint8': ANY_U64.map(lambda value: value % 2**8),
+    'uint32': ANY_U64.map(lambda value: value % 2**32), 'uint64': ANY_U64,
+    'int32': st.integers(-2**31, 2**31 - 1), 'float': ANY_F32, 'double': ANY_FLOAT,
+    'string': WIRE_TEXT}
+CODES = {'step': 'u8', 'row': 'u4', 'episode': 'u8', 'outcome': 'u1', 'contact': 'u1'}
+
+
+class Paper:
+    """A sink that draws all it is given, and keeps nothing."""
+
+    def __init__(self, live: bool) -> None:
+        self.live = live
+        self._stream = rr.RecordingStream('test')
+        rr.memory_recording(self._stream)
+
+    def begin(self, head: Put, look: Look) -> None:
+        head(self._stream)
+
+    def write(self, put: Put) -> None:
+        put(self._stream)
+
+    def flight(self, put: Put) -> bool:
+        put(self._stream)
+        return True
+
+    def under_way(self, put: Put, until: int) -> None:
+        put(self._stream)
+
+    def close(self) -> None:
+        pass
+
+
+class Desk:
+    """A recorder's node without DDS; its clock goes on by a minute at each look."""
+
+    def __init__(self, live: bool) -> None:
+        self.now, self.said = 0.0, list[str]()
+        node: Any = SimpleNamespace(
+            create_subscription=lambda *_: None, count_publishers=lambda _: 0,
+            get_logger=lambda: SimpleNamespace(warning=lambda text, **_: self.said.append(text)))
+        self.recorder = Recorder(
+            Choice(rows=(0, 1), every_nth_episode=1), [Paper(live)], lambda *_: None,
+            clock=lambda: self.now, settle=touchdown.follow)
+        self.node = RecorderNode(node, self.recorder)
+
+    def hear(self, message: Any) -> None:
+        """Take a message as from its topic."""
+        {msg.World: self.node._on_world, msg.RocketState: self.node._on_state,
+         msg.TrainingStatus: self.node._on_training}[type(message)](message)
+
+    def look(self) -> None:
+        self.now += 60.0
+        self.node.look_after_agents()
+        self.node.tick()
+
+
+@cache
+def good(world: str, session: int) -> list[Any]:
+    """Return what a simulator and an agent say of a session in which each rocket falls down."""
+    spec = make(world, ROCKETS).spec
+    idle = (np.tile(np.float32(spec.action_idle), (ROCKETS, 1)) if spec.continuous
+            else np.full(ROCKETS, spec.action_idle[0], np.int32))
+    _, samples = fly(world, ROCKETS, 500, lambda *_: idle)
+    said: list[Any] = [messages.world_to_message(spec, session, 0, msg.World.LOCKSTEP)]
+    for start in range(0, len(samples.step), 250):
+        part = samples.take(slice(start, start + 250))
+        said.append(message_of(part, session))
+    said.append(msg.TrainingStatus(run='run', stage='finetune', iteration=3, level=2))
+    return said
+
+
+def message_of(samples: Samples, session: int) -> msg.RocketState:
+    """Return samples as the message that carries them."""
+    message = msg.RocketState(session=session)
+    for name in ('step', 'row', 'episode', 'outcome', *FIELDS, *OWN_FIELDS):
+        values = (samples.values[:, samples.layout.place(name)] if name in (*FIELDS, *OWN_FIELDS)
+                  else getattr(samples, name))
+        setattr(message, name, messages.to_sequence(values, CODES.get(name, 'f8')))
+    assert np.array_equal(samples_from_message(message).values, samples.values)
+    return message
+
+
+@st.composite
+def harmed(draw: Any, message: Any) -> Any:
+    """A good message with some fields made anything that their types hold."""
+    message = copy.deepcopy(message)
+    kinds = message.get_fields_and_field_types()
+    for name in draw(st.lists(st.sampled_from(sorted(kinds)), min_size=1, max_size=4)):
+        inner = kinds[name].removeprefix('sequence<').removesuffix('>')
+        if inner.startswith('rocket_msgs'):
+            setting = draw(st.sampled_from(message.settings))
+            setting.value = draw(ANY_FLOAT)
+            continue
+        kind, value = ANY[inner], getattr(message, name)
+        if inner == kinds[name]:
+            setattr(message, name, draw(kind))
+        elif draw(st.booleans()) and len(value):  # one element
+            value[draw(st.integers(0, len(value) - 1))] = draw(kind)
+        else:  # another length
+            some = draw(st.lists(kind, max_size=5))
+            whole = list(value)[:draw(st.integers(0, len(value)))] + some
+            setattr(message, name, array.array(value.typecode, whole)
+                    if isinstance(value, array.array) else whole)
+    return message
+
+
+@pytest.mark.parametrize('live', [False, True])
+@pytest.mark.parametrize('world', WORLDS)
+@settings(max_examples=max(30, settings.default.max_examples // 10))
+@given(data=st.data())
+def test_a_recorder_goes_on_whatever_it_hears(world: str, live: bool, data: Any) -> None:
+    desk = Desk(live)
+    for message in good(world, 1):
+        for _ in range(data.draw(st.integers(0, 2))):
+            desk.hear(data.draw(harmed(message)))
+        if data.draw(st.booleans()):
+            desk.hear(message)
+        desk.look()
+    before = desk.recorder.flights
+    for message in good(world, 2)[:-1]:
+        desk.hear(message)
+    desk.look()
+    assert desk.recorder.flights >= before + ROCKETS
+    desk.node.close()
+
+
+def test_a_lander_of_three_legs_is_refused() -> None:
+    desk = Desk(False)
+    world, state, *_ = good('lunar_lander', 1)
+    legs = messages.to_sequence(np.zeros(3 * len(state.step)), 'f8')
+    state = copy.deepcopy(state)
+    state.leg_angle, state.contact = legs, array.array('B', map(int, legs))
+    desk.hear(world)
+    desk.hear(state)
+    assert desk.said == [
+        "state left out: contact: for 3 legs, expected 2, as world 'lunar_lander' has"]
+
+
+def test_landings_that_cannot_be_followed_are_left_out() -> None:
+    """What becomes of them is asked when they are shown, long after they were heard."""
+    desk = Desk(False)
+    world, *states, _ = copy.deepcopy(good('rocket', 1))
+    for item in world.settings:
+        item.value = -1.0
+    for state in states:
+        state.outcome = array.array('B', (0 if code != state.NONE else code
+                                          for code in state.outcome))
+    for message in (world, *states):
+        desk.hear(message)
+    desk.look()
+    assert [text.split(':')[0] for text in desk.said] == ['flight left out']
+    assert desk.recorder.flights == 0
+    desk.look()
+    assert len(desk.said) == 1
+
+
+@given(data=st.data())
+def test_who_watches_a_training_sees_on_whatever_is_said(data: Any) -> None:
+    message = msg.TrainingStatus(
+        run='run', folder='run', stages=['clone', 'finetune'], stage='finetune', iteration=3,
+        iterations=9, unit='iterations')
+    screen = io.StringIO()
+    with Terminal(screen) as terminal:
+        for _ in range(3):
+            terminal.show(status_from_message(data.draw(harmed(message))))
+            terminal.tick()
+        terminal.show(status_from_message(message))
+    assert '3' in screen.getvalue()
+    assert not set(screen.getvalue()) & {'\x1b', '\x07', '\x00'}

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that were built from different definitions of a message do not fly together."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rclpy.type_hash import TypeHash
+
+from rocket_sim_node.wire.definitions import DefinitionsDiffer
+from rocket_sim_node.wire.definitions import check_definitions
+
+OURS, THEIRS, UNTOLD = TypeHash(1, b'\x01' * 32), TypeHash(1, b'\x02' * 32), TypeHash()
+
+
+def end(hash_: TypeHash | None, name: str = 'simulator') -> Any:
+    """Return one end of a topic, as rclpy tells of it."""
+    return SimpleNamespace(node_name=name, node_namespace='/sim_0', **(
+        {} if hash_ is None else {'topic_type_hash': hash_}))
+
+
+def node(*publishers: Any, own: TypeHash | None = OURS) -> Any:
+    """Return an agent that hears these publishers, and a recorder of another build."""
+    return SimpleNamespace(
+        get_name=lambda: 'agent', get_namespace=lambda: '/sim_0',
+        get_publishers_info_by_topic=lambda topic: list(publishers),
+        get_subscriptions_info_by_topic=lambda topic: [end(THEIRS, 'recorder'), end(own, 'agent')])
+
+
+def test_another_definition_is_refused_by_name() -> None:
+    with pytest.raises(DefinitionsDiffer) as error:
+        check_definitions(node(end(THEIRS)), ['observation'])
+    assert str(error.value).startswith('observation: /sim_0/simulator defines')
+    assert f'as {THEIRS}, expected {OURS}' in str(error.value)
+
+
+@pytest.mark.parametrize('agent', [
+    node(), node(end(OURS)), node(end(THEIRS, 'stray'), end(OURS)), node(end(UNTOLD)),
+    node(end(None)), node(end(THEIRS), own=UNTOLD)])
+def test_the_same_definition_or_one_that_is_not_told_is_believed(agent: Any) -> None:
+    check_definitions(agent, ['observation'])
