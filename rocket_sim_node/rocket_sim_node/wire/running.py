@@ -84,9 +84,9 @@ def run_late(
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 
-    DDS takes a good part of a second until those that were there before know a new participant. A node which
-    is there before it imports a world, or PyTorch, exchanges as soon as it is ready. When it is
-    told to end meanwhile, it does, with status 0.
+    DDS takes a good part of a second until those that were there before know a new participant. A
+    node which is there before it imports a world, or PyTorch, exchanges as soon as it is ready.
+    When it is told to end meanwhile, it does, with status 0.
 
     :param load: imports the body and further expected errors, and returns them.
     :param expected: those that are known without an import; they may come before the body, too.
