@@ -31,8 +31,12 @@ parse_arguments() {
   for argument in "$@"; do
     [[ $argument =~ ^([a-z_][a-z0-9_]*):=(.*)$ ]] ||
       die "got '$argument', expected NAME:=VALUE, for example seed:=3 (see --help)"
-    values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2]}
+    case ${BASH_REMATCH[2]} in
+      True | TRUE | False | FALSE) values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2],,} ;;
+      *) values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2]} ;;
+    esac
   done
+  if [[ ${values[namespace]:-/} != /* ]]; then values[namespace]=/${values[namespace]}; fi
   local name declared
   declared=" $(launch_arguments "$file" | tr '\n' ' ') "
   for name in "${!values[@]}"; do
@@ -41,7 +45,10 @@ parse_arguments() {
 }
 
 # absolute NAME: makes the path in an argument absolute, so that it means the same to every node.
+# The shell leaves a ~ behind := as it is.
 absolute() {
+  # shellcheck disable=SC2088 # the letter is meant
+  if [[ ${values[$1]:-} == '~/'* ]]; then values[$1]=$HOME/${values[$1]#'~/'}; fi
   if [[ -n ${values[$1]:-} && ${values[$1]} != /* ]]; then values[$1]=$PWD/${values[$1]}; fi
 }
 

@@ -4,8 +4,9 @@
 
 # check_machine: what must hold before anything is begun.
 check_machine() {
-  [[ $root != *[[:space:]:]* ]] ||
-    fail "the path '$root' has a space or a colon, which ROS 2 builds cannot stand." 'Move the project to a path without.'
+  [[ $root != *[[:space:]:\&\#\'\"\\]* ]] ||
+    fail "the path '$root' has a space, a colon, a quote, a backslash, & or #, which ROS 2 builds cannot stand." \
+      'Move the project to a path without.'
   [[ -w $root && -w $root/ros_ws && (! -e $venv || -w $venv) ]] ||
     fail "$root is not writable for $(id -un)." 'Copy the project to a folder of yours, or change its owner.'
   [[ $(uname -s) == Linux ]] || fail "this is $(uname -s); Hoverslam runs on Linux." 'Use a Linux machine, container or WSL 2.'
@@ -23,7 +24,7 @@ check_machine() {
       fail "no ${tool#*:} found; a C and a C++ compiler build the ROS messages." \
         'Install them, on Debian and Ubuntu: sudo apt install build-essential'
   done
-  if ! venv_ready; then
+  if ! venv_ready && ! in_place; then
     local free
     free=$(df -Pk "$root" | awk 'NR == 2 {print int($4 / 1024)}')
     ((${free:-9999} >= 4000)) ||
@@ -79,15 +80,25 @@ requirements() {
   sed -i "s/^numpy==.*/numpy==$numpy/" "$1"
 }
 
+# in_place: whether only the pins of .venv have changed, since it was made or tried to be brought up to date.
+in_place() {
+  local old kept
+  old=$(cat "$stamps/venv" 2> /dev/null) || return 1
+  old=${old#unfinished }
+  kept=$(venv_state)
+  [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null
+}
+
 # make_venv: .venv with all packages, anew unless only the pins have changed.
 make_venv() {
   local wanted='' python='' old='' pip kept
   [[ $mode == wheels ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
-  old=$(cat "$stamps/venv" 2> /dev/null) || old=
   kept=$(venv_state)
-  if [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null; then
+  if in_place; then
     python=$(< "$stamps/python")
-    rm -f "$stamps/venv"
+    # Without a network, for instance, it can still be tried again.
+    old=$(< "$stamps/venv")
+    printf 'unfinished %s' "${old#unfinished }" > "$stamps/venv"
   else
     find_python
     new_venv
@@ -111,11 +122,11 @@ make_venv() {
 # new_venv: an empty .venv of $python.
 new_venv() {
   local options=()
-  rm -rf "$venv"
   [[ $mode == wheels ]] || options=(--system-site-packages)
   [[ -f $("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h ]] ||
     fail "the headers (Python.h) of $python are missing; the ROS messages are built with them." \
       "Install them, on Debian and Ubuntu: sudo apt install $("$python" -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])')"
+  rm -rf "$venv"
   step "Making .venv with $("$python" -V 2>&1)" "$python" -m venv "${options[@]}" "$venv" || {
     rm -rf "$venv"
     case $(tail -n 20 "$log") in

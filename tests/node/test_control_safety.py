@@ -130,6 +130,20 @@ def test_an_agent_that_only_computes_gives_no_orders(
     watch.until(lambda: watch.throttle == 0.0)
 
 
+def test_in_slow_motion_the_engine_burns_on(
+        processes: Processes, make_client: MakeClient) -> None:
+    """An order is as old as a step, 0.67 s here, when the next one can come."""
+    process = processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
+        realtime_factor=0.03)
+    client = make_client()
+    client.reset(1)
+    for _ in range(5):
+        client.step(FULL)
+    assert 'engine cut' not in process.output()
+    process.wait_for('engine cut', 10.0)  # when no more come
+
+
 def test_an_action_sent_again_is_no_new_order(
         processes: Processes, make_client: MakeClient) -> None:
     """As by an agent that hears nothing any more, or by a network that doubles and delays."""
@@ -151,7 +165,7 @@ def test_an_action_sent_again_is_no_new_order(
         blind.publish(order)
         watch.passes(2)
         assert watch.throttle == 0.0
-    assert int(watch['repeated actions']) > 20
+    watch.until(lambda: int(watch['repeated actions']) > 20)
     assert 'actions are back' not in process.output()
     client.step(FULL)  # the same once more, but answered with what is seen now
     client.step(FULL)

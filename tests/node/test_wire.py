@@ -17,6 +17,7 @@ from rollouts import assert_same
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.definitions import hashes
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -364,6 +365,19 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
     speaker.say(idle, step=late - 1)
     speaker.expect_refusal(f'action: step: {late - 1}', 'expected ')
     assert states[-1].throttle[-1] == 1.0
+
+
+def test_both_ends_tell_how_they_define_their_messages(
+        simulator: Process, make_client: MakeClient) -> None:
+    """As soon as the world is described: otherwise nobody would be refused for it."""
+    client = make_client()
+    client.connect()
+    node = client.node
+    for topic in ('world', 'observation', 'reward', 'episodes'):
+        near = hashes(node.get_subscriptions_info_by_topic(topic))
+        far = hashes(node.get_publishers_info_by_topic(topic))
+        assert {hash_ for _, hash_ in near} == {hash_ for _, hash_ in far} != set()
+        assert (node.get_name(), node.get_namespace()) in {name for name, _ in near}
 
 
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:

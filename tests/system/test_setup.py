@@ -232,7 +232,7 @@ def test_paths_that_cmake_and_ros_cannot_stand(project: Project) -> None:
     project.root = project.root.rename(project.root.with_name('a b'))
     status, output = project.run()
     assert status == 1
-    assert 'has a space or a colon' in output
+    assert 'has a space, a colon' in output
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')

@@ -20,12 +20,14 @@ def end(hash_: TypeHash | None, name: str = 'simulator') -> Any:
         {} if hash_ is None else {'topic_type_hash': hash_}))
 
 
-def node(*publishers: Any, own: TypeHash | None = OURS) -> Any:
-    """Return an agent that hears these publishers, and a recorder of another build."""
+def node(*far: Any, own: TypeHash | None = OURS, writes: bool = False) -> Any:
+    """Return an agent that hears these, and a recorder of another build; or one that writes."""
+    near = [end(THEIRS, 'recorder'), end(own, 'agent')]
+    publishers, subscriptions = (near, list(far)) if writes else (list(far), near)
     return SimpleNamespace(
         get_name=lambda: 'agent', get_namespace=lambda: '/sim_0',
-        get_publishers_info_by_topic=lambda topic: list(publishers),
-        get_subscriptions_info_by_topic=lambda topic: [end(THEIRS, 'recorder'), end(own, 'agent')])
+        get_publishers_info_by_topic=lambda topic: publishers,
+        get_subscriptions_info_by_topic=lambda topic: subscriptions)
 
 
 def test_another_definition_is_refused_by_name() -> None:
@@ -33,6 +35,13 @@ def test_another_definition_is_refused_by_name() -> None:
         check_definitions(node(end(THEIRS)), ['observation'])
     assert str(error.value).startswith('observation: /sim_0/simulator defines')
     assert f'as {THEIRS}, expected {OURS}' in str(error.value)
+
+
+def test_so_is_who_reads_another_one() -> None:
+    agent = node(end(THEIRS), writes=True)
+    with pytest.raises(DefinitionsDiffer, match='action: /sim_0/simulator defines'):
+        check_definitions(agent, [], ['action'])
+    check_definitions(node(end(OURS), end(THEIRS, 'recorder'), writes=True), [], ['action'])
 
 
 @pytest.mark.parametrize('agent', [

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation import standing
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.evaluation.standing import _swing
 from ppo_agent_node.evaluation.standing import after_touchdown
@@ -44,12 +45,26 @@ def test_a_swing_turns_up_into_the_nose() -> None:
 
 def test_gentle_touchdowns_stand_and_fast_ones_do_not() -> None:
     """One that leans and turns on topples; 3.9 m/s is beyond the legs; the last is in the air."""
-    standing = after_touchdown(
+    found = after_touchdown(
         ends((3, 0, 0, 0), (0, 0, 40, 1.5), (0, 3.9, 0, 0), (0, 0, 0, 0)), np.full(4, 800.0),
         np.array((True, True, True, False)), SETTINGS)
-    assert standing.standing.tolist() == [True, False, False, False]
-    assert standing.verdicts == {'stands': 1, 'slides': 1, 'bounces': 0, 'tips_over': 1}
-    assert standing.rest_distance == pytest.approx([3.0], abs=0.01)
+    assert found.standing.tolist() == [True, False, False, False]
+    assert found.verdicts == {'stands': 1, 'slides': 1, 'bounces': 0, 'tips_over': 1}
+    assert found.rest_distance == pytest.approx([3.0], abs=0.01)
+
+
+def test_many_are_followed_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    last = ends(*rng.uniform((-20, -4, -30, -1), (20, 4, 30, 1), (23, 4)).tolist())
+    arguments = last, rng.uniform(500, 1500, 23), rng.random(23) < 0.8, SETTINGS
+    whole = after_touchdown(*arguments)
+    monkeypatch.setattr(standing, '_TOGETHER', 4)
+    parts = after_touchdown(*arguments)
+    assert (parts.verdicts, parts.verdict) == (whole.verdicts, whole.verdict)
+    assert np.array_equal(parts.standing, whole.standing)
+    assert parts.rest_distance == pytest.approx(whole.rest_distance, rel=1e-9)
+    nobody = after_touchdown(last, arguments[1], np.zeros(23, np.bool_), SETTINGS)
+    assert not nobody.standing.any() and set(nobody.verdict) == {''}
 
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])

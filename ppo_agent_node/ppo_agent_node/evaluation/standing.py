@@ -12,6 +12,9 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.settling import VERDICTS
 from rocket_sim_node.worlds.settling import settle
 
+_TOGETHER = 2000
+"""touchdowns that are followed at once"""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -41,20 +44,29 @@ def after_touchdown(
     """
     last = observation[ground].astype(np.float64)
     position = last[:, 0:3] * settings['position_scale']
-    settled = settle(
-        position, _swing(last[:, 6:9]), last[:, 3:6] * settings['velocity_scale'],
-        last[:, 9:12] * settings['spin_scale'], settings['fuel'] - fuel_used[ground], settings)
+    velocity = last[:, 3:6] * settings['velocity_scale']
+    spin = last[:, 9:12] * settings['spin_scale']
+    fuel = settings['fuel'] - fuel_used[ground]
+    # Each has bodies of its own and all its moments, which together would fill the memory.
+    parts = [
+        settle(position[part], _swing(last[part, 6:9]), velocity[part], spin[part], fuel[part],
+               settings)
+        for part in (slice(start, start + _TOGETHER)
+                     for start in range(0, max(len(last), 1), _TOGETHER))]
+    upright, verdict, places = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ('standing', 'verdict', 'position'))
     standing = np.zeros(len(observation), np.bool_)
     # The model's legs hold at any speed; real ones are made for a landing.
-    speed = np.linalg.norm(last[:, 3:6] * settings['velocity_scale'], axis=1)
-    stands = settled.standing & (speed < settings['landed_speed'])
+    speed = np.linalg.norm(velocity, axis=1)
+    stands = upright & (speed < settings['landed_speed'])
     standing[ground] = stands
-    rest = settled.position[stands]
+    rest = places[stands]
     names = np.full(len(observation), '', dtype=object)
-    names[ground] = settled.names()
+    names[ground] = [name for part in parts for name in part.names()]
     return Standing(
         standing,
-        {name: int((settled.verdict == code).sum()) for code, name in enumerate(VERDICTS)},
+        {name: int((verdict == code).sum()) for code, name in enumerate(VERDICTS)},
         np.hypot(rest[:, 0], rest[:, 2]), tuple(names.tolist()))
 
 

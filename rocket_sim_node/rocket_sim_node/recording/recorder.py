@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -61,6 +62,7 @@ class Recorder:
         self._buffers = {row: FlightBuffer() for row in choice.rows}
         self._stage: Stage | None = None
         self._session = 0
+        self._over = False
         self._early: list[tuple[int, Samples]] = []
         self._training: TrainingRecorder | None = None
         self._reel = Reel(choice, sinks, note, settle)
@@ -157,13 +159,16 @@ class Recorder:
 
         A flight that was under way is kept only when no other was recorded.
         """
-        try:
-            self._log_the_rest()
-        finally:
+        with ExitStack() as stack:
             for sink in self._sinks:
-                sink.close()
+                stack.callback(sink.close)
+            self.log_the_rest()
 
-    def _log_the_rest(self) -> None:
+    def log_the_rest(self) -> None:
+        """Log what is left, once; nothing is to come after that."""
+        if self._over:
+            return
+        self._over = True
         followed = self._follower.flight
         if self._stage is not None and not self.flights and not self._held:
             rows = [row for row, buffer in self._buffers.items() if len(buffer) > 1]

@@ -62,7 +62,10 @@ class Reel:
         # Of flights that nobody sees nobody need know what became of them.
         if self.settles and (self._shown or self._room > 0):
             assert self._settle is not None
-            settlings = self._settle(flights, stage)
+            try:
+                settlings = self._settle(flights, stage)
+            except ValueError as error:
+                self._note('WARN', f'what became of {len(flights)} flights is not shown: {error}')
         taken = [
             self._record(flight, stage, settling)
             for flight, settling in zip(flights, settlings, strict=True)]

@@ -9,6 +9,8 @@ import numpy as np
 from rocket_sim_node import frames
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
+from rocket_sim_node.recording.samples import FIELDS
+from rocket_sim_node.recording.samples import NO_LAYOUT
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.worlds.outcome import LANDED
 from rocket_sim_node.worlds.outcome import OFF_PAD
@@ -18,6 +20,8 @@ from rocket_sim_node.worlds.settling import settle
 
 _SETTLE = tuple(OUTCOMES[code] for code in (LANDED, TIPPED, OFF_PAD))
 """Outcomes that are followed; of a touchdown that is too fast the legs would not hold."""
+_FASTEST, _FASTEST_SPIN, _FARTHEST = 100.0, 20.0, 1e5
+"""m/s, rad/s and m from the pad with which no rocket touches down"""
 
 
 def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
@@ -30,7 +34,7 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     ends: list[Settling | None] = [None] * len(flights)
     chosen = [
         place for place, flight in enumerate(flights)
-        if stage.world == 'rocket' and flight.outcome in _SETTLE]
+        if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)]
     if not chosen:
         return ends
     last = Flight(0, 0, 0, '', np.stack([flights[place].values[-1] for place in chosen]))
@@ -51,3 +55,14 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
             angular_velocity=frames.vector_to_ros(course.angular_velocity[own]),
             fuel=np.full(count, last.fuel[lane]), mass=np.full(count, last.mass[lane]))
     return ends
+
+
+def _may_be(flight: Flight) -> bool:
+    """Return whether the contact model has an answer: anybody may say what a rocket ends with."""
+    def last(name: str) -> float:
+        return float(np.linalg.norm(flight.values[-1, FIELDS[name]]))
+
+    return bool(
+        flight.layout == NO_LAYOUT and flight.mass[-1] > 0.0 <= flight.fuel[-1]
+        and last('linear_velocity') < _FASTEST and last('angular_velocity') < _FASTEST_SPIN
+        and abs(last('orientation') - 1.0) < 1e-3 and last('position') < _FARTHEST)

@@ -29,6 +29,10 @@ _LIKE_US = _die_with_parent if sys.platform == 'linux' else None
 """what a child does first, so that it ends when we do, however that comes"""
 
 
+_TOLD = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""what somebody else ends a program by; what a damaged file may do to it are others"""
+
+
 class ViewerError(RuntimeError):
     """The Rerun program is missing or did not do what was asked."""
 
@@ -78,7 +82,7 @@ def rrd(*arguments: str | Path) -> None:
             preexec_fn=_LIKE_US)
     except subprocess.TimeoutExpired as error:
         raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
-    if result.returncode < 0:
+    if -result.returncode in _TOLD:
         raise ViewerEnded(f'rerun rrd {arguments[0]}: ended by signal {-result.returncode}')
     if result.returncode != 0:
         said = (result.stderr or result.stdout).strip().splitlines()[-3:]

@@ -18,30 +18,38 @@ class DefinitionsDiffer(ValueError):
     """Two nodes were built from different definitions of a message."""
 
 
-def check_definitions(node: Node, topics: Iterable[str]) -> None:
-    """Make sure that those who publish on topics define their messages as this node does.
+def check_definitions(node: Node, reads: Iterable[str], writes: Iterable[str] = ()) -> None:
+    """Make sure that the far ends of topics define their messages as this node does.
 
-    Where several do, one that agrees will do. Who tells no hash, as before ROS 2 Iron, is
+    Where there are several, one that agrees will do. Who tells no hash, as before ROS 2 Iron, is
     believed.
 
-    :param node: which subscribes to the topics.
-    :param topics: as the node names them.
+    :param reads: topics that the node subscribes to, as it names them.
+    :param writes: topics that it publishes on.
     :raises DefinitionsDiffer: with topic, node, hash, and the expected one.
     """
+    for topic in reads:
+        _check(node, topic, node.get_subscriptions_info_by_topic(topic),
+               node.get_publishers_info_by_topic(topic))
+    for topic in writes:
+        _check(node, topic, node.get_publishers_info_by_topic(topic),
+               node.get_subscriptions_info_by_topic(topic))
+
+
+def _check(node: Node, topic: str, near: Iterable[Any], far: Iterable[Any]) -> None:
     whoami = (node.get_name(), node.get_namespace())
-    for topic in topics:
-        own = next((hash_ for name, hash_ in _hashes(node.get_subscriptions_info_by_topic(topic))
-                    if name == whoami), None)
-        far = _hashes(node.get_publishers_info_by_topic(topic))
-        if own is None or not far or any(hash_ == own for _, hash_ in far):
-            continue
-        (name, namespace), hash_ = far[0]
-        raise DefinitionsDiffer(
-            f'{topic}: {namespace.rstrip("/")}/{name} defines its messages as {hash_}, expected '
-            f'{own}: one of the two nodes was built from another rocket_msgs')
+    # Another of our name counts as well: it may be one that was killed, and is not forgotten yet.
+    own = {hash_ for name, hash_ in hashes(near) if name == whoami}
+    theirs = hashes(far)
+    if not own or not theirs or any(hash_ in own for _, hash_ in theirs):
+        return
+    (name, namespace), hash_ = theirs[0]
+    raise DefinitionsDiffer(
+        f'{topic}: {namespace.rstrip("/")}/{name} defines its messages as {hash_}, expected '
+        f'{" or ".join(sorted(own))}: one of the two nodes was built from another rocket_msgs')
 
 
-def _hashes(ends: Iterable[Any]) -> list[tuple[tuple[str, str], str]]:
+def hashes(ends: Iterable[Any]) -> list[tuple[tuple[str, str], str]]:
     """Return name, namespace and hash of ends that tell one."""
     known = (((end.node_name, end.node_namespace), getattr(end, 'topic_type_hash', None))
              for end in ends)

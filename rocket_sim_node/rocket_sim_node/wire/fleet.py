@@ -22,6 +22,7 @@ from rclpy.node import Node
 
 from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.wire.client import RELEASE_TIMEOUT
+from rocket_sim_node.wire.definitions import DefinitionsDiffer
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import SimulatorBusy
@@ -38,6 +39,8 @@ from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Restore
 
 T = TypeVar('T')
+_OTHER = (WorldChanged, DefinitionsDiffer)
+"""why a simulator is not one of the fleet"""
 _IDLE_PERIOD = 0.1
 """s between two looks for somebody who flies"""
 _SILENT = 2.0
@@ -62,8 +65,9 @@ class Fleet:
         self._roster = Roster(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
-        self._idle_look = math.inf
         """since nobody flies"""
+        self._idle_look = math.inf
+        """when it is looked at next, s of the steady clock"""
 
     def __enter__(self) -> Fleet:
         """Use as a context that lets go of the simulators at the end."""
@@ -216,12 +220,12 @@ class Fleet:
             if task.attempts >= MAX_ATTEMPTS:
                 raise
             self._give_back(member, waiting)
-        except (WireTimeout, SimulatorBusy, WorldChanged) as error:
+        except (WireTimeout, SimulatorBusy, *_OTHER) as error:
             if not any(other.free or other.task for other in self._roster
                        if other is not member):
                 raise
             self._lose(member, waiting, str(error), report)
-            member.fits = not isinstance(error, WorldChanged)
+            member.fits = not isinstance(error, _OTHER)
         else:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)

@@ -100,8 +100,9 @@ class Link:
             msg.World, f'{prefix}world', self._on_world, qos.WORLD)
         self.topic = str(self._world_subscription.topic_name)
         """on which the simulator describes itself, with its namespace"""
-        self._topics = [f'{prefix}{name}' for name in (
+        self._reads = [f'{prefix}{name}' for name in (
             'world', 'observation', 'reward', 'episodes')]
+        self._writes = [f'{prefix}action']
         stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
@@ -136,7 +137,7 @@ class Link:
         :raises ValueError: for a description that makes no sense, or by a node that was built from
             other definitions of the messages.
         """
-        check_definitions(self._node, self._topics)
+        check_definitions(self._node, self._reads, self._writes)
         assert self.world is not None
         return messages.world_from_message(self.world)
 

@@ -47,7 +47,7 @@ class ServerOptions:
     realtime_factor: float = 1.0
     """simulated seconds per second, real-time mode only"""
     action_timeout: float = 0.5
-    """s without an action after which the engine is cut, real-time mode only"""
+    """s without a new action after which the engine is cut, two steps at least; real time only"""
     agent_lease: float = 10.0
     """s of silence after which another agent may take over"""
     acknowledge: str = 'auto'
@@ -74,10 +74,13 @@ class Server:
         :raises ValueError: when another agent could take over before the engine is cut.
         """
         self._realtime = options.mode == msg.World.REALTIME
-        if self._realtime and options.agent_lease < options.action_timeout:
+        period = world.spec.dt / options.realtime_factor
+        # In slow motion the answer to a step comes with the next one: an order is that old then.
+        self._cut_after = max(options.action_timeout, 2 * period)
+        if self._realtime and options.agent_lease < self._cut_after:
             raise ValueError(
-                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, '
-                f'{options.action_timeout:g} s, or more: a second agent would take over in flight')
+                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, and two '
+                f'steps, {self._cut_after:g} s, or more: a second agent would take over in flight')
         self._node = node
         self._world = world
         self._options = options
@@ -110,8 +113,7 @@ class Server:
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
         self._timers = [create_timer(
-            node, world.spec.dt / options.realtime_factor, self._on_tick,
-        )] if self._realtime else []
+            node, period, self._on_tick)] if self._realtime else []
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -205,10 +207,10 @@ class Server:
         moves: there is no flight then.
         """
         if self._action is not None and (
-                self._now() - self._action_time > self._options.action_timeout):
+                self._now() - self._action_time > self._cut_after):
             self._action = None
             self._health.alarm(
-                'engine cuts', f'action: none for {self._options.action_timeout:g} s: engine cut')
+                'engine cuts', f'action: none for {self._cut_after:g} s: engine cut')
         if self._action is not None:
             self._advance(self._action)
         elif not self._lease.vacant:
