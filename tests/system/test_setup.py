@@ -136,6 +136,43 @@ def test_only_what_is_out_of_date_is_done_again(project: Project) -> None:
     assert project.calls() == _ALL
 
 
+def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
+    """Without a network, or with little room: all is there to go on with, or to try again."""
+    project.run()
+    project.calls()
+    lock = project.root / 'launch_scripts/requirements.lock'
+    lock.write_text(lock.read_text().replace('# --- run', 'more==1\n# --- run', 1))
+    project.tool('df', '#!/bin/sh\necho; echo /dev/x 9 8 1024000 1 /\n')
+    mark = project.root / '.venv/mark'
+    mark.touch()
+    for _ in range(2):
+        status, _ = project.run(PIP_FAILS='no network')
+        assert status == 1
+        assert mark.exists()
+    project.calls()
+    status, output = project.run()
+    assert status == 0, output
+    assert mark.exists()
+    assert 'venv' not in project.calls()
+
+
+def test_a_set_up_that_cannot_succeed_keeps_what_there_is(project: Project) -> None:
+    project.run()
+    project.tool('python3.12', _PYTHON)
+    status, output = project.run(PYTHON='python3.12', INCLUDE='/nowhere')
+    assert status == 1
+    assert 'Python.h' in output
+    assert (project.root / '.venv/bin/python').exists()
+
+
+def test_the_python_of_an_entered_shell_is_no_other_one(project: Project) -> None:
+    project.run(PYTHON='python3.11')
+    path = project.root / '.venv/bin'
+    shutil.copy(path / 'python', path / 'python3.11')
+    assert project.run(PYTHON='python3.11', PATH=f'{path}:{project.tools}') == (
+        0, 'Everything is set up.\n')
+
+
 def test_a_project_that_has_moved_is_set_up_anew(project: Project) -> None:
     project.run()
     project.calls()
