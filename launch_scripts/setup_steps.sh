@@ -56,6 +56,8 @@ find_python() {
     usable "$PYTHON" || fail "PYTHON=$PYTHON is not a CPython 3.11, 3.12 or 3.13 that runs$wanted." \
       'Name another one, or unset PYTHON.'
     python=$(command -v "$PYTHON")
+    [[ $python != "$venv"/* ]] || fail "PYTHON=$PYTHON lies in .venv, which is to be made anew." \
+      'Name another one, or unset PYTHON.'
     return
   fi
   for candidate in python3.11 python3.12 python3.13 python3; do
@@ -89,6 +91,12 @@ in_place() {
   [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null
 }
 
+# try_again STATE: pip has put back what it could not bring up to date: it can be tried again as it is.
+# After an end from outside, half-way, nobody knows what is there.
+try_again() {
+  [[ -z $1 ]] || printf 'unfinished %s' "$1" > "$stamps/venv"
+}
+
 # make_venv: .venv with all packages, anew unless only the pins have changed.
 make_venv() {
   local wanted='' python='' old='' pip kept
@@ -96,9 +104,9 @@ make_venv() {
   kept=$(venv_state)
   if in_place; then
     python=$(< "$stamps/python")
-    # Without a network, for instance, it can still be tried again.
     old=$(< "$stamps/venv")
-    printf 'unfinished %s' "${old#unfinished }" > "$stamps/venv"
+    old=${old#unfinished }
+    rm -f "$stamps/venv"
   else
     find_python
     new_venv
@@ -106,9 +114,15 @@ make_venv() {
   pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input)
   requirements "$stamps/requirements"
   section build > "$stamps/build"
-  step 'Preparing pip' "${pip[@]}" install --retries 8 --timeout 60 -r "$stamps/build" || explain 'Installing packages'
+  step 'Preparing pip' "${pip[@]}" install --retries 8 --timeout 60 -r "$stamps/build" || {
+    try_again "$old"
+    explain 'Installing packages'
+  }
   step 'Installing ROS 2 and libraries' "${pip[@]}" install --retries 8 --timeout 60 --progress-bar off \
-    --no-build-isolation -r "$stamps/requirements" || explain 'Installing packages'
+    --no-build-isolation -r "$stamps/requirements" || {
+    try_again "$old"
+    explain 'Installing packages'
+  }
   if [[ $mode == wheels ]]; then
     step 'Checking packages' "${pip[@]}" check || explain 'Checking packages'
     relocate

@@ -222,7 +222,8 @@ def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> N
     process = processes.run_node(
         'rocket_sim_node', 'simulator', mode='realtime', action_timeout=1.0, agent_lease=0.5)
     assert process.wait(30.0) == 2
-    assert 'agent_lease: got 0.5 s, expected action_timeout, 1 s, or more' in process.output()
+    assert ('agent_lease: got 0.5 s, expected action_timeout, and 2.5 steps, 1 s, or more'
+            in process.output())
 
 
 def test_no_parameter_can_be_changed_after_start(

@@ -69,3 +69,15 @@ def test_refused_for_its_world_it_leaves_no_folder(processes: Processes, tmp_pat
     assert refused.wait(END) == 2, refused.output()
     assert 'lockstep' in refused.output()
     assert not (tmp_path / 'run').exists()
+
+
+def test_no_resume_is_promised_where_no_demonstration_landed(
+        processes: Processes, tmp_path: Path) -> None:
+    """It would come to the same; what flew can be looked at."""
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=8, fuel=20.0)
+    ended = agent(processes, tmp_path / 'run')
+    assert ended.wait(2 * END) == 2, ended.output()
+    assert 'none landed' in ended.output()
+    assert 'resume:=true' not in ended.output()
+    assert (tmp_path / 'run/config.yaml').exists()
+    assert not (tmp_path / 'run/.unfinished').exists()

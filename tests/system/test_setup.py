@@ -156,6 +156,17 @@ def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
     assert 'venv' not in project.calls()
 
 
+def test_an_update_that_was_killed_is_made_anew(project: Project) -> None:
+    """Half of a package may be there, and look whole."""
+    project.run()
+    lock = project.root / 'launch_scripts/requirements.lock'
+    lock.write_text(lock.read_text().replace('# --- run', 'more==1\n# --- run', 1))
+    assert project.run(PIP_KILLS='1')[0] == -signal.SIGKILL
+    project.calls()
+    assert project.run()[0] == 0
+    assert project.calls() == ['venv', 'pip', 'pip']
+
+
 def test_a_set_up_that_cannot_succeed_keeps_what_there_is(project: Project) -> None:
     project.run()
     project.tool('python3.12', _PYTHON)
@@ -169,8 +180,9 @@ def test_the_python_of_an_entered_shell_is_no_other_one(project: Project) -> Non
     project.run(PYTHON='python3.11')
     path = project.root / '.venv/bin'
     shutil.copy(path / 'python', path / 'python3.11')
-    assert project.run(PYTHON='python3.11', PATH=f'{path}:{project.tools}') == (
-        0, 'Everything is set up.\n')
+    for name in ('python3.11', str(path / 'python3.11')):
+        assert project.run(PYTHON=name, PATH=f'{path}:{project.tools}') == (
+            0, 'Everything is set up.\n')
 
 
 def test_a_project_that_has_moved_is_set_up_anew(project: Project) -> None:

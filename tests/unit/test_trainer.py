@@ -15,7 +15,6 @@ import pytest
 import torch
 
 from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning import trainer
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
 from ppo_agent_node.learning.config import make_config
@@ -117,19 +116,6 @@ def test_starts_that_the_world_refuses_are_told_before_there_is_a_run(tmp_path: 
             train(tmp_path / setting, small(**{setting: value}))
         assert not (tmp_path / setting / 'config.yaml').exists()
         assert not (tmp_path / setting / 'train.jsonl').exists()
-
-
-def test_a_run_without_a_demonstration_that_landed_is_none(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It would come to the same again: nothing is left to be resumed."""
-    def refuse(*_: object) -> None:
-        raise ValueError('demonstrations: none landed, nothing to clone')
-
-    monkeypatch.setattr(trainer, 'clone', refuse)
-    with pytest.raises(ValueError, match='none landed'):
-        train(tmp_path / 'run', small())
-    RunFolder(tmp_path / 'run', resume=True).withdraw()
-    assert not [path for path in (tmp_path / 'run').rglob('*') if path.is_file()]
 
 
 def test_a_rollout_larger_than_the_memory_is_refused(tmp_path: Path) -> None:

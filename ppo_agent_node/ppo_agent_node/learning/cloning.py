@@ -22,6 +22,10 @@ from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.policies import Policy
 
 
+class NothingLanded(ValueError):
+    """There is no demonstration to be cloned."""
+
+
 @dataclass(frozen=True)
 class CloneEpoch:
     """How one pass over the demonstrations went."""
@@ -73,10 +77,10 @@ def clone(
     :param report: called after each epoch.
     :param poll: called before each minibatch; may raise to end half-way, the policy unchanged.
     :return: the least validation loss.
-    :raises ValueError: when there are no demonstrations.
+    :raises NothingLanded: when there are no demonstrations.
     """
     if not len(demonstrations.episode):
-        raise ValueError('demonstrations: none landed, nothing to clone')
+        raise NothingLanded('demonstrations: none landed, nothing to clone')
     training, validation = split_by_episode(
         demonstrations.episode, config.clone_validation_fraction,
         streams.generator(seed, 'clone split'))

@@ -101,11 +101,6 @@ class RunFolder:
         """Take the mark away."""
         (self.path / UNFINISHED).unlink(missing_ok=True)
 
-    def forget(self) -> None:
-        """Remove the settings and the log of a run that came to nothing; see `withdraw`."""
-        for path in (self.config, self.log):
-            path.unlink(missing_ok=True)
-
     def withdraw(self) -> None:
         """Take away again what was made for a run that never began."""
         if self.config.exists() or self.log.exists():

@@ -131,11 +131,7 @@ class Trainer:
                 rehearsal.try_starts(self._fly, self._config)
                 self._journal.take_up(0, 0)
                 self._folder.write_config(run_state.description(self._spec, self._config))
-                try:
-                    self._imitate()
-                except ValueError:  # a resumed run would come to the same
-                    self._folder.forget()
-                    raise
+                self._imitate()
                 self._begin_finetuning()
             else:
                 self._take_up(*saved)

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.learning import config as learning_config
+from ppo_agent_node.learning.cloning import NothingLanded
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
@@ -94,6 +95,9 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             pass
         except (WireTimeout, SimulatorBusy):
             teller.advise(options.simulators)
+            raise
+        except NothingLanded:
+            folder.mark_finished()  # a resumed run would come to the same
             raise
         except (ValueError, OSError):
             folder.withdraw()

@@ -112,8 +112,10 @@ class RecorderNode:
 
     def close(self) -> None:
         """Have all finished that can be."""
-        self._with('flight', self._recorder.log_the_rest)
-        self._recorder.close()
+        try:
+            self._with('flight', self._recorder.log_the_rest)
+        finally:
+            self._recorder.close()
 
     def _with(self, what: str, do: Callable[[], None]) -> None:
         """Do something with what others said; what makes no sense is left out, with a warning.

@@ -30,7 +30,7 @@ class SimulatorParameters:
     realtime_factor: float = setting(
         1.0, '', 'simulated seconds per second, realtime only', 0.01, 100.0)
     action_timeout: float = setting(
-        0.5, 's', 'without a new action for so long, and for two steps, the engine is cut, '
+        0.5, 's', 'without a new action for so long, and for 2.5 steps, the engine is cut, '
         'realtime only', 0.01, 3600.0)
     agent_lease: float = setting(
         10.0, 's', 'silence of the agent after which another may take over', 0.0, 3600.0)

@@ -33,6 +33,8 @@ from rocket_sim_node.worlds.base import SimulatedWorld
 
 _SPIN_PERIOD = 0.2
 """s; Python sees signals only between two waits"""
+_STEPS = 2.5
+"""in real time that an order is flown at least"""
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
@@ -47,7 +49,7 @@ class ServerOptions:
     realtime_factor: float = 1.0
     """simulated seconds per second, real-time mode only"""
     action_timeout: float = 0.5
-    """s without a new action after which the engine is cut, two steps at least; real time only"""
+    """s without a new action after which the engine is cut, 2.5 steps at least; real time only"""
     agent_lease: float = 10.0
     """s of silence after which another agent may take over"""
     acknowledge: str = 'auto'
@@ -75,12 +77,13 @@ class Server:
         """
         self._realtime = options.mode == msg.World.REALTIME
         period = world.spec.dt / options.realtime_factor
-        # In slow motion the answer to a step comes with the next one: an order is that old then.
-        self._cut_after = max(options.action_timeout, 2 * period)
+        # In slow motion an order is a step old when the next can come; one may be missed.
+        self._cut_after = max(options.action_timeout, _STEPS * period)
         if self._realtime and options.agent_lease < self._cut_after:
             raise ValueError(
-                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, and two '
-                f'steps, {self._cut_after:g} s, or more: a second agent would take over in flight')
+                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, and '
+                f'{_STEPS:g} steps, {self._cut_after:g} s, or more: a second agent would '
+                'take over in flight')
         self._node = node
         self._world = world
         self._options = options
