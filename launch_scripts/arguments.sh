@@ -26,15 +26,14 @@ declare -A values=()
 known=()
 others=()
 parse_arguments() {
-  local file=$1 argument
+  local file=$1 argument value
   shift
   for argument in "$@"; do
     [[ $argument =~ ^([a-z_][a-z0-9_]*):=(.*)$ ]] ||
       die "got '$argument', expected NAME:=VALUE, for example seed:=3 (see --help)"
-    case ${BASH_REMATCH[2]} in
-      True | TRUE | False | FALSE) values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2],,} ;;
-      *) values[${BASH_REMATCH[1]}]=${BASH_REMATCH[2]} ;;
-    esac
+    value=${BASH_REMATCH[2]}
+    case $value in True | TRUE | False | FALSE) value=${value,,} ;; esac
+    values[${BASH_REMATCH[1]}]=$value
   done
   if [[ ${values[namespace]:-/} != /* ]]; then values[namespace]=/${values[namespace]}; fi
   local name declared

@@ -82,19 +82,30 @@ requirements() {
   sed -i "s/^numpy==.*/numpy==$numpy/" "$1"
 }
 
-# in_place: whether only the pins of .venv have changed, since it was made or tried to be brought up to date.
-in_place() {
-  local old kept
-  old=$(cat "$stamps/venv" 2> /dev/null) || return 1
-  old=${old#unfinished }
-  kept=$(venv_state)
-  [[ -n $old && ${old% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null
+# venv_was: the state that .venv is in, or was before an update that failed; nothing where nobody knows.
+venv_was() {
+  local was
+  was=$(cat "$stamps/venv" 2> /dev/null) || return 0
+  printf '%s' "${was#unfinished }"
 }
 
-# try_again STATE: pip has put back what it could not bring up to date: it can be tried again as it is.
-# After an end from outside, half-way, nobody knows what is there.
-try_again() {
-  [[ -z $1 ]] || printf 'unfinished %s' "$1" > "$stamps/venv"
+# in_place: whether only the pins of .venv have changed.
+in_place() {
+  local was kept
+  was=$(venv_was)
+  kept=$(venv_state)
+  [[ -n $was && ${was% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null
+}
+
+# pip_install TEXT ARGUMENT...: one step of make_venv. What pip could not bring up to date it has put back, so that it
+# can be tried again as it is. After an end from outside, half-way, nobody knows what is there.
+pip_install() {
+  local text=$1
+  shift
+  step "$text" "${pip[@]}" install --retries 8 --timeout 60 "$@" || {
+    [[ -z $old ]] || printf 'unfinished %s' "$old" > "$stamps/venv"
+    explain 'Installing packages'
+  }
 }
 
 # make_venv: .venv with all packages, anew unless only the pins have changed.
@@ -104,8 +115,7 @@ make_venv() {
   kept=$(venv_state)
   if in_place; then
     python=$(< "$stamps/python")
-    old=$(< "$stamps/venv")
-    old=${old#unfinished }
+    old=$(venv_was)
     rm -f "$stamps/venv"
   else
     find_python
@@ -114,15 +124,8 @@ make_venv() {
   pip=("$venv/bin/python" -m pip --disable-pip-version-check --no-input)
   requirements "$stamps/requirements"
   section build > "$stamps/build"
-  step 'Preparing pip' "${pip[@]}" install --retries 8 --timeout 60 -r "$stamps/build" || {
-    try_again "$old"
-    explain 'Installing packages'
-  }
-  step 'Installing ROS 2 and libraries' "${pip[@]}" install --retries 8 --timeout 60 --progress-bar off \
-    --no-build-isolation -r "$stamps/requirements" || {
-    try_again "$old"
-    explain 'Installing packages'
-  }
+  pip_install 'Preparing pip' -r "$stamps/build"
+  pip_install 'Installing ROS 2 and libraries' --progress-bar off --no-build-isolation -r "$stamps/requirements"
   if [[ $mode == wheels ]]; then
     step 'Checking packages' "${pip[@]}" check || explain 'Checking packages'
     relocate

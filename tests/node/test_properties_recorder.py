@@ -19,22 +19,18 @@ from fuzzing import WIRE_TEXT
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
-from recordings import fly
 from rocket_msgs import msg
 
 from ppo_agent_node.nodes.watch import status_from_message
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.nodes.rerun_recorder import RecorderNode
-from rocket_sim_node.nodes.rerun_recorder import samples_from_message
 from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import OWN_FIELDS
-from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sink import Look
 from rocket_sim_node.recording.sink import Put
 from rocket_sim_node.wire import messages
+from rocket_sim_node.wire.state_stream import StateStream
 from rocket_sim_node.worlds import make
 
 ROCKETS = 2
@@ -44,7 +40,6 @@ ANY = {
     'uint32': ANY_U64.map(lambda value: value % 2**32), 'uint64': ANY_U64,
     'int32': st.integers(-2**31, 2**31 - 1), 'float': ANY_F32, 'double': ANY_FLOAT,
     'string': WIRE_TEXT}
-CODES = {'step': 'u8', 'row': 'u4', 'episode': 'u8', 'outcome': 'u1', 'contact': 'u1'}
 
 
 class Paper:
@@ -100,27 +95,21 @@ class Desk:
 @cache
 def good(world: str, session: int) -> list[Any]:
     """Return what a simulator and an agent say of a session in which each rocket falls down."""
-    spec = make(world, ROCKETS).spec
+    simulated = make(world, ROCKETS)
+    spec = simulated.spec
     idle = (np.tile(np.float32(spec.action_idle), (ROCKETS, 1)) if spec.continuous
             else np.full(ROCKETS, spec.action_idle[0], np.int32))
-    _, samples = fly(world, ROCKETS, 500, lambda *_: idle)
     said: list[Any] = [messages.world_to_message(spec, session, 0, msg.World.LOCKSTEP)]
-    for start in range(0, len(samples.step), 250):
-        part = samples.take(slice(start, start + 250))
-        said.append(message_of(part, session))
+    publisher = SimpleNamespace(publish=said.append, get_subscription_count=lambda: 1)
+    node: Any = SimpleNamespace(create_publisher=lambda *_: publisher)
+    states = StateStream(node, simulated, ROCKETS, batch=125)
+    states.add(session, 0)
+    for step in range(1, 501):
+        simulated.step(idle)
+        states.add(session, step)
+    states.flush()
     said.append(msg.TrainingStatus(run='run', stage='finetune', iteration=3, level=2))
     return said
-
-
-def message_of(samples: Samples, session: int) -> msg.RocketState:
-    """Return samples as the message that carries them."""
-    message = msg.RocketState(session=session)
-    for name in ('step', 'row', 'episode', 'outcome', *FIELDS, *OWN_FIELDS):
-        values = (samples.values[:, samples.layout.place(name)] if name in (*FIELDS, *OWN_FIELDS)
-                  else getattr(samples, name))
-        setattr(message, name, messages.to_sequence(values, CODES.get(name, 'f8')))
-    assert np.array_equal(samples_from_message(message).values, samples.values)
-    return message
 
 
 @st.composite

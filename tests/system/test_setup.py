@@ -85,6 +85,11 @@ class Project:
         output, _ = process.communicate(timeout=60)
         return process.returncode, output
 
+    def pin(self, package: str) -> None:
+        """Want one package more."""
+        lock = self.root / 'launch_scripts/requirements.lock'
+        lock.write_text(lock.read_text().replace('# --- run', f'{package}\n# --- run', 1))
+
     def calls(self) -> list[str]:
         """Return what Python was asked to install, make or build since the last time."""
         lines = self.calls_file.read_text().splitlines() if self.calls_file.exists() else []
@@ -140,8 +145,7 @@ def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
     """Without a network, or with little room: all is there to go on with, or to try again."""
     project.run()
     project.calls()
-    lock = project.root / 'launch_scripts/requirements.lock'
-    lock.write_text(lock.read_text().replace('# --- run', 'more==1\n# --- run', 1))
+    project.pin('more==1')
     project.tool('df', '#!/bin/sh\necho; echo /dev/x 9 8 1024000 1 /\n')
     mark = project.root / '.venv/mark'
     mark.touch()
@@ -159,8 +163,7 @@ def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
 def test_an_update_that_was_killed_is_made_anew(project: Project) -> None:
     """Half of a package may be there, and look whole."""
     project.run()
-    lock = project.root / 'launch_scripts/requirements.lock'
-    lock.write_text(lock.read_text().replace('# --- run', 'more==1\n# --- run', 1))
+    project.pin('more==1')
     assert project.run(PIP_KILLS='1')[0] == -signal.SIGKILL
     project.calls()
     assert project.run()[0] == 0

@@ -52,7 +52,7 @@ class Mailbox:
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
         """Subscribe; remapping and namespaces are those of the node."""
         check_is_valid_msg_type(kind)  # which loads what the type needs in C
-        self._node, self._kind, self._topic = node, kind, topic
+        self._node, self._kind, self.topic = node, kind, topic
         self._codec = Codec(kind)
         with node.handle:
             self.handle = _rclpy.Subscription(
@@ -83,7 +83,7 @@ class Mailbox:
         try:
             return self._codec.decode(taken[0])
         except ValueError as error:
-            raise ValueError(f'{self._topic}: {error}') from error
+            raise ValueError(f'{self.topic}: {error}') from error
 
     def destroy(self) -> None:
         """Unsubscribe."""

@@ -100,9 +100,6 @@ class Link:
             msg.World, f'{prefix}world', self._on_world, qos.WORLD)
         self.topic = str(self._world_subscription.topic_name)
         """on which the simulator describes itself, with its namespace"""
-        self._reads = [f'{prefix}{name}' for name in (
-            'world', 'observation', 'reward', 'episodes')]
-        self._writes = [f'{prefix}action']
         stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
@@ -137,7 +134,9 @@ class Link:
         :raises ValueError: for a description that makes no sense, or by a node that was built from
             other definitions of the messages.
         """
-        check_definitions(self._node, self._reads, self._writes)
+        check_definitions(
+            self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
+            [self._publisher.topic_name])
         assert self.world is not None
         return messages.world_from_message(self.world)
 
