@@ -20,6 +20,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
+from rocket_sim_node.wire.transport import SharedMemory
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
 
@@ -71,4 +72,4 @@ def serve(node: Node, executor: Executor) -> None:
 
 
 if __name__ == '__main__':
-    sys.exit(run('still_simulator', serve, args=[]))
+    sys.exit(run('still_simulator', serve, args=[], shared_memory=SharedMemory.TO_SEND))

@@ -23,6 +23,15 @@ OLD = 2.5
 """s after which what is left is taken for that of a dead process, and not of one that starts"""
 
 
+def test_a_simulator_has_no_queue_in_shared_memory(processes: Processes) -> None:
+    """Who writes to a killed process waits for the lock of its queue, see `wire.transport`."""
+    process = simulator(processes)
+    process.wait_for('waiting for an agent', 60.0)
+    owned = shared_memory.owned(process)
+    assert owned, 'it sends by it'
+    assert not [name for name in owned if 'port' in name]
+
+
 @pytest.mark.timeout(600)
 def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
         processes: Processes, make_client: Callable[..., Any], nightly: bool) -> None:

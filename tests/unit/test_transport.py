@@ -12,6 +12,7 @@ from rocket_sim_node.wire import transport
 from rocket_sim_node.wire.dds_profile import ProfileError
 from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
+from rocket_sim_node.wire.transport import SharedMemory
 
 OURS = Path(transport.__file__).parent / 'profiles'
 RMW = 'rmw_fastrtps_cpp'
@@ -64,21 +65,27 @@ def test_our_profiles_are_right(
     check_profile(OURS / name, schema)
 
 
-@pytest.mark.parametrize('reach', ['LOCALHOST', 'SUBNET'])
-def test_who_only_listens_has_no_shared_memory(
-        reach: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(('reach', 'udp'), [
+    ('LOCALHOST', '<udpv4><address>127.0.0.1</address></udpv4>'), ('SUBNET', '<udpv4></udpv4>')])
+@pytest.mark.parametrize('use', [SharedMemory.TO_SEND, SharedMemory.NEVER])
+def test_who_uses_shared_memory_less_has_a_profile_of_its_own(
+        use: SharedMemory, reach: str, udp: str, schema: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(transport.RANGE, reach)
-    with transport.prepared(RMW, listens=True):
+    with transport.prepared(RMW, use):
         path = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
         check_profile(path, schema)
-        used = path.read_text('utf-8').partition('<userTransports>')[2]
-        participant = used.partition('</userTransports>')[0]
-    assert 'shared_memory' not in participant
-    assert participant.count('<transport_id>') == 1
+        participant = path.read_text('utf-8').partition('<participant ')[2]
+    transports = participant.partition('<userTransports>')[2].partition('</userTransports>')[0]
+    heard = participant.partition('<defaultUnicastLocatorList>')[2].partition('</default')[0]
+    sends = use is SharedMemory.TO_SEND
+    assert ('shared_memory' in transports) == sends
+    assert transports.count('<transport_id>') == 1 + sends
+    assert heard.split() == ([f'<locator>{udp}</locator>'] if sends else [])
     assert not path.exists()
 
 
-def test_a_listener_without_room_for_its_profile_says_so(
+def test_a_node_without_room_for_its_profile_says_so(
         schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise OSError(28, 'No space left on device')
@@ -86,7 +93,7 @@ def test_a_listener_without_room_for_its_profile_says_so(
     monkeypatch.setattr(transport.tempfile, 'NamedTemporaryFile', refuse)
     before = dict(os.environ)
     with (pytest.raises(transport.TransportError, match='No space left'),
-          transport.prepared(RMW, listens=True)):
+          transport.prepared(RMW, SharedMemory.NEVER)):
         pass
     assert dict(os.environ) == before
 

@@ -18,6 +18,7 @@ from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.transport import SharedMemory
 
 _SPIN_PERIOD = 0.2
 """s"""
@@ -56,7 +57,7 @@ def watch(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    leave(run('watch', watch, expected=(ParameterError,), listens=True))
+    leave(run('watch', watch, expected=(ParameterError,), shared_memory=SharedMemory.NEVER))
 
 
 if __name__ == '__main__':

@@ -41,6 +41,7 @@ from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.wire.steady import STEADY
+from rocket_sim_node.wire.transport import SharedMemory
 
 _SPIN_PERIOD = 0.2
 """s; the events executor needs a finite time-out, and Python looks after signals in between"""
@@ -229,7 +230,7 @@ def main() -> None:
     """Run the node."""
     leave(run(
         'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError),
-        listens=True))
+        shared_memory=SharedMemory.NEVER))
 
 
 if __name__ == '__main__':

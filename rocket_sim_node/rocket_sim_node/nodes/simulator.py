@@ -6,6 +6,7 @@ from rocket_sim_node.wire.running import Body
 from rocket_sim_node.wire.running import Errors
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run_late
+from rocket_sim_node.wire.transport import SharedMemory
 
 
 def _load() -> tuple[Body, Errors]:
@@ -15,7 +16,8 @@ def _load() -> tuple[Body, Errors]:
 
 def main() -> None:
     """Run the node."""
-    leave(run_late('simulator', _load, expected=(ValueError,)))
+    leave(run_late(
+        'simulator', _load, expected=(ValueError,), shared_memory=SharedMemory.TO_SEND))
 
 
 if __name__ == '__main__':

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import scene
@@ -103,22 +105,54 @@ def log_styles(stream: rr.RecordingStream) -> None:
         ), static=True)
 
 
+class Reports:
+    """Iterations that wait to be logged: their place and their numbers of `CURVES`.
+
+    As bare numbers: as objects they were most of what a recorder's memory grew by in its first
+    hours, in which more and more is gathered.
+    """
+
+    _CURVES = tuple(curve for _, curves in CURVES.values() for curve in curves)
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._numbers = array('d')
+
+    def __len__(self) -> int:
+        """Return how many wait."""
+        return len(self._numbers) // (2 + len(self._CURVES))
+
+    def add(self, place: Place, values: Mapping[str, float]) -> None:
+        """Add an iteration's; a number that is not there is a gap in its curve."""
+        self._numbers.extend((place.step, place.iteration or 0, *(
+            curve.factor * values.get(curve.value, math.nan) for curve in self._CURVES)))
+
+    def take(self) -> tuple[list[Place], NDArray[np.float64]]:
+        """Return places and values `(k, curves)` of all that wait; none do, afterwards."""
+        table = np.array(self._numbers).reshape(-1, 2 + len(self._CURVES))
+        self._numbers = array('d')
+        places = [Place(step, iteration) for step, iteration in table[:, :2].astype(int).tolist()]
+        return places, table[:, 2:]
+
+
 def log_training(
-    stream: rr.RecordingStream, rows: Sequence[tuple[Place, Training]], dt: float,
+    stream: rr.RecordingStream, places: Sequence[Place], values: NDArray[np.float64], dt: float,
 ) -> None:
     """Log iterations, several at once: a chunk for each would cost more than its data.
 
     Values that are not finite are gaps in their curve; a plot with nothing to show is left out.
+
+    :param values: `(k, curves)`, see :class:`Reports`.
     """
+    shown = np.where(np.isfinite(values), values, np.nan)
+    first = 0
     for entity, (_, curves) in CURVES.items():
-        table = np.array([
-            [curve.factor * training.values.get(curve.value, math.nan) for curve in curves]
-            for _, training in rows])
-        table[~np.isfinite(table)] = np.nan
+        table = shown[:, first:first + len(curves)]
+        first += len(curves)
         kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
         if kept:
             stream.send_columns(
-                f'{scene.TRAINING}/{entity}', times([rows[k][0] for k in kept], dt),
+                f'{scene.TRAINING}/{entity}', times([places[k] for k in kept], dt),
                 rr.Scalars.columns(scalars=table[kept]))
 
 

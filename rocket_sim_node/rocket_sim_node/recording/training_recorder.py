@@ -13,6 +13,8 @@ PERIOD, LONGEST_PERIOD = 10.0, 120.0
 """s of wall clock for which reports are gathered before they are logged: at first, and at most"""
 PERIOD_SHARE = 1 / 60
 """of the training so far, for which reports are gathered when that is longer"""
+MOST_GATHERED = 500
+"""reports, which are enough for a chunk: what waits takes memory"""
 
 
 class TrainingRecorder:
@@ -30,7 +32,7 @@ class TrainingRecorder:
         self._put = put
         self._clock = clock
         self._iterations = training_log.IterationCounter()
-        self._pending: list[tuple[Place, Training]] = []
+        self._pending = training_log.Reports()
         self._texts: list[tuple[Place, str, str]] = []
         self._began = self._pending_since = clock()
         self._stage = ''
@@ -55,7 +57,7 @@ class TrainingRecorder:
         if not self._pending and not self._texts:
             self._pending_since = self._clock()
         if training.learning:
-            self._pending.append((place, training))
+            self._pending.add(place, training.values)
         if new_stage:
             self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
         text = training.message or (f'stage {training.stage}' if new_stage else '')
@@ -71,14 +73,14 @@ class TrainingRecorder:
             return
         now = self._clock()
         period = min(max(PERIOD, PERIOD_SHARE * (now - self._began)), LONGEST_PERIOD)
-        if now - self._pending_since >= period:
+        if now - self._pending_since >= period or len(self._pending) >= MOST_GATHERED:
             self.flush(dt)
 
     def flush(self, dt: float) -> None:
         """Log what waits."""
         if self._pending:
-            rows, self._pending = self._pending, []
-            self._put(lambda stream: training_log.log_training(stream, rows, dt))
+            places, values = self._pending.take()
+            self._put(lambda stream: training_log.log_training(stream, places, values, dt))
         if self._texts:
             lines, self._texts = self._texts, []
             self._put(lambda stream: training_log.log_text(stream, lines, dt))

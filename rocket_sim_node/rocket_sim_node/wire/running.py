@@ -27,6 +27,7 @@ from rocket_sim_node.wire import security
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.dds_profile import ProfileError
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.wire.transport import SharedMemory
 from rocket_sim_node.wire.transport import TransportError
 from rocket_sim_node.wire.transport import prepared
 
@@ -65,7 +66,7 @@ def _make_node(name: str) -> Node:
 
 def run(
     name: str, body: Body, expected: Errors = (), args: list[str] | None = None,
-    listens: bool = False,
+    shared_memory: SharedMemory = SharedMemory.ALWAYS,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
@@ -73,14 +74,14 @@ def run(
 
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
-    :param listens: whether the node only listens; see `transport.prepared`.
+    :param shared_memory: what the node uses it for.
     """
-    return run_late(name, lambda: (body, ()), expected, args, listens)
+    return run_late(name, lambda: (body, ()), expected, args, shared_memory)
 
 
 def run_late(
     name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
-    args: list[str] | None = None, listens: bool = False,
+    args: list[str] | None = None, shared_memory: SharedMemory = SharedMemory.ALWAYS,
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 
@@ -111,7 +112,7 @@ def run_late(
         leftovers.clean()
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
-            with prepared(get_rmw_implementation_identifier(), listens):
+            with prepared(get_rmw_implementation_identifier(), shared_memory):
                 stack.enter_context(
                     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)

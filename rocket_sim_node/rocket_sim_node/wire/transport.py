@@ -11,10 +11,7 @@ Each start takes other ports for its data. Fast DDS names its shared memory afte
 those of a process that was killed, as it would by default, its peers find it at once but write
 into the memory of the dead one: for seconds, or, once that was removed, for good.
 
-Who only listens does so over UDP. A reader that is stopped, by a debugger or by Ctrl-Z, leaves
-what it has not read in its writer's shared memory, and that may stay there when it goes on; what
-is free then is in pieces, and the writer's next message of 40 kB fits into none of them, whoever
-it is for. Fast DDS (3.2, `SharedMemManager.hpp`) drops it without a word, again each time.
+Not everybody uses shared memory both ways, see :class:`SharedMemory`.
 """
 from __future__ import annotations
 
@@ -24,6 +21,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 
 from rclpy.logging import get_logger
@@ -38,7 +36,8 @@ _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
 _DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
 """which Fast DDS takes from the folder it is started in, without a word"""
 _OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
-_PROFILES_HERE = Path(__file__).parent / 'profiles'
+_MACHINE, _NETWORK = (
+    Path(__file__).parent / 'profiles' / name for name in ('machine.xml', 'network.xml'))
 _DATA_OFFSET = 'HOVERSLAM_DATA_PORT_OFFSET'
 _FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
 _USUAL_OFFSET = 11
@@ -48,8 +47,36 @@ _ABOVE = 32768
 _LAST_PORT = 65535
 
 
+_SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
+_TRANSPORTS = '<userTransports>'
+_BY_UDP = """<defaultUnicastLocatorList>
+          <locator><udpv4>{address}</udpv4></locator>
+        </defaultUnicastLocatorList>
+        """
+
+
 class TransportError(ValueError):
     """Fast DDS cannot be set up, or did not do as it was told."""
+
+
+class SharedMemory(Enum):
+    """What a node uses shared memory for, where it can; the rest goes over UDP."""
+
+    ALWAYS = 'always'
+    """Who is sent much, and must not lose it: observations of 4 096 rockets are more than a
+    socket holds."""
+
+    TO_SEND = 'to send'
+    """Who may be killed under load and shall be back at once. Readers and writers of a queue in
+    shared memory take turns by a lock in it; whoever is killed while holding it, reading its own
+    queue mostly, has all who write to it wait for Fast DDS's 1 s."""
+
+    NEVER = 'never'
+    """Who only listens, and nobody shall depend on its going on. A reader that is stopped, by a
+    debugger or by Ctrl-Z, leaves what it has not read in its writer's shared memory, and that may
+    stay there when it goes on; what is free then is in pieces, and the writer's next message of
+    40 kB fits into none of them, whoever it is for. Fast DDS (3.2, `SharedMemManager.hpp`) drops
+    it without a word, again each time."""
 
 
 def discovery_range() -> str:
@@ -80,14 +107,16 @@ def _user_profiles() -> list[Path]:
 
 
 @contextmanager
-def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
+def prepared(
+    rmw: str, shared_memory: SharedMemory = SharedMemory.ALWAYS,
+) -> Iterator[None]:
     """Have what is made inside, a context and its first node, use the right transport.
 
     The environment is as it was afterwards. Where the user's own set-up opens sockets beyond this
     machine although the range does not say so, that is told.
 
     :param rmw: name of the implementation of ROS 2's middleware.
-    :param listens: whether the node only listens, and nobody shall depend on its going on.
+    :param shared_memory: what the node uses it for.
     :raises ProfileError: for a profile of the user's that Fast DDS would not take.
     :raises TransportError: for a range that is none; when the node could be heard beyond this
         machine and must not.
@@ -102,9 +131,9 @@ def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
     with ExitStack() as stack:
         if schema is not None and not own:
             closed = not beyond_machine()
-            used = profile = _PROFILES_HERE / ('machine.xml' if closed else 'network.xml')
-            if listens:
-                used = stack.enter_context(_without_shared_memory(profile))
+            used = profile = _MACHINE if closed else _NETWORK
+            if shared_memory is not SharedMemory.ALWAYS:
+                used = stack.enter_context(_copied(profile, shared_memory))
             settings |= {
                 _PROFILES[0]: str(used), _SKIP_DEFAULT: '1',
                 _DATA_OFFSET: str(fresh_data_offset(_domain()))}
@@ -127,19 +156,22 @@ def prepared(rmw: str, listens: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def _without_shared_memory(profile: Path) -> Iterator[Path]:
-    """Yield the path of a copy of a profile whose participant has no shared memory.
+def _copied(profile: Path, shared_memory: SharedMemory) -> Iterator[Path]:
+    """Yield the path of a copy of a profile whose participant uses shared memory less.
 
     :raises TransportError: when it cannot be written.
     """
-    text = profile.read_text('utf-8')
-    used = '<transport_id>shared_memory</transport_id>'
-    head, _, transports = text.partition('<userTransports>')
+    head, tag, rest = profile.read_text('utf-8').partition(_TRANSPORTS)
+    if shared_memory is SharedMemory.NEVER:
+        rest = rest.replace(_SHARED_MEMORY, '', 1)
+    else:
+        address = '<address>127.0.0.1</address>' if profile == _MACHINE else ''
+        head += _BY_UDP.format(address=address)
     with ExitStack() as stack:
         try:
             file = stack.enter_context(tempfile.NamedTemporaryFile(
                 'w', suffix=f'_{profile.name}', encoding='utf-8'))
-            file.write(f"{head}<userTransports>{transports.replace(used, '', 1)}")
+            file.write(f'{head}{tag}{rest}')
             file.flush()
         except OSError as error:
             raise TransportError(
