@@ -16,8 +16,8 @@ import signal
 import statistics
 import sys
 import time
-from pathlib import Path
 
+import exchanging
 import pytest
 from faults import Moments
 from processes import Process
@@ -32,7 +32,6 @@ PROMISED = 0.5
 USUALLY, NIGHTLY_USUALLY = 0.5, 0.98
 """part of the rounds that keeps the promise, as others may use the machine as well; of a few
 rounds the median"""
-EXCHANGING = str(Path(__file__).parents[1] / 'exchanging.py')
 WAITING = r'\[INFO\] \[([\d.]+)\] \[simulator\]: .*waiting for an agent'
 READY, EXCHANGE = r'ready ([\d.]+)', r'exchange ([\d.]+)'
 
@@ -55,7 +54,7 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
         processes: Processes, nightly: bool, killed: str) -> None:
     moments = Moments()
     world = simulator(processes)
-    agent = processes.start(sys.executable, EXCHANGING)
+    agent = processes.start(sys.executable, exchanging.__file__)
     told(agent, EXCHANGE)
     seconds, whole = [], []
     rounds = NIGHTLY_ROUNDS if nightly else ROUNDS
@@ -70,7 +69,7 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
             world = simulator(processes)
             ready = told(world, WAITING)
         else:
-            agent, before = processes.start(sys.executable, EXCHANGING), 0
+            agent, before = processes.start(sys.executable, exchanging.__file__), 0
             ready = told(agent, READY)
         exchange = told(agent, EXCHANGE, before)
         seconds.append(exchange - ready)

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What killed nodes leave in shared memory is gone once another has started, and no more."""
+"""What nodes have in shared memory, and what is left of it when they are killed."""
 from __future__ import annotations
 
 import signal
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
 
+import exchanging
 import numpy as np
 import pytest
 import shared_memory
+from processes import Process
 from processes import Processes
 from training_runs import simulator
 
@@ -17,19 +20,26 @@ from rocket_sim_node.wire.leftovers import SHARED_MEMORY
 from rocket_sim_node.worlds import make
 
 TOGETHER = 4
-"""nodes killed at once"""
+"""simulators killed at once, and the agent of one"""
 BATCHES, NIGHTLY_BATCHES = 1, 13
 OLD = 2.5
 """s after which what is left is taken for that of a dead process, and not of one that starts"""
 
 
-def test_a_simulator_has_no_queue_in_shared_memory(processes: Processes) -> None:
+def queues(process: Process) -> list[str]:
+    """Return the queues in shared memory from which a process reads."""
+    return [name for name in shared_memory.owned(process) if 'port' in name]
+
+
+def test_an_agent_has_a_queue_in_shared_memory_and_a_simulator_has_none(
+        processes: Processes) -> None:
     """Who writes to a killed process waits for the lock of its queue, see `wire.transport`."""
-    process = simulator(processes)
-    process.wait_for('waiting for an agent', 60.0)
-    owned = shared_memory.owned(process)
-    assert owned, 'it sends by it'
-    assert not [name for name in owned if 'port' in name]
+    world = simulator(processes)
+    agent = processes.start(sys.executable, exchanging.__file__)
+    agent.wait_for('exchange', 60.0)
+    assert queues(agent)
+    assert not queues(world)
+    assert shared_memory.owned(world), 'it sends by it'
 
 
 @pytest.mark.timeout(600)
@@ -45,18 +55,22 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
         nodes = [simulator(processes, namespace=f'/sim_{number}') for number in range(TOGETHER)]
         for node in nodes:
             node.wait_for('waiting for an agent', 60.0)
+        nodes.append(processes.start(
+            sys.executable, exchanging.__file__, '--ros-args', '-r', '__ns:=/sim_0'))
+        nodes[-1].wait_for('exchange', 60.0)
+        assert queues(nodes[-1])
         dead = set().union(*map(shared_memory.owned, nodes))
         for node in nodes:
             node.signal(signal.SIGKILL)
         for node in nodes:
             node.wait(5.0)
         before = shared_memory.files(dead)
-        assert len(before) >= TOGETHER
+        assert len(before) > TOGETHER
         time.sleep(OLD)
         following = simulator(processes, namespace='/following')
         following.wait_for('waiting for an agent', 60.0)
         after = shared_memory.left(dead)
-        print(f'{TOGETHER} nodes killed: {len(before)} files, {len(after)} once another started')
+        print(f'{len(nodes)} nodes killed: {len(before)} files, {len(after)} once another started')
         assert not after
         following.signal(signal.SIGINT)
         assert following.wait(10.0) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import resource
 import shutil
 import time
@@ -38,6 +39,7 @@ from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.file_sink import partial_path
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
+from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
@@ -48,6 +50,7 @@ from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.stream_file import has_contents
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.recording.training_recorder import LONGEST_PERIOD
+from rocket_sim_node.recording.training_recorder import MOST_GATHERED
 from rocket_sim_node.recording.training_recorder import PERIOD
 from rocket_sim_node.recording.training_recorder import TrainingRecorder
 from rocket_sim_node.worlds import make
@@ -762,3 +765,35 @@ def test_a_long_training_is_logged_in_ever_larger_parts() -> None:
     after = puts
     training.flush(0.02)
     assert puts == after
+
+
+def test_reports_of_a_fast_training_do_not_wait_in_any_number() -> None:
+    puts: list[object] = []
+    training = TrainingRecorder(puts.append, lambda: 0.0)
+    training.add(Training('finetune', 1, {}), 0, 0.02)
+    began = len(puts)
+    for number in range(2, MOST_GATHERED + 2):
+        training.add(Training('finetune', number, {}), 0, 0.02)
+    assert len(puts) == began + 1
+    training.flush(0.02)
+    assert len(puts) == began + 1
+
+
+def test_gathered_reports_are_what_was_reported() -> None:
+    gathered = training_log.GatheredReports()
+    places, values = gathered.take()
+    assert (len(gathered), places, values.shape) == (0, [], (0, len(training_log.LINES)))
+    reports = [
+        (Place(2**60 + 1, 7), {'mean_return': 1.5, 'landing_rate': 0.25, 'log_std': math.inf}),
+        (Place(2**60 + 2), {})]
+    for report in reports:
+        gathered.add(*report)
+    with pytest.raises((TypeError, OverflowError)):
+        gathered.add(Place(3, 8), {'log_std': 10**400})
+    assert len(gathered) == 2
+    places, values = gathered.take()
+    assert places == [Place(2**60 + 1, 7), Place(2**60 + 2, 0)]
+    row = dict(zip((line.value for line in training_log.LINES), values[0], strict=True))
+    assert (row['mean_return'], row['landing_rate'], row['log_std']) == (1.5, 25.0, math.inf)
+    assert np.isnan(values).sum() == 2 * len(training_log.LINES) - 3
+    assert len(gathered) == 0

@@ -25,7 +25,7 @@ from rocket_sim_node.recording.comparison import Side
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import CURVES
+from rocket_sim_node.recording.training_log import LINES
 from rocket_sim_node.recording.training_log import Training
 
 SEED = 3
@@ -77,10 +77,9 @@ def test_training_is_drawn(tmp_path: Path) -> None:
 
         def world(self, stage: Stage) -> None:
             super().world(stage)
-            names = {curve.value for _, curves in CURVES.values() for curve in curves}
             for number in range(1, 40):
                 self.training(Training(
-                    'finetune', number, {name: float(np.sqrt(number)) for name in names}))
+                    'finetune', number, {line.value: float(np.sqrt(number)) for line in LINES}))
 
     record(path, stage, samples, kind=Learning)
     picture, = rendering.pictures(path, [39], tab='training')

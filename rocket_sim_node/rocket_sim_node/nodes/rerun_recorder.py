@@ -27,7 +27,7 @@ from rocket_sim_node.recording.samples import OWN_FIELDS
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import CURVES
+from rocket_sim_node.recording.training_log import LINES
 from rocket_sim_node.recording.training_log import Training
 from rocket_sim_node.recording.viewer import ViewerError
 from rocket_sim_node.recording.web_page import INVITATION
@@ -162,8 +162,7 @@ def samples_from_message(message: msg.RocketState) -> Samples:
 
 def training_from_message(message: msg.TrainingStatus) -> Training:
     """Return an agent's report; where there are no levels, level 0, there is no curve either."""
-    names = {curve.value for _, curves in CURVES.values() for curve in curves}
-    values = {name: float(getattr(message, name)) for name in names}
+    values = {line.value: float(getattr(message, line.value)) for line in LINES}
     if not message.level:
         del values['level']
     return Training(

@@ -11,13 +11,10 @@ from rocket_msgs.msg import World
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.messages import MOST_ENVS
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
-
-MOST_ROCKETS = 16_384
-"""in one simulator. What is sent for them fits into Fast DDS's shared memory and, as Linux comes,
-a socket; with twice as many exchanges take seconds, or for ever. More fly in more simulators."""
 
 _MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
 
@@ -27,7 +24,7 @@ class SimulatorParameters:
     """Parameters of the node; those of the world stand beside them."""
 
     world: str = setting('rocket', '', 'which world', choices=worlds.names())
-    num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ROCKETS)
+    num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ENVS)
     seed: int = setting(0, '', 'where the random streams start until a reset says', 0, 2**62)
     mode: str = setting(
         'lockstep', '', 'one step per action, or by the clock', choices=tuple(_MODES))

@@ -55,6 +55,8 @@ CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
     'level': ('Curriculum level', (Curve('level', 'level', palette.ORANGE),)),
 }
 """Plots by the entity below `/training` that holds them: title and lines."""
+LINES = tuple(curve for _, curves in CURVES.values() for curve in curves)
+"""The lines of all plots."""
 
 
 @dataclass(frozen=True)
@@ -105,34 +107,35 @@ def log_styles(stream: rr.RecordingStream) -> None:
         ), static=True)
 
 
-class Reports:
-    """Iterations that wait to be logged: their place and their numbers of `CURVES`.
+class GatheredReports:
+    """Iterations that wait to be logged: their places and their numbers of `LINES`.
 
     As bare numbers: as objects they were most of what a recorder's memory grew by in its first
     hours, in which more and more is gathered.
     """
 
-    _CURVES = tuple(curve for _, curves in CURVES.values() for curve in curves)
-
     def __init__(self) -> None:
         """Begin with none."""
-        self._numbers = array('d')
+        self._places, self._values = array('q'), array('d')
 
     def __len__(self) -> int:
         """Return how many wait."""
-        return len(self._numbers) // (2 + len(self._CURVES))
+        return len(self._places) // 2
 
     def add(self, place: Place, values: Mapping[str, float]) -> None:
-        """Add an iteration's; a number that is not there is a gap in its curve."""
-        self._numbers.extend((place.step, place.iteration or 0, *(
-            curve.factor * values.get(curve.value, math.nan) for curve in self._CURVES)))
+        """Add an iteration's; a number that is not there is a gap in its line."""
+        row = array('d', [
+            line.factor * values.get(line.value, math.nan) for line in LINES])
+        self._places += array('q', (place.step, place.iteration or 0))
+        self._values += row
 
     def take(self) -> tuple[list[Place], NDArray[np.float64]]:
-        """Return places and values `(k, curves)` of all that wait; none do, afterwards."""
-        table = np.array(self._numbers).reshape(-1, 2 + len(self._CURVES))
-        self._numbers = array('d')
-        places = [Place(step, iteration) for step, iteration in table[:, :2].astype(int).tolist()]
-        return places, table[:, 2:]
+        """Return places and values `(k, lines)` of all that wait; none do, afterwards."""
+        places, values = self._places, self._values
+        self._places, self._values = array('q'), array('d')
+        return (
+            [Place(*pair) for pair in zip(places[::2], places[1::2], strict=True)],
+            np.array(values).reshape(-1, len(LINES)))
 
 
 def log_training(
@@ -140,15 +143,13 @@ def log_training(
 ) -> None:
     """Log iterations, several at once: a chunk for each would cost more than its data.
 
-    Values that are not finite are gaps in their curve; a plot with nothing to show is left out.
+    Values that are not finite are gaps in their line; a plot with nothing to show is left out.
 
-    :param values: `(k, curves)`, see :class:`Reports`.
+    :param values: `(k, lines)`, see :class:`GatheredReports`.
     """
     shown = np.where(np.isfinite(values), values, np.nan)
-    first = 0
-    for entity, (_, curves) in CURVES.items():
-        table = shown[:, first:first + len(curves)]
-        first += len(curves)
+    ends = np.cumsum([len(curves) for _, curves in CURVES.values()])
+    for entity, table in zip(CURVES, np.split(shown, ends[:-1], axis=1), strict=True):
         kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
         if kept:
             stream.send_columns(

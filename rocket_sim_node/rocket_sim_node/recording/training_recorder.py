@@ -14,7 +14,7 @@ PERIOD, LONGEST_PERIOD = 10.0, 120.0
 PERIOD_SHARE = 1 / 60
 """of the training so far, for which reports are gathered when that is longer"""
 MOST_GATHERED = 500
-"""reports, which are enough for a chunk: what waits takes memory"""
+"""reports; that is enough for a chunk, and however fast a training is, little memory"""
 
 
 class TrainingRecorder:
@@ -32,7 +32,7 @@ class TrainingRecorder:
         self._put = put
         self._clock = clock
         self._iterations = training_log.IterationCounter()
-        self._pending = training_log.Reports()
+        self._pending = training_log.GatheredReports()
         self._texts: list[tuple[Place, str, str]] = []
         self._began = self._pending_since = clock()
         self._stage = ''

@@ -30,9 +30,10 @@ ACKNOWLEDGE = ('auto', 'always', 'never')
 def read_stream(acknowledge: str) -> QoSProfile:
     """Return how to read a stream; whoever writes one offers both ways.
 
-    Within a machine messages do not get lost, but acknowledging them takes time and wakes threads;
-    and what is lost after all, the agent asks for again. So `auto` acknowledges only when peers
-    beyond this machine may be discovered: by range, by name, or by a set-up of the user's.
+    Within a machine messages are lost only where a socket is full, and acknowledging them takes
+    time and wakes threads; what is lost after all, the agent asks for again. So `auto`
+    acknowledges only when peers beyond this machine may be discovered: by range, by name, or by a
+    set-up of the user's.
     """
     if acknowledge == 'always' or (
             acknowledge == 'auto' and (beyond_machine() or set_up_by_user())):

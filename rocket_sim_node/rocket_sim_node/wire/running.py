@@ -66,7 +66,7 @@ def _make_node(name: str) -> Node:
 
 def run(
     name: str, body: Body, expected: Errors = (), args: list[str] | None = None,
-    shared_memory: SharedMemory = SharedMemory.ALWAYS,
+    shared_memory: SharedMemory = SharedMemory.BOTH_WAYS,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
@@ -74,14 +74,14 @@ def run(
 
     :param body: gets the node and its executor.
     :param expected: errors that are told in one line, without a traceback, with status 2.
-    :param shared_memory: what the node uses it for.
+    :param shared_memory: which way the node uses it.
     """
     return run_late(name, lambda: (body, ()), expected, args, shared_memory)
 
 
 def run_late(
     name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
-    args: list[str] | None = None, shared_memory: SharedMemory = SharedMemory.ALWAYS,
+    args: list[str] | None = None, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS,
 ) -> int:
     """Run a node as :func:`run` does, and import what it does while it is being discovered.
 

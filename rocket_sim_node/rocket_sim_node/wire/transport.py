@@ -17,11 +17,11 @@ from __future__ import annotations
 
 import os
 import secrets
-import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from contextlib import contextmanager
 from enum import Enum
+from enum import auto
 from pathlib import Path
 
 from rclpy.logging import get_logger
@@ -62,16 +62,16 @@ class TransportError(ValueError):
 class SharedMemory(Enum):
     """What a node uses shared memory for, where it can; the rest goes over UDP."""
 
-    ALWAYS = 'always'
-    """Who is sent much, and must not lose it: observations of 4 096 rockets are more than a
-    socket holds."""
+    BOTH_WAYS = auto()
+    """Who is sent much, and must not lose it: observations of 4 096 rockets, 245 kB, are more than
+    a socket holds as Linux comes."""
 
-    TO_SEND = 'to send'
+    TO_SEND = auto()
     """Who may be killed under load and shall be back at once. Readers and writers of a queue in
     shared memory take turns by a lock in it; whoever is killed while holding it, reading its own
     queue mostly, has all who write to it wait for Fast DDS's 1 s."""
 
-    NEVER = 'never'
+    NEVER = auto()
     """Who only listens, and nobody shall depend on its going on. A reader that is stopped, by a
     debugger or by Ctrl-Z, leaves what it has not read in its writer's shared memory, and that may
     stay there when it goes on; what is free then is in pieces, and the writer's next message of
@@ -107,16 +107,14 @@ def _user_profiles() -> list[Path]:
 
 
 @contextmanager
-def prepared(
-    rmw: str, shared_memory: SharedMemory = SharedMemory.ALWAYS,
-) -> Iterator[None]:
+def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> Iterator[None]:
     """Have what is made inside, a context and its first node, use the right transport.
 
     The environment is as it was afterwards. Where the user's own set-up opens sockets beyond this
     machine although the range does not say so, that is told.
 
     :param rmw: name of the implementation of ROS 2's middleware.
-    :param shared_memory: what the node uses it for.
+    :param shared_memory: which way the node uses it.
     :raises ProfileError: for a profile of the user's that Fast DDS would not take.
     :raises TransportError: for a range that is none; when the node could be heard beyond this
         machine and must not.
@@ -132,8 +130,8 @@ def prepared(
         if schema is not None and not own:
             closed = not beyond_machine()
             used = profile = _MACHINE if closed else _NETWORK
-            if shared_memory is not SharedMemory.ALWAYS:
-                used = stack.enter_context(_copied(profile, shared_memory))
+            if shared_memory is not SharedMemory.BOTH_WAYS:
+                used = stack.enter_context(_with_less(shared_memory, profile, closed))
             settings |= {
                 _PROFILES[0]: str(used), _SKIP_DEFAULT: '1',
                 _DATA_OFFSET: str(fresh_data_offset(_domain()))}
@@ -156,27 +154,20 @@ def prepared(
 
 
 @contextmanager
-def _copied(profile: Path, shared_memory: SharedMemory) -> Iterator[Path]:
+def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iterator[Path]:
     """Yield the path of a copy of a profile whose participant uses shared memory less.
 
-    :raises TransportError: when it cannot be written.
+    In memory: a full disk keeps nobody from starting, and who is killed leaves no file.
     """
     head, tag, rest = profile.read_text('utf-8').partition(_TRANSPORTS)
     if shared_memory is SharedMemory.NEVER:
         rest = rest.replace(_SHARED_MEMORY, '', 1)
     else:
-        address = '<address>127.0.0.1</address>' if profile == _MACHINE else ''
-        head += _BY_UDP.format(address=address)
-    with ExitStack() as stack:
-        try:
-            file = stack.enter_context(tempfile.NamedTemporaryFile(
-                'w', suffix=f'_{profile.name}', encoding='utf-8'))
-            file.write(f'{head}{tag}{rest}')
-            file.flush()
-        except OSError as error:
-            raise TransportError(
-                f'the profile for Fast DDS could not be written: {error}') from error
-        yield Path(file.name)
+        head += _BY_UDP.format(address='<address>127.0.0.1</address>' if closed else '')
+    with open(os.memfd_create(profile.name), 'w', encoding='utf-8') as file:
+        file.write(f'{head}{tag}{rest}')
+        file.flush()
+        yield Path(f'/proc/self/fd/{file.fileno()}')
 
 
 def _own_setup(schema: Path) -> bool:

@@ -26,6 +26,8 @@ class _Entry:
     reset_settings: tuple[str, ...]
 
 
+_MOST_ENVS = 1_000_000
+
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
     'rocket_planar': _Entry(
@@ -85,8 +87,9 @@ def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> Simula
     """
     entry = _entry(name)
     whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
-    if not whole or not 1 <= num_envs <= 1_000_000:
-        raise ValueError(f'num_envs: got {num_envs!r}, expected a whole number from 1 to 1000000')
+    if not whole or not 1 <= num_envs <= _MOST_ENVS:
+        raise ValueError(
+            f'num_envs: got {num_envs!r}, expected a whole number from 1 to {_MOST_ENVS}')
     if not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')
     return entry.world(num_envs=num_envs, seed=seed, **values)
