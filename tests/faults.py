@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from processes import Process
 from processes import Processes
+from processes import wait_until
 from training_runs import agent
 from training_runs import simulator
 
@@ -53,12 +54,27 @@ class Training:
         self._settings = settings
         self.simulator = simulator(processes)
         self.recorder = self._start_recorder()
-        self.agent = agent(processes, run, **settings)
+        self.agent = self._start_agent()
 
     def _start_recorder(self) -> Process:
         return self.processes.run_node(
             'rocket_sim_node', 'rerun_recorder', output=self.recording, every_nth_episode=1,
             crashes=True)
+
+    def _start_agent(self, **settings: object) -> Process:
+        self._learnt_before = self._learnt()
+        return agent(self.processes, self.run, **self._settings, **settings)
+
+    def _learnt(self) -> int:
+        log = self.run / 'train.jsonl'
+        return log.stat().st_mtime_ns if log.exists() else 0
+
+    def learns(self) -> bool:
+        """Wait for the agent to have learnt since it was started; it may end instead."""
+        wait_until(
+            lambda: self._learnt() != self._learnt_before or not self.agent.running, END,
+            self.processes.logs)
+        return self.agent.running
 
     def restart(self, process: Process) -> None:
         """Start again what has ended."""
@@ -67,7 +83,7 @@ class Training:
         elif process is self.recorder:
             self.recorder = self._start_recorder()
         else:
-            self.agent = agent(self.processes, self.run, resume=True, **self._settings)
+            self.agent = self._start_agent(resume=True)
 
     # Faults
 

@@ -63,6 +63,8 @@ _FIGURES = {
 _RATES = {
     'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second',
     'steps_per_piece': 'steps per piece of work'}
+_MACHINE = _RATES['steps_per_second'], _RATES['steps_per_cpu_second']
+"""what is the machine's as well: faster at one time than at another"""
 
 
 def slopes(
@@ -184,8 +186,19 @@ def slope_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
                f'{part:>+7.2f} %{interval:>22}  {verdict}')
 
 
+def failures(figures: dict[str, Any]) -> list[str]:
+    """Return what speaks against a long run: what grows, and work that gets slower."""
+    found = list(figures['unexpected'])
+    for row in figures['slopes']:
+        if row['flat'] is not False or row['what'] in _MACHINE:
+            continue
+        if (row['per_hour'] > 0) != (row['what'] == _RATES['steps_per_piece']):
+            found.append(f'{row["what"]} of {row["of"]}: {row["per_hour"]:+.3g} an hour')
+    return found
+
+
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table, write the figures; end with 1 when a whole soak is not flat."""
     parser = argparse.ArgumentParser(prog='bench soak', description=__doc__.split('\n')[0])
     parser.add_argument('--minutes', type=float, default=60.0)
     parser.add_argument('--every', type=float, default=60.0, help='s between faults, on average')
@@ -215,11 +228,13 @@ def main() -> None:
         samples = options.output.with_name(
             f'{options.output.stem}_samples.csv') if options.output else folder / 'samples.csv'
         nodes, soak = Nodes(folder, options.seed, options.num_envs, options.steps), None
+        whole = False
         ended: dict[str, int] = {}
         try:
             nodes.begin()
             soak = Soak(options.minutes, options.every, nodes, samples)
             soak.run(options.period, options.output)
+            whole = True
         except KeyboardInterrupt:
             print('interrupted', flush=True)
         finally:
@@ -236,6 +251,8 @@ def main() -> None:
                 soak.samples, soak.iterations.rows, options.output.with_name(
                     f'{options.output.stem}_curves.png'))
         print('\n'.join(table(figures)), flush=True)
+    if whole and (found := failures(figures)):
+        parser.exit(1, ''.join(f'not flat: {line}\n' for line in found))
 
 
 if __name__ == '__main__':

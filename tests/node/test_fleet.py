@@ -13,7 +13,11 @@ import numpy as np
 import pytest
 from processes import Process
 from processes import Processes
+from processes import wait_until
+from rocket_msgs import msg
 
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.fleet import Fleet
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.waiting import WireTimeout
@@ -189,9 +193,44 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
     seeds = range(16)
     with make_fleet() as fleet:
         result = flown(fleet, seeds, poll)
-        text = fly_until('is not flown', fleet, capfd)
+        text = capfd.readouterr().err
     assert_same_flights(result, in_process(seeds))
-    assert '/sim_0 is not flown: its num_envs is 5, expected 4' in text
+    assert '/sim_0 came back as another world: num_envs is 5, expected 4; it is not flown' in text
+
+
+@pytest.mark.parametrize(('namespace', 'pattern'), [('', ''), ('/sim_0', '/sim_*')])
+def test_strangers_who_describe_a_world_change_nothing(
+    processes: Processes, make_fleet: MakeFleet, make_node: Callable[..., Any],
+    namespace: str, pattern: str,
+) -> None:
+    processes.run_node(
+        'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (), num_envs=N)
+    node, _ = make_node()
+    publisher = node.create_publisher(msg.World, f'{namespace}/world', qos.WORLD)
+    spec = make('rocket', num_envs=N).spec
+    wrong = [
+        messages.world_to_message(spec, 1, 0, msg.World.LOCKSTEP),
+        messages.world_to_message(
+            make('rocket', num_envs=N + 1).spec, 2, 0, msg.World.LOCKSTEP),
+        messages.world_to_message(make('lunar_lander').spec, 3, 0, msg.World.LOCKSTEP),
+        messages.world_to_message(spec, 4, 0, msg.World.REALTIME)]
+    wrong.append(messages.world_to_message(spec, 5, 0, msg.World.LOCKSTEP))
+    wrong[-1].dt = float('nan')
+    polls = 0
+
+    def poll() -> None:
+        nonlocal polls
+        polls += 1
+        if polls % 60 == 0 and wrong:
+            publisher.publish(wrong.pop())
+
+    seeds = range(8)
+    with make_fleet(pattern) as fleet:
+        fleet.connect()
+        wait_until(lambda: publisher.get_subscription_count() > 0, 10.0)
+        result = flown(fleet, seeds, poll)
+    assert not wrong
+    assert_same_flights(result, in_process(seeds))
 
 
 def test_one_that_goes_by_the_clock_is_not_flown(

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes of a training die, stop or are told to end at random moments; nothing is lost.
 
-Each fault 50 times with `--nightly`; else all of them in turn, two times each.
+Each fault 50 times while it learns and 10 times at any moment, mostly while something starts, with
+`--nightly`; else all of them in turn, once each way.
 """
 from __future__ import annotations
 
@@ -19,11 +20,13 @@ from training_runs import assert_same_run
 from training_runs import train_in_process
 
 SETTINGS = {'iterations': 24, 'selection_interval': 8}
-ROUNDS, NIGHTLY_ROUNDS = 2, 50
+ROUNDS = {True: 1, False: 1}
+NIGHTLY_ROUNDS = {True: 50, False: 10}
+"""of each fault: while the agent learns, and at any moment"""
 PER_RUN = 12
 """faults in one training, which is then left to finish"""
-LONGEST_WAIT = 2.0
-"""s from one fault to the next: often a process is still starting"""
+LONGEST_WAIT = {True: 0.5, False: 2.0}
+"""s from when the agent learns again, or from the fault before: often a process still starts"""
 
 FROZEN = 25.0
 """s; DDS takes a participant for gone that was silent for 20"""
@@ -33,14 +36,19 @@ HANGS = 400.0
 pytestmark = pytest.mark.timeout(1800)
 
 
+def faults_of(names: list[str], rounds: dict[bool, int]) -> list[tuple[str, bool]]:
+    """Return faults, each with whether the agent shall be learning."""
+    return [(name, learning) for learning, count in rounds.items() for name in names * count]
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Take the faults one by one where there is time, else all together."""
     if 'faults' in metafunc.fixturenames:
         if metafunc.config.getoption('--nightly'):
-            sets = [[name] * NIGHTLY_ROUNDS for name in FAULTS]
+            sets = [faults_of([name], NIGHTLY_ROUNDS) for name in FAULTS]
             metafunc.parametrize('faults', sets, ids=FAULTS)
         else:
-            metafunc.parametrize('faults', [[*FAULTS] * ROUNDS], ids=['all_in_turn'])
+            metafunc.parametrize('faults', [faults_of([*FAULTS], ROUNDS)], ids=['all_in_turn'])
 
 
 @pytest.fixture(scope='module')
@@ -50,23 +58,30 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_training_goes_on_and_learns_the_same(
-        processes: Processes, tmp_path: Path, undisturbed: Path, faults: list[str]) -> None:
+        processes: Processes, tmp_path: Path, undisturbed: Path,
+        faults: list[tuple[str, bool]]) -> None:
     moments = Moments()
     coming = deque(moments.random.sample(faults, len(faults)))
     runs = flights = 0
     while coming:
         runs += 1
         training = Training(processes, tmp_path / f'run_{runs}', moments, **SETTINGS)
-        for _ in range(PER_RUN):
-            moments.wait(LONGEST_WAIT)
-            if not coming or not training.agent.running:
+        for _ in range(min(PER_RUN, len(coming))):
+            name, learning = coming[0]
+            if learning and not training.learns():
                 break
-            FAULTS[coming.popleft()](training)
+            moments.wait(LONGEST_WAIT[learning])
+            if not training.agent.running:
+                break
+            coming.popleft()
+            FAULTS[name](training)
         training.finish(HANGS)
         assert_same_run(training.run, undisturbed)
         flights += training.assert_recordings_readable()
     assert flights
-    print(f'{len(faults)} faults in {runs} trainings, {flights} flights recorded')
+    during = sum(learning for _, learning in faults)
+    print(f'{len(faults)} faults, {during} of them while the agent learnt, in {runs} trainings; '
+          f'{flights} flights recorded')
 
 
 def test_all_are_frozen_for_longer_than_anybody_is_patient(
@@ -83,6 +98,6 @@ def test_all_are_frozen_for_longer_than_anybody_is_patient(
         time.sleep(FROZEN)
         for process in everybody:
             process.signal(signal.SIGCONT)
-        time.sleep(LONGEST_WAIT)
+        time.sleep(max(LONGEST_WAIT.values()))
     training.finish(HANGS)
     assert_same_run(training.run, undisturbed)

@@ -18,7 +18,7 @@ machine that has much else to do"""
 FLIGHTS = 4
 """at most: it may have so much to do in one or the other"""
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(1800)
 
 
 @pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())

@@ -37,9 +37,10 @@ def names(folder: Path) -> set[str]:
     return {file.name for file in folder.iterdir()}
 
 
+@pytest.mark.parametrize('age', [60.0, -60.0], ids=['old', 'before the clock was set back'])
 @pytest.mark.parametrize('group', GROUPS.values(), ids=GROUPS)
-def test_what_the_dead_left_is_removed(tmp_path: Path, group: set[str]) -> None:
-    make(tmp_path, group)
+def test_what_the_dead_left_is_removed(tmp_path: Path, group: set[str], age: float) -> None:
+    make(tmp_path, group, age)
     assert set(leftovers.clean(tmp_path)) == group
     assert not names(tmp_path)
     assert leftovers.clean(tmp_path) == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks import soak
 from benchmarks.soak_slopes import at_age
 from benchmarks.soak_slopes import fit
 from benchmarks.soak_slopes import in_blocks
@@ -87,3 +88,17 @@ def test_lives_are_compared_at_the_same_age() -> None:
     assert (hours * 3600.0).tolist() == pytest.approx([30.0, 130.0])
     assert found.tolist() == [40.0, 43.0]
     assert ones.tolist() == [1.0, 1.0]
+
+
+def test_what_speaks_against_a_soak_is_named() -> None:
+    def row(what: str, per_hour: float, flat: bool | None) -> dict[str, object]:
+        return {'what': what, 'of': 'sim_0', 'per_hour': per_hour, 'flat': flat}
+
+    good = [
+        row('open files', 1.0, True), row('open files', -1.0, False), row('threads', 1.0, None),
+        row('steps/s', -900.0, False), row('steps per piece of work', 9.0, False)]
+    assert soak.failures({'slopes': good, 'unexpected': []}) == []
+    bad = [row('open files', 1.0, False), row('steps per piece of work', -9.0, False)]
+    assert soak.failures({'slopes': good + bad, 'unexpected': ['sim_1 ended']}) == [
+        'sim_1 ended', 'open files of sim_0: +1 an hour',
+        'steps per piece of work of sim_0: -9 an hour']

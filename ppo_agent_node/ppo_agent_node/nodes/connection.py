@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,8 +73,12 @@ def agent_of_run(run: Path) -> int:
 
 
 def agent_named(name: str) -> int:
-    """Return the identity of who is called so on this machine."""
-    name = f'{socket.gethostname()}:{name}'
+    """Return the identity of who is called so on this machine.
+
+    Containers may share the name of their host: what tells them apart is their root.
+    """
+    root = os.stat('/')
+    name = f'{socket.gethostname()}:{root.st_dev}:{root.st_ino}:{name}'
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
 
 

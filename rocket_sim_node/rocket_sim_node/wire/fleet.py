@@ -225,7 +225,9 @@ class Fleet:
                        if other is not member):
                 raise
             self._lose(member, waiting, str(error), report)
-            member.fits = not isinstance(error, _OTHER)
+            if isinstance(error, _OTHER):
+                member.fits = False
+                self._node.get_logger().error(f'{error}; it is not flown any more')
         else:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)

@@ -68,7 +68,8 @@ def _is_old(files: list[Path], young: float) -> bool:
     now, user = time.time(), os.geteuid()
     return all(
         stat.S_ISREG(status.st_mode) and status.st_uid == user
-        and now - status.st_mtime >= young for status in found)
+        and abs(now - status.st_mtime) >= young  # the clock may have been set back since
+        for status in found)
 
 
 def _is_free(files: list[Path]) -> bool:

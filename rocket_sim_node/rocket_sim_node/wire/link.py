@@ -79,6 +79,7 @@ class Link:
         self.name = namespace or 'simulator'
         self.world: msg.World | None = None
         self._spec: WorldSpec | None = None
+        self._realtime = False
         self.session = 0
         self.step = 0
         self.resent = 0
@@ -118,6 +119,11 @@ class Link:
     @property
     def realtime(self) -> bool:
         """Whether the simulator goes by the clock; known once described."""
+        return self.described_realtime if self._spec is None else self._realtime
+
+    @property
+    def described_realtime(self) -> bool:
+        """Whether the simulator as last described goes by the clock."""
         return self.world is not None and self.world.mode == msg.World.REALTIME
 
     @property
@@ -126,6 +132,12 @@ class Link:
         return self._spec or self.adopt_spec()
 
     def _on_world(self, message: msg.World) -> None:
+        if self._spec is not None:
+            try:
+                messages.world_from_message(message)
+            except ValueError as error:  # whoever it is from, it is not the one that was flown
+                self._warn(f'left out: {error}')
+                return
         self.world, self.heard = message, time.monotonic()
 
     def described(self) -> WorldSpec:
@@ -147,14 +159,18 @@ class Link:
         :raises ValueError: as `described` does.
         """
         spec = self.described()
-        if spec == self._spec:
-            return self._spec
-        if self._spec is not None:
-            raise WorldChanged(
-                f'{self.name} came back as another world: {difference(self._spec, spec)}')
-        self._spec = spec
-        self._answers.expect(spec)
-        return spec
+        if self._spec is None:
+            self._spec, self._realtime = spec, self.described_realtime
+            self._answers.expect(spec)
+        change = ''
+        if spec != self._spec:
+            change = difference(self._spec, spec)
+        elif self.described_realtime != self._realtime:
+            modes = 'lockstep', 'realtime'
+            change = f'mode is {modes[not self._realtime]}, expected {modes[self._realtime]}'
+        if change:
+            raise WorldChanged(f'{self.name} came back as another world: {change}')
+        return self._spec
 
     # Asking
 

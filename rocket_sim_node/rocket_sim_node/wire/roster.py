@@ -10,7 +10,6 @@ from rclpy.node import Node
 
 from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
-from rocket_sim_node.wire.link import WorldChanged
 from rocket_sim_node.wire.link import difference
 from rocket_sim_node.wire.member import Member
 from rocket_sim_node.worlds.base import WorldSpec
@@ -95,28 +94,31 @@ class Roster:
                 self._tell(f'{namespace} has left')
 
     def _vet(self, member: Member) -> None:
-        """Take the world of the first simulator for that of all; refuse another one."""
-        member.vetted, fitted = member.link.world, member.fits
-        reason = ''
+        """Take the world of the first simulator for that of all; refuse another one.
+
+        On `world` anybody may speak: what one is that was taken in, its answers tell.
+        """
+        member.vetted = member.link.world
+        if member.fits:
+            return
+        link, reason = member.link, ''
         try:
-            spec = member.link.described()
+            spec = link.described()
+            if self.spec and spec != self.spec:
+                reason = f'its {difference(self.spec, spec)}'
+            elif self._pattern and link.described_realtime:
+                reason = 'its mode is realtime, expected lockstep'
+            else:
+                self.spec = link.adopt_spec()
         except ValueError as error:
             if not self._pattern:
                 raise
             reason = str(error)
-        else:
-            self.spec = self.spec or spec
-            if spec != self.spec:
-                reason = f'its {difference(self.spec, spec)}'
-        if self._pattern and not reason and member.link.realtime:
-            reason = 'its mode is realtime, expected lockstep'
-        if reason and not self._pattern:
-            raise WorldChanged(f'{member.link.name} came back as another world: {reason}')
         member.fits = not reason
-        if reason and member.task is None:
-            self._node.get_logger().error(f'{member.link.name} is not flown: {reason}')
-        elif self._pattern and not fitted:
-            self._tell(f'{member.link.name} has joined')
+        if reason:
+            self._node.get_logger().error(f'{link.name} is not flown: {reason}')
+        elif self._pattern:
+            self._tell(f'{link.name} has joined')
 
     def _tell(self, text: str) -> None:
         count = sum(member.fits for member in self._members.values())
