@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs for two hosts: one looks for what it can see and move, one flies and compares.
 
-As a program: `intruder SECONDS`, `pilot FILE`, each writes what it found as JSON on its last line.
+As a program: `intruder SECONDS PORT...`, `pilot FILE`, each writes what it found as JSON on its
+last line.
 """
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import os
 import socket
 import sys
 import time
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +52,7 @@ def intrude(seconds: float) -> dict[str, Any]:
         'answers': len(answers)}
 
 
-def knock(host: str, ports: range) -> int:
+def knock(host: str, ports: Collection[int]) -> int:
     """Send what is no RTPS to each UDP port of a host; return how many were sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for port in ports:
@@ -87,5 +89,5 @@ if __name__ == '__main__':
         sys.exit(pilot(Path(sys.argv[2])))
     first = 7400 + 250 * int(os.environ['ROS_DOMAIN_ID'])
     if peers := os.environ.get('ROS_STATIC_PEERS'):
-        knock(peers, range(first, first + 250))
+        knock(peers, {*range(first, first + 250), *map(int, sys.argv[3:])})
     print(json.dumps(intrude(float(sys.argv[2]))), flush=True)

@@ -14,6 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from ros2.errors import CommandError
 
@@ -34,11 +35,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def direct_node(args: argparse.Namespace) -> Iterator[Node]:
-    """Give a hidden node that lives as long as the command; Ctrl-C ends it quietly."""
-    with rclpy.init(args=[]):
-        node = rclpy.create_node(
-            f'_ros2cli_{os.getpid()}', start_parameter_services=False, enable_rosout=False,
-            parameter_overrides=[rclpy.Parameter('use_sim_time', value=args.use_sim_time)])
+    """Give a hidden node that lives as long as the command; Ctrl-C ends it quietly.
+
+    It is as secure as the nodes are and reaches as far, or the command ends with status 2. It may
+    be stopped, or wait for who reads what it prints: it keeps out of their shared memory.
+    """
+    try:
+        from rocket_sim_node.wire import security
+        from rocket_sim_node.wire import transport
+        from rocket_sim_node.wire.dds_profile import ProfileError
+    except ImportError as error:
+        raise CommandError(
+            f'{error}; enter the environment first: . launch_scripts/env.sh') from None
+    with contextlib.ExitStack() as stack:
+        try:
+            security.require('ros2', [])
+            with transport.prepared(
+                    get_rmw_implementation_identifier(), transport.SharedMemory.NEVER):
+                stack.enter_context(rclpy.init(args=[]))
+                node = rclpy.create_node(
+                    f'_ros2cli_{os.getpid()}', start_parameter_services=False,
+                    enable_rosout=False, parameter_overrides=[
+                        rclpy.Parameter('use_sim_time', value=args.use_sim_time)])
+        except (ProfileError, transport.TransportError, security.SecurityError) as error:
+            print(f'ros2: {error}', file=sys.stderr)
+            raise SystemExit(2) from None
         try:
             with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
                 yield node

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import threading
+import time
 from collections.abc import Callable
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from processes import Processes
+from processes import wait_until
 from rcl_interfaces.srv import ListParameters
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -22,17 +25,47 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 from rollouts import assert_same
 from rosgraph_msgs.msg import Clock
+from test_fuzz import Rubbish
 
 from rocket_sim_node import wire
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.link import Link
 from rocket_sim_node.worlds import make
 
 N, STRANGER = 4, 0xBAD
 MakeClient = Callable[..., Client]
 REALTIME = {'mode': 'realtime', 'action_timeout': 1.0, 'agent_lease': 30.0}
 FULL = np.tile(np.float32([1, 0, 0]), (N, 1))
+NODES = {
+    'simulator': ('rocket_sim_node', {'num_envs', 'mode', 'dt', 'max_thrust', 'agent_lease'}),
+    'rerun_recorder': ('rocket_sim_node', {'output', 'web_host', 'rows', 'max_steps'}),
+    'ppo_agent': ('ppo_agent_node', {'mode', 'run_dir', 'patience', 'clip_range'}),
+    'random_pilot': ('ppo_agent_node', {'seed', 'level', 'episodes', 'patience'}),
+    'expert_pilot': ('ppo_agent_node', {'seed', 'level', 'episodes', 'patience'}),
+    'evaluate': ('ppo_agent_node', {'pilot', 'policy', 'episodes', 'patience'}),
+    'watch': ('ppo_agent_node', {'use_sim_time'})}
+"""by name: the package, and some of the parameters that it has once it is ready"""
+
+
+def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
+    """Return what a service answers."""
+    service = client.node.create_client(kind, name)
+    assert client.waiter.until(service.service_is_ready, 60.0), name
+    future = service.call_async(kind.Request(**fields))
+    assert client.waiter.until(future.done, 60.0), name
+    return future.result()
+
+
+def told(report: DiagnosticArray) -> dict[str, str]:
+    """Return what a report says, by name."""
+    return {item.key: item.value for item in report.status[0].values}
+
+
+def moment(report: DiagnosticArray) -> float:
+    """Return when a report was made, s of the clock of the day."""
+    return report.header.stamp.sec + 1e-9 * report.header.stamp.nanosec
 
 
 class Watch:
@@ -40,6 +73,7 @@ class Watch:
 
     def __init__(self, client: Client) -> None:
         self.client, self.status, self.throttle = client, DiagnosticStatus(), 0.0
+        self.reports: list[DiagnosticArray] = []
         self.session = self.step = 0
         client.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.EVENTS)
@@ -48,13 +82,14 @@ class Watch:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.status = message.status[0]
+        self.reports.append(message)
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.session, self.step, self.throttle = (
             message.session, message.step[-1], message.throttle[-1])
 
     def __getitem__(self, key: str) -> str:
-        return {item.key: item.value for item in self.status.values}.get(key, '')
+        return told(self.reports[-1]).get(key, '') if self.reports else ''
 
     def until(self, done: Callable[[], bool]) -> None:
         assert self.client.waiter.until(done, 20.0), self.status
@@ -115,19 +150,83 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
 
 def test_an_agent_that_only_computes_gives_no_orders(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its engine is cut, and after the lease another one may take over."""
     monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.02)
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
-    client = make_client()
+    lease = 3.0
+    processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, 'agent_lease': lease})
+    client, other = make_client(), make_client()
     client.reset(1)
     watch = Watch(client)
+    begun = time.monotonic()
     client.step(FULL)
+    over = threading.Event()
 
-    def cut() -> bool:
-        client.link.keep()
-        return watch['engine cuts'] == '1'
+    def compute() -> None:
+        while not over.wait(0.01):
+            client.link.keep()
 
-    watch.until(cut)
-    watch.until(lambda: watch.throttle == 0.0)
+    thread = threading.Thread(target=compute)
+    thread.start()
+    try:
+        watch.until(lambda: watch['engine cuts'] == '1')
+        watch.until(lambda: watch.throttle == 0.0)
+        other.reset(2)
+        assert time.monotonic() - begun >= lease
+    finally:
+        over.set()
+        thread.join()
+    watch.until(lambda: watch['agent'] == f'{other.link.agent:016x}')
+    other.step(FULL)
+    watch.until(lambda: (watch.session, watch.throttle) == (other.session, 1.0))
+
+
+@contextmanager
+def flood(link: Link) -> Iterator[None]:
+    """Have a link's agent send rubbish, more than a simulator can take."""
+    source, over = Rubbish(link, 1), threading.Event()
+    made = [source.rubbish() for _ in range(1000)]
+
+    def send() -> None:
+        while not over.wait(0.0005):
+            for index in source.rng.integers(len(made), size=40).tolist():
+                link._publisher.publish(made[index])
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_a_flood_holds_up_neither_the_steps_of_real_time_nor_the_watchdog(
+        processes: Processes, make_client: MakeClient) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client, stranger = make_client(), make_client(agent=STRANGER)
+    client.reset(1)
+    watch = Watch(client)
+    publisher = stranger.link._publisher
+    assert stranger.waiter.until(lambda: publisher.get_subscription_count() > 0, 20.0)
+    stranger.link.session = client.session
+
+    def lit() -> bool:
+        client.step(FULL)  # some get through
+        return watch.throttle == 1.0
+
+    with flood(stranger.link):
+        watch.until(lit)
+        watch.until(lambda: int(watch['refused on action'] or 0) > 0)
+        first = watch.reports[-1]
+        watch.until(lambda: int(watch['engine cuts'] or 0) > 0 and watch.throttle == 0.0)
+        watch.until(lambda: moment(watch.reports[-1]) - moment(first) > 4.0)
+    last = watch.reports[-1]
+    steps = int(told(last)['step']) - int(told(first)['step'])
+    refused = int(told(last)['refused on action']) - int(told(first)['refused on action'])
+    assert refused > 5 * steps, 'no flood'
+    rate = steps * client.spec.dt / (moment(last) - moment(first))
+    assert 0.5 < rate < 1.5, f'{rate:.2f} simulated seconds a second'
 
 
 def test_in_slow_motion_the_engine_burns_on(
@@ -226,33 +325,41 @@ def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> N
             in process.output())
 
 
+@pytest.mark.parametrize('name', NODES)
 def test_no_parameter_can_be_changed_after_start(
+        processes: Processes, make_client: MakeClient, tmp_path: Path, name: str) -> None:
+    """The simulator is kept meanwhile: who wants to fly waits, and serves its parameters."""
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
+    client = make_client()
+    client.reset(1)
+    package, some = NODES[name]
+    if name != 'simulator':
+        given = {'ppo_agent': {'run_dir': tmp_path / 'run'}, 'evaluate': {'pilot': 'random'}}
+        processes.run_node(package, name, **given.get(name, {}))
+
+    def names() -> set[str]:
+        return set(call(client, ListParameters, f'/{name}/list_parameters').result.names)
+
+    wait_until(lambda: names() >= some, 60.0, processes.logs)
+    wanted = [
+        Parameter(key, value=value).to_parameter_msg()
+        for key in sorted({*names(), 'unheard_of'} - {'use_sim_time'})
+        for value in (1, 2.5, True, 'lockstep', [1, 2], [0.5], ['a'])]
+    results = call(
+        client, SetParameters, f'/{name}/set_parameters', parameters=wanted).results
+    for parameter, result in zip(wanted, results, strict=True):
+        assert not result.successful, parameter
+        assert 'read-only' in result.reason or parameter.name == 'unheard_of', result.reason
+
+
+def test_use_sim_time_belongs_to_ros_and_moves_nothing_that_flies(
         processes: Processes, make_client: MakeClient) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client = make_client()
     client.reset(1)
     watch = Watch(client)
-    node = client.node
-
-    def call(kind: Any, name: str, request: Any) -> Any:
-        service = node.create_client(kind, f'/simulator/{name}')
-        watch.until(service.service_is_ready)
-        future = service.call_async(request)
-        watch.until(future.done)
-        return future.result()
-
-    names = call(ListParameters, 'list_parameters', ListParameters.Request()).result.names
-    assert {'num_envs', 'mode', 'dt', 'max_thrust', 'agent_lease'} <= set(names)
-    values = [1, 2.5, True, 'lockstep', [1, 2], [0.5], ['a']]
-    for name in {*names, 'unheard_of'} - {'use_sim_time'}:
-        wanted = [Parameter(name, value=value).to_parameter_msg() for value in values]
-        for result in call(SetParameters, 'set_parameters', SetParameters.Request(
-                parameters=wanted)).results:
-            assert not result.successful, name
-            assert 'read-only' in result.reason or name == 'unheard_of', result.reason
-    # This one belongs to ROS: time stamps follow it, and nothing that flies.
-    answer = call(SetParameters, 'set_parameters', SetParameters.Request(
-        parameters=[Parameter('use_sim_time', value=True).to_parameter_msg()]))
+    answer = call(client, SetParameters, '/simulator/set_parameters', parameters=[
+        Parameter('use_sim_time', value=True).to_parameter_msg()])
     assert answer.results[0].successful
     for _ in range(5):
         client.step(FULL)
@@ -318,6 +425,26 @@ def test_diagnostics_say_who_where_and_what(
         'agent': f'{client.link.agent:016x}', 'session': f'{client.session:016x}',
         'refused on action': '0', 'refused on reset': '0', 'refused on restore': '0',
         'refused on snapshot': '0', 'refused on release': '0', 'repeated answers': '0'}.items()
+
+
+def test_a_refusal_is_told_at_once_and_by_name(
+        processes: Processes, make_client: MakeClient) -> None:
+    """Before it is answered, even; then the level falls back, and what was refused stays."""
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
+    client = make_client()
+    client.reset(1)
+    watch = Watch(client)
+    watch.until(lambda: watch['last refusal'] == '' != watch['agent'])
+    for name, kind in (('reset', srv.Reset), ('release', srv.Release)):
+        answer = call(client, kind, name, agent=STRANGER)
+        answered = time.time()
+        watch.until(lambda: watch[f'refused on {name}'] == '1')  # noqa: B023
+        first = next(r for r in watch.reports if told(r)[f'refused on {name}'] == '1')
+        assert first.status[0].level == DiagnosticStatus.WARN
+        assert first.status[0].message == f'{name}: {answer.message}'
+        assert moment(first) <= answered
+        watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
+        assert watch['last refusal'] == told(first)['last refusal'] == f'{name}: {answer.message}'
 
 
 def test_nothing_on_the_wire_goes_by_the_clock_of_the_day() -> None:

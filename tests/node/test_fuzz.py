@@ -24,6 +24,7 @@ from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.cdr import Codec
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.link import Link
 from rocket_sim_node.worlds import make
 
 N, AGENT = 8, 0xC0FFEE
@@ -45,12 +46,64 @@ def resident(process: Process) -> float:
                if line.startswith('VmRSS'))
 
 
-class Fuzzer:
-    """A good client, and rubbish in the midst of its actions whose fate is foretold."""
+class Rubbish:
+    """Actions that step nothing, whose fate is foretold, where a link's agent has control."""
+
+    def __init__(self, link: Link, seed: int) -> None:
+        self.link, self.rng = link, np.random.default_rng(seed)
+
+    def rubbish(self) -> bytes:
+        """Return a message that steps nothing, whatever became of it."""
+        while True:
+            data = self._any()
+            data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
+            if data and self._fate(data) != 'flown':  # without any bytes nothing arrives
+                return data
+
+    def _any(self) -> bytes:
+        rng, link = self.rng, self.link
+        kind = int(rng.integers(4))
+        if kind == 0:
+            return bytes(rng.bytes(int(rng.integers(300))))
+        numbers = [link.session, link.step, link.agent]
+        values: Any = rng.uniform(-1, 1, 3 * N)
+        if kind == 1:
+            good = CODEC.encode(numbers, (values, NOTHING))
+            return damaged(good, rng, DAMAGES[int(rng.integers(len(DAMAGES)))])
+        if kind == 2:
+            place = int(rng.integers(3))
+            numbers[place] = int(rng.integers(2**64, dtype=np.uint64))
+            return CODEC.encode(numbers, (values, NOTHING))
+        numbers[1] = max(numbers[1] - int(rng.integers(2)), 0)
+        wrong = int(rng.integers(3))
+        if wrong == 0:
+            values[int(rng.integers(3 * N))] = rng.choice([np.nan, np.inf, -np.inf])
+        elif wrong == 1:
+            values = values[:int(rng.integers(3 * N))]
+        return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
+
+    def _fate(self, data: bytes) -> str:
+        """Return what shall become of an action now: flown, repeated or refused."""
+        link = self.link
+        try:
+            message = CODEC.decode(data)
+        except ValueError:
+            return 'refused on action'
+        if (message.session, message.agent) != (link.session, link.agent):
+            return 'refused on action'
+        if message.step == link.step - 1:
+            return 'repeated answers'
+        good = (message.step == link.step and not len(message.discrete)
+                and len(message.continuous) == 3 * N and np.isfinite(message.continuous).all())
+        return 'flown' if good else 'refused on action'
+
+
+class Fuzzer(Rubbish):
+    """A good client, and rubbish in the midst of its actions."""
 
     def __init__(self, process: Process, client: Client, seed: int) -> None:
+        super().__init__(client.link, seed)
         self.process, self.client, self.seed = process, client, seed
-        self.rng = np.random.default_rng(seed)
         self.world = make('rocket', num_envs=N)
         self.sent = 0
         self.expected: Counter[str] = Counter()
@@ -75,51 +128,6 @@ class Fuzzer:
     def counts(self) -> dict[str, str]:
         """Return what the simulator says about itself."""
         return {item.key: item.value for item in self.status.values} if self.status else {}
-
-    def rubbish(self) -> bytes:
-        """Return a message that steps nothing, whatever became of it."""
-        while True:
-            data = self._any()
-            data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
-            if data and self._fate(data) != 'flown':  # without any bytes nothing arrives
-                return data
-
-    def _any(self) -> bytes:
-        rng, link = self.rng, self.client.link
-        kind = int(rng.integers(4))
-        if kind == 0:
-            return bytes(rng.bytes(int(rng.integers(300))))
-        numbers = [link.session, link.step, link.agent]
-        values: Any = rng.uniform(-1, 1, 3 * N)
-        if kind == 1:
-            good = CODEC.encode(numbers, (values, NOTHING))
-            return damaged(good, rng, DAMAGES[int(rng.integers(len(DAMAGES)))])
-        if kind == 2:
-            place = int(rng.integers(3))
-            numbers[place] = int(rng.integers(2**64, dtype=np.uint64))
-            return CODEC.encode(numbers, (values, NOTHING))
-        numbers[1] = max(numbers[1] - int(rng.integers(2)), 0)
-        wrong = int(rng.integers(3))
-        if wrong == 0:
-            values[int(rng.integers(3 * N))] = rng.choice([np.nan, np.inf, -np.inf])
-        elif wrong == 1:
-            values = values[:int(rng.integers(3 * N))]
-        return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
-
-    def _fate(self, data: bytes) -> str:
-        """Return what shall become of an action now: flown, repeated or refused."""
-        link = self.client.link
-        try:
-            message = CODEC.decode(data)
-        except ValueError:
-            return 'refused on action'
-        if (message.session, message.agent) != (link.session, link.agent):
-            return 'refused on action'
-        if message.step == link.step - 1:
-            return 'repeated answers'
-        good = (message.step == link.step and not len(message.discrete)
-                and len(message.continuous) == 3 * N and np.isfinite(message.continuous).all())
-        return 'flown' if good else 'refused on action'
 
     def run(self, count: int, calls: int) -> None:
         """Send rubbish, as much at a time as the simulator's queue holds, then a good action.
@@ -269,7 +277,9 @@ def test_an_agent_among_rubbish_learns_what_was_flown(
             data = codec.encode(foreign, [np.ones(N)] * (len(fields) - 2))
             if rng.integers(2):
                 data = bytes(rng.bytes(int(rng.integers(100))))
-            publishers[name].publish(damaged(data or b'\0', rng, str(rng.choice(DAMAGES))))
+            if rng.integers(4):
+                data = damaged(data or b'\0', rng, str(rng.choice(DAMAGES)))
+            publishers[name].publish(data or b'\0')
         babble.publish(bytes(rng.bytes(50)))
         action = rng.uniform(-1, 1, (N, 3)).astype(np.float32)
         assert_same(client.step(action), world.step(action))

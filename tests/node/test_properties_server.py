@@ -29,6 +29,7 @@ from rocket_msgs import srv
 from rocket_sim_node import worlds
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.control import NOBODY
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
 
@@ -36,6 +37,10 @@ N, OWNER = 3, 0xABCDEF
 CODEC = Codec(msg.Action)
 _MOST = 30e6
 """bytes that any of this may take: a batch is some hundreds"""
+_LOW = {'rocket_planar': {'spawn_height': 5.6, 'spawn_angle': 1.0, 'spawn_speed': 0.0}}
+"""where flights come down softly, and soon, by world"""
+_STAGES, _APART = 8, 5
+"""moments of such a flight, and steps from one to the next"""
 
 
 class Bench:
@@ -69,12 +74,31 @@ class Bench:
         spec = self.world.spec
         return np.zeros((N, spec.action_size), np.float32) if spec.continuous else np.zeros(N, int)
 
+    def stages(self) -> list[dict[str, Any]]:
+        """Return what snapshots of a flight hold, from its start on, engine off."""
+        world = worlds.make(self.world.spec.name, N, seed=5)
+        world.reset(1, **_LOW.get(self.world.spec.name, {}))
+        found = []
+        for _ in range(_STAGES):
+            found.append(contents(world.snapshot()))
+            for _ in range(_APART):
+                world.step(self.idle())
+        return found
+
+    def idle(self) -> np.ndarray[Any, Any]:
+        """Return actions of the world's kind that burn nothing."""
+        idle = np.array(self.world.spec.action_idle)
+        return np.tile(idle, (N, 1)) if self.world.spec.continuous else np.full(N, int(idle[0]))
+
     def fly(self, action: np.ndarray[Any, Any]) -> None:
         """Have an action flown, here and by the twin."""
-        nothing = np.zeros(0)
-        arrays = (action, nothing) if self.world.spec.continuous else (nothing, action)
-        self.act(self.server._session, self.server._step, OWNER, *arrays)
+        self.act(self.server._session, self.server._step, OWNER, *self.arrays(action))
         self.twin.step(action)
+
+    def arrays(self, action: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], ...]:
+        """Return an action as a message has it."""
+        nothing = np.zeros(0)
+        return (action, nothing) if self.world.spec.continuous else (nothing, action)
 
     def act(self, session: int, step: int, agent: int, *arrays: np.ndarray[Any, Any]) -> None:
         self.server._on_action(CODEC.decode(CODEC.encode((session, step, agent), arrays)))
@@ -88,7 +112,7 @@ class Bench:
         return text
 
 
-@pytest.fixture(params=['rocket', 'lunar_lander'])
+@pytest.fixture(params=['rocket', 'rocket_planar', 'lunar_lander'])
 def bench(make_node: Callable[..., Any], request: pytest.FixtureRequest) -> Bench:
     return Bench(make_node, request.param)
 
@@ -190,9 +214,37 @@ def test_snapshots_and_farewells_of_others_are_refused(
     assert bench.place == before
 
 
-def restore(bench: Bench, state: bytes) -> Any:
+@given(st.one_of(st.sampled_from([NOBODY, OWNER]), ANY_U64))
+def test_where_nobody_has_control_nobody_is_obeyed(bench: Bench, agent: int) -> None:
+    """Not even who has no name, nor who had control before."""
+    bench.reset()
+    server = bench.server
+    response = server._on_release(srv.Release.Request(agent=OWNER), srv.Release.Response())
+    assert response.code == response.OK
+    session, step, owner, state = bench.place
+    assert owner == NOBODY
+    busy, invalid = srv.Reset.Response.BUSY, srv.Reset.Response.INVALID
+    calls: dict[str, tuple[int | None, Callable[[], Any]]] = {
+        'action': (None, lambda: bench.act(
+            session, step, agent, *bench.arrays(bench.harmless()))),
+        'snapshot': (busy, lambda: server._on_snapshot(
+            srv.Snapshot.Request(agent=agent, session=session, step=step),
+            srv.Snapshot.Response())),
+        'release': (busy, lambda: server._on_release(
+            srv.Release.Request(agent=agent), srv.Release.Response())),
+        'reset': (invalid, lambda: server._on_reset(
+            srv.Reset.Request(agent=NOBODY, seed=1), srv.Reset.Response())),
+        'restore': (invalid, lambda: restore(bench, state, NOBODY))}
+    for name, (code, call) in calls.items():
+        counts = bench.counts
+        assert getattr(call(), 'code', None) == code
+        bench.refusal(name, counts)
+        assert bench.place == (session, step, NOBODY, state)
+
+
+def restore(bench: Bench, state: bytes, agent: int = OWNER) -> Any:
     """Return the answer to a restore; it took no memory worth mentioning."""
-    request = srv.Restore.Request(agent=OWNER)
+    request = srv.Restore.Request(agent=agent)
     request.state = messages.to_sequence(np.frombuffer(state, np.uint8), 'u1')
     tracemalloc.start()
     try:
@@ -201,6 +253,55 @@ def restore(bench: Bench, state: bytes) -> Any:
     finally:
         tracemalloc.stop()
     return response
+
+
+def forged(data: st.DataObject, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return an array with another value, of any order of magnitude, in one place."""
+    array = array.copy()
+    place = data.draw(st.integers(0, array.size - 1))
+    if array.dtype.kind == 'b':
+        array.flat[place] ^= True
+    elif array.dtype.kind == 'i':
+        array.flat[place] = data.draw(st.one_of(st.integers(-2, 2**63 - 1), st.integers(-2, 300)))
+    else:
+        array.flat[place] = data.draw(st.sampled_from([-3.7, 3.7])) * 10.0**data.draw(
+            st.integers(-6, 17))
+    return array
+
+
+def test_what_is_accepted_gives_snapshots_that_are_accepted(bench: Bench) -> None:
+    """A forged state is refused, or flown on: no world comes to be where it cannot be restored."""
+    stages = bench.stages()
+    names = sorted(stages[0].keys() - {'world', 'settings'})
+    if bench.world.spec.name == 'rocket_planar':
+        assert 0 < sum(bool(stage['contact_present'].all()) for stage in stages) < _STAGES
+    other = worlds.make(bench.world.spec.name, N)
+    accepted = 0
+
+    @given(st.data())
+    def fly_on(data: st.DataObject) -> None:
+        nonlocal accepted
+        bench.reset()
+        arrays = dict(stages[data.draw(st.integers(0, _STAGES - 1), 'stage')])
+        for name in data.draw(st.lists(st.sampled_from(names), min_size=1, max_size=3), 'names'):
+            arrays[name] = forged(data, arrays[name])
+        before, counts = bench.place, bench.counts
+        response = restore(bench, packed(arrays))
+        if response.code != response.OK:
+            assert response.code == response.INVALID
+            assert 'snapshot: ' in bench.refusal('restore', counts)
+            assert bench.place == before
+            return
+        accepted += 1
+        for _ in range(3):
+            state = bench.world.snapshot()
+            other.restore(state)
+            assert other.snapshot() == state
+            observation, reward, *_ = bench.world.step(bench.idle())
+            assert np.isfinite(observation).all() and np.isfinite(reward).all()
+
+    fly_on()
+    assert accepted > 10
 
 
 def array_file(shape: str, data: bytes = b'') -> bytes:

@@ -21,7 +21,6 @@ from recordings import rows_of
 from recordings import view_classes
 from rocket_msgs import msg
 
-from rocket_sim_node.nodes.rerun_recorder import samples_from_message
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import viewer
@@ -29,6 +28,7 @@ from rocket_sim_node.recording.file_sink import partial_path
 from rocket_sim_node.recording.samples import Layout
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire.hearing import samples_from_message
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import Telemetry
 

@@ -23,11 +23,18 @@ LOOK = 4.0
 """s that the intruder looks and tries; where it may see something it takes a second"""
 NODES = [
     ('rocket_sim_node', 'simulator'), ('rocket_sim_node', 'rerun_recorder'),
-    ('ppo_agent_node', 'random_pilot'), ('ppo_agent_node', 'watch')]
+    *(('ppo_agent_node', name) for name in (
+        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch'))]
+TERMINAL = (
+    'python', '-c', 'import pty, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_DFL); '
+    'pty.spawn(sys.argv[1:])')
+"""what runs a program in a terminal, which hangs up as soon as this ends"""
+STAND_IN = 'ROS_DISTRO' not in os.environ
+"""whether the command ros2 is that of launch_scripts/ros2"""
 
 
-def listening(process: Process) -> list[tuple[str, str]]:
-    """Return protocol and address of all UDP ports and waiting TCP ports of a process.
+def listening(process: Process) -> list[tuple[str, str, int]]:
+    """Return protocol, address and port of all UDP ports and waiting TCP ports of a process.
 
     All those of its host are returned: on the hosts of a test there is nobody else.
     """
@@ -41,11 +48,24 @@ def listening(process: Process) -> list[tuple[str, str]]:
         for line in table.read_text().splitlines()[1:] if table.exists() else []:
             fields = line.split()
             if name.startswith('udp') or fields[3] == '0A':
-                address = fields[1].split(':')[0]
+                address, port = fields[1].split(':')
                 if len(address) == 8:
                     address = socket.inet_ntoa(bytes.fromhex(address)[::-1])
-                found.append((name[:3], address))
+                found.append((name[:3], address, int(port, 16)))
     return found
+
+
+def places(found: list[tuple[str, str, int]]) -> set[tuple[str, str]]:
+    """Return protocols and addresses of ports."""
+    return {(protocol, address) for protocol, address, _ in found}
+
+
+def start_bound(hosts: Hosts, *command: str) -> None:
+    """Start a node without a range on host 0 and see that it is bound to its machine."""
+    node = hosts.on(0, **{RANGE: None}).start(*command)
+    # One for discovery and one for data; what looks for free ports has one at a time.
+    wait_until(lambda: len(listening(node)) > 1 or not node.running, 60.0, node.output)
+    assert places(listening(node)) == {('udp', '127.0.0.1')}, hosts.logs()
 
 
 def result(process: Process) -> dict[str, Any]:
@@ -54,10 +74,10 @@ def result(process: Process) -> dict[str, Any]:
     return json.loads(process.output().splitlines()[-1])
 
 
-def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, list]:
+def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, set]:
     """Fly on host 0 in a range, None: not set; intrude from host 1.
 
-    :return: what the intruder found, what the pilot did, and what the simulator's host listens on.
+    :return: what the intruder found, what the pilot did, and where the simulator's host listens.
     """
     one = {RANGE: spoken_to, 'FASTDDS_DEFAULT_PROFILES_FILE': None}
     simulator = hosts.on(0, **one).run_node(
@@ -65,19 +85,20 @@ def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, list]:
     go = hosts.folder / 'go'
     flown = hosts.on(0, **one).start('python', intruder.__file__, 'pilot', str(go))
     flown.wait_for('flying', 60.0)
-    ports = listening(simulator)
+    found = listening(simulator)
     program = hosts.on(1, ROS_STATIC_PEERS=hosts.address(0)).start(
-        'python', intruder.__file__, 'intruder', str(LOOK))
+        'python', intruder.__file__, 'intruder', str(LOOK),
+        *(str(port) for protocol, _, port in found if protocol == 'udp'))
     seen = result(program)
     go.touch()
-    return seen, result(flown), ports
+    return seen, result(flown), places(found)
 
 
 def test_another_host_sees_and_moves_nothing(hosts: Hosts) -> None:
     seen, flown, ports = intrude(hosts, None)
     assert seen == {'nodes': [], 'publishers': 0, 'heard': 0, 'answers': 0}, hosts.logs()
     assert flown == {'steps': 40, 'equal': True}, hosts.logs()
-    assert set(ports) == {('udp', '127.0.0.1')}
+    assert ports == {('udp', '127.0.0.1')}
 
 
 def test_with_a_wider_range_it_sees_and_is_answered(hosts: Hosts) -> None:
@@ -92,10 +113,25 @@ def test_with_a_wider_range_it_sees_and_is_answered(hosts: Hosts) -> None:
 @pytest.mark.parametrize(('package', 'executable'), NODES)
 def test_nodes_started_without_a_range_are_bound_to_this_machine(
         hosts: Hosts, package: str, executable: str) -> None:
-    node = hosts.on(0, **{RANGE: None}).run_node(package, executable)
-    # One for discovery and one for data; what looks for free ports has one at a time.
-    wait_until(lambda: len(listening(node)) > 1 or not node.running, 30.0, node.output)
-    assert set(listening(node)) == {('udp', '127.0.0.1')}, hosts.logs()
+    given = (
+        ('--ros-args', '-p', f'run_dir:={hosts.folder}/run') if executable == 'ppo_agent' else ())
+    terminal = TERMINAL if executable == 'keyboard_pilot' else ()
+    start_bound(hosts, *terminal, 'ros2', 'run', package, executable, *given)
+
+
+@pytest.mark.skipif(not STAND_IN, reason='the ros2 command of a full ROS 2')
+def test_the_ros2_command_is_bound_to_this_machine(hosts: Hosts) -> None:
+    start_bound(hosts, 'ros2', 'topic', 'echo', '/world', 'rocket_msgs/msg/World')
+
+
+@pytest.mark.parametrize('host', ['127.0.0.1', '0.0.0.0'])
+def test_the_web_page_is_bound_to_this_machine_unless_told_otherwise(
+        hosts: Hosts, host: str) -> None:
+    given = {} if host == '127.0.0.1' else {'web_host': host}
+    recorder = hosts.on(0, **{RANGE: None}).run_node(
+        'rocket_sim_node', 'rerun_recorder', serve_web=True, **given)
+    recorder.wait_for('watch it in a browser', 60.0)
+    assert places(listening(recorder)) == {('udp', '127.0.0.1'), ('tcp', host)}, hosts.logs()
 
 
 def test_every_command_has_this_machine_as_its_default() -> None:
@@ -127,8 +163,10 @@ def test_a_bad_profile_stops_every_node_before_it_starts(
     profile = tmp_path / 'mine.xml'
     profile.write_text('<dds xmlns="http://www.eprosima.com">\n<profile/>\n</dds>\n')
     monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', str(profile))
-    for package, executable in NODES[:2]:
-        node = processes.run_node(package, executable)
-        assert node.wait(30.0) == 2, node.output()
+    started = [processes.run_node(package, executable) for package, executable in NODES]
+    if STAND_IN:
+        started.append(processes.start('ros2', 'topic', 'list'))
+    for node in started:
+        assert node.wait(60.0) == 2, processes.logs()
         assert f"{profile}:2: Element 'profile'" in node.output()
         assert 'Traceback' not in node.output()

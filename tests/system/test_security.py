@@ -2,6 +2,7 @@
 """No node runs unsecured when security was asked for; and the policy allows what nodes do."""
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from xml.etree import ElementTree
 
 import pytest
 from cabin import Cabin
+from processes import Process
 from processes import Processes
 from processes import wait_until
 
@@ -132,6 +134,15 @@ def has_security() -> bool:
     return security.supported()
 
 
+def refuses(name: str, process: Process) -> None:
+    """See that a process ended in one line that says why it does not run unsecured."""
+    assert process.wait(60.0) == 2, process.output()
+    said, = process.output().splitlines()
+    assert said.startswith(f'{name}: security was asked for'), said
+    assert 'built without DDS-Security' in said
+    assert 'launch_scripts/secure, or unset ROS_SECURITY_ENABLE' in said
+
+
 @pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
 def test_without_dds_security_nothing_starts(
         processes: Processes, monkeypatch: pytest.MonkeyPatch, strategy: str) -> None:
@@ -146,11 +157,18 @@ def test_without_dds_security_nothing_starts(
         (name, processes.run_node(package, name))
         for package, names in chosen.items() for name in names]
     for name, node in started:
-        assert node.wait(60.0) == 2, processes.logs()
-        said, = node.output().splitlines()
-        assert said.startswith(f'{name}: security was asked for'), said
-        assert 'built without DDS-Security' in said
-        assert 'launch_scripts/secure, or unset ROS_SECURITY_ENABLE' in said
+        refuses(name, node)
+
+
+@pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the ros2 command of a full ROS 2')
+@pytest.mark.parametrize('command', [
+    ('topic', 'list'), ('service', 'call', '/reset', 'rocket_msgs/srv/Reset', '{agent: 1}')])
+def test_without_dds_security_the_ros2_command_asks_nobody(
+        processes: Processes, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]) -> None:
+    if has_security():
+        pytest.skip('this ROS 2 has DDS-Security')
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    refuses('ros2', processes.start('ros2', *command))
 
 
 def test_secure_starts_nothing_where_there_is_no_security(tmp_path: Path) -> None:

@@ -2,9 +2,12 @@
 """What Fast DDS is told: our profiles, a user's, and the environment while a node starts."""
 from __future__ import annotations
 
+import argparse
 import os
 import socket
+from contextlib import nullcontext
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -13,6 +16,8 @@ from rocket_sim_node.wire.dds_profile import ProfileError
 from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
 from rocket_sim_node.wire.transport import SharedMemory
+from ros2 import graph
+from ros2.main import main
 
 OURS = Path(transport.__file__).parent / 'profiles'
 RMW = 'rmw_fastrtps_cpp'
@@ -27,6 +32,13 @@ GOOD = """<?xml version="1.0"?>
   </profiles>
 </dds>
 """
+PARTICIPANT = GOOD[GOOD.index('    <participant '):GOOD.index('  </profiles>')]
+LISTED = """<transport_descriptors><transport_descriptor>
+<transport_id>mine</transport_id><type>UDPv4</type>
+<interfaceWhiteList><address>{}</address></interfaceWhiteList>
+</transport_descriptor></transport_descriptors><participant """
+SENT_TO = """<defaultUnicastLocatorList><locator><udpv4>
+<address>{}</address></udpv4></locator></defaultUnicastLocatorList><participantID>"""
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +47,8 @@ def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in (
             transport.RANGE, 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS', 'ROS_DISCOVERY_SERVER',
             'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE',
-            'FASTDDS_BUILTIN_TRANSPORTS', 'SKIP_DEFAULT_XML_FILE', 'ROS2_EASY_MODE'):
+            'FASTDDS_BUILTIN_TRANSPORTS', 'SKIP_DEFAULT_XML_FILE', 'ROS2_EASY_MODE',
+            'ROS_SECURITY_ENABLE'):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
 
@@ -95,6 +108,26 @@ def test_good_profiles_pass(namespace: str | None, schema: Path, tmp_path: Path)
     check_profile(path, schema)
 
 
+@pytest.mark.parametrize('text', [
+    GOOD.replace('<profiles>', '').replace('</profiles>', '').replace('dds', 'profiles'),
+    *(GOOD.replace(PARTICIPANT, profiles) for profiles in (
+        '<data_writer profile_name="rt/observation"/>',
+        '<data_reader profile_name="any" is_default_profile="true"/>',
+        '<topic profile_name="any" is_default_profile="true"/>',
+        '<participant profile_name="any"/><data_reader profile_name="any"/>',
+        f'<participant profile_name="any"/>{PARTICIPANT}')),
+    '<dds><log><use_default>FALSE</use_default></log></dds>',
+    *(GOOD.replace('<participant ', LISTED.format(address)) for address in (
+        '127.0.0.1', '::1', 'fe80::1', 'lo', 'enp0s31f6', 'br-lan', 'eth0.100', 'eth0:1')),
+    *(GOOD.replace('<participantID>', SENT_TO.format(address)) for address in (
+        '10.0.0.7', '0.0.0.0', 'localhost', 'mars', '3com.example.org')),
+])
+def test_profiles_that_are_of_use_pass(text: str, schema: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'mine.xml'
+    path.write_text(text)
+    check_profile(path, schema)
+
+
 @pytest.mark.parametrize(('old', 'new', 'words'), [
     ('</rtps>', '</rtsp>', (':7: no XML', 'rtps', 'rtsp')),
     (GOOD, '', (':1: no XML',)),
@@ -109,6 +142,31 @@ def test_good_profiles_pass(namespace: str | None, schema: Path, tmp_path: Path)
     ('<participantID>3</participantID>', '<userTransports><transport_id>udp</transport_id>'
      '</userTransports>', (":6: transport_id 'udp'", 'transport_descriptors', 'there are none')),
     ('profile_name="mine" ', '', (':4: ', 'profile_name')),
+    (' is_default_profile="true"', '', (
+        ":4: is_default_profile of participant 'mine' is missing, expected true",)),
+    ('"true"', '"false"', (":4: is_default_profile of participant 'mine' is false",)),
+    ('"true"', '"1"', (":4: is_default_profile of participant 'mine' is 1, expected true",)),
+    (f'  <profiles>\n{PARTICIPANT}  </profiles>\n', '', (
+        ':2: no profile that ROS 2 uses, expected a participant with is_default_profile="true"',)),
+    (PARTICIPANT, LISTED.partition('<participant ')[0].format('lo'), (':2: no profile that',)),
+    (PARTICIPANT, '<topic profile_name="any"/>', (':2: no profile that ROS 2 uses',)),
+    (PARTICIPANT, f'{PARTICIPANT}<participant profile_name="mine"/>', (
+        ":9: participant 'mine', expected another name: there is one in line 4",)),
+    (PARTICIPANT, '<data_writer profile_name="a"/>\n<data_reader profile_name="a"/>\n'
+     '<data_writer profile_name="a"/>', (
+        ":6: data_writer 'a', expected another name: there is one in line 4",)),
+    ('<participant ', LISTED.replace('</transport_descriptors>', (
+        '<transport_descriptor>\n<transport_id>mine</transport_id><type>SHM</type>'
+        '</transport_descriptor></transport_descriptors>')).format('lo'), (
+        ":8: transport_descriptor 'mine', expected another name: there is one in line 5",)),
+    *(('<participant ', LISTED.format(address), (
+        f':6: address {address!r}, expected an IP address or the name of an interface',))
+      for address in (
+        '999.1.2.3', '127.0.0', '127.0.0.1.', '10.0.0.0/24', '10.0.0.*', '127.0.0.1:7400',
+        ' 127.0.0.1', '12::34::56', '*')),
+    *(('<participantID>', SENT_TO.format(address), (
+        f':7: address {address!r}, expected an IPv4 address or the name of a host',))
+      for address in ('999.1.2.3', '256.0.0.1', '::1', 'mars:7400', 'no host', '-.-')),
 ])
 def test_bad_profiles_are_named(
         old: str, new: str, words: tuple[str, ...], schema: Path, tmp_path: Path) -> None:
@@ -198,6 +256,47 @@ def test_nothing_starts_with_a_bad_profile(
         inside()
 
 
+@pytest.mark.parametrize(('name', 'value', 'words'), [
+    ('FASTDDS_DEFAULT_PROFILES_FILE', 'mine.xml', 'mine.xml:6: '),
+    (transport.RANGE, 'localhost', f"{transport.RANGE}: got 'localhost'"),
+    ('ROS_SECURITY_ENABLE', '1', "ROS_SECURITY_ENABLE is '1', expected true or false"),
+])
+@pytest.mark.parametrize('argv', [
+    ['topic', 'list'], ['node', 'list'], ['param', 'get', '/simulator', 'seed'],
+    ['service', 'call', '/reset', 'rcl_interfaces/srv/GetParameters']])
+def test_the_ros2_command_refuses_what_nodes_refuse(
+        argv: list[str], name: str, value: str, words: str, schema: Path, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'mine.xml').write_text(GOOD.replace('>3<', '>three<'))
+    monkeypatch.setenv(name, value)
+    monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: RMW)
+    monkeypatch.setattr(graph.rclpy, 'init', Mock(side_effect=AssertionError))
+    with pytest.raises(SystemExit) as ended:
+        main(argv)
+    assert ended.value.code == 2
+    told, = capsys.readouterr().err.splitlines()
+    assert told.startswith(f'ros2: {words}')
+
+
+def test_the_ros2_command_is_bound_as_nodes_are(
+        schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    profiles = []
+
+    def create_node(*args: object, **options: object) -> Mock:
+        profiles.append(Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE']).read_text('utf-8'))
+        return Mock()
+
+    monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: RMW)
+    monkeypatch.setattr(graph.rclpy, 'init', lambda args: nullcontext())
+    monkeypatch.setattr(graph.rclpy, 'create_node', create_node)
+    with graph.direct_node(argparse.Namespace(use_sim_time=False)):
+        assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ
+    (profile,) = profiles
+    participant = profile.partition('<participant ')[2]
+    assert '<transport_id>loopback<' in participant
+    assert 'shared_memory' not in participant, 'who stops it leaves nothing in a writer'
+
+
 def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
     before = set(transport.open_ports())  # of other tests' nodes
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -225,6 +324,40 @@ def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
                 probe.bind((address, 0))
         said = ''.join(capfd.readouterr())
         assert said.count('others than this machine may be heard') == told, said
+
+
+@pytest.mark.parametrize(('rmw', 'address', 'wider', 'told'), [
+    (RMW, '', '', 1), ('rmw_fastrtps_dynamic_cpp', '', 'LOCALHOST', 1), (RMW, '', 'OFF', 1),
+    (RMW, '127.0.0.1', '', 0), (RMW, '', 'SUBNET', 0), ('rmw_cyclonedds_cpp', '', '', 0)])
+@pytest.mark.parametrize('own', [True, False])
+def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
+        rmw: str, address: str, wider: str, told: int, own: bool,
+        monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(transport, 'schema_path', lambda: None)
+    monkeypatch.setenv(transport.RANGE, wider)
+    if own:
+        monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        with transport.prepared(rmw):
+            assert 'HOVERSLAM_DATA_PORT_OFFSET' not in os.environ
+            probe.bind((address, 0))
+        port = probe.getsockname()[1]
+    said = ''.join(capfd.readouterr())
+    assert said.count('others than this machine may be heard') == told, said
+    assert said.count(f'Fast DDS listens on udp port {port} ') == told, said
+
+
+@pytest.mark.parametrize(('rmw', 'told'), [(RMW, 1), ('rmw_cyclonedds_cpp', 0)])
+def test_a_profile_that_there_is_no_schema_for_is_told_and_not_checked(
+        rmw: str, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(transport, 'schema_path', lambda: None)
+    mine = tmp_path / 'mine.xml'
+    mine.write_text(GOOD.replace('>3<', '>three<'))
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(mine))
+    assert inside(rmw)['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(mine)
+    said = ''.join(capfd.readouterr())
+    assert said.count(f'{mine} is not checked') == told, said
 
 
 def test_profiles_that_lie_where_fast_dds_looks_count_as_set_up(

@@ -7,17 +7,45 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
+from rocket_sim_node import worlds
+from rocket_sim_node.settings import check
 from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.planar_vehicle import foot_height
+from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
 
 _NEWTON_STEPS = 6
 _BISECTIONS = 30
+_NEXT_TO_NOTHING = 1e-9
+"""N or m/s^2: thrust or gravity up to it is none, lest quotients get too large to be squared"""
+
+
+def checked(spec: WorldSpec) -> WorldSpec:
+    """Return a world with the settings that its vehicle has, and no others.
+
+    :raises ValueError: for a world that has no instruments here, and when a setting is missing or
+        out of its range or observations are others; names what came and what was expected.
+    """
+    infos, lander = worlds.settings(spec.name), spec.name == 'lunar_lander'
+    if lander:  # which says what thrust its other settings give
+        infos += tuple(info for info in worlds.settings('rocket') if info.name == 'max_thrust')
+    names = lunar_view.OBSERVATION_NAMES if lander else OBSERVATION_NAMES
+    if spec.observation_names != names:
+        raise ValueError(
+            f'world: observation_names: got {spec.observation_names}, expected {names}')
+    said = {**spec.settings, **worlds.settings_from(spec.name, spec.settings)}
+    try:
+        for info in infos:
+            check(info, said.get(info.name))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'world: settings: {error}') from error
+    return replace(spec, settings={info.name: float(said[info.name]) for info in infos})
 
 
 @dataclass(frozen=True)
@@ -83,13 +111,17 @@ class Brake:
 
     @classmethod
     def of(cls, spec: WorldSpec) -> Brake:
-        """Return the brake of a world's vehicle."""
-        s = spec.settings
+        """Return the brake of a world's vehicle.
+
+        :raises ValueError: as `checked` does.
+        """
+        s = checked(spec).settings
+        thrust, gravity = (
+            s[name] if s[name] > _NEXT_TO_NOTHING else 0.0 for name in ('max_thrust', 'gravity'))
         if spec.name == 'lunar_lander':
-            return cls(s['max_thrust'], 0.0, lunar_vehicle.TOTAL_MASS, s['gravity'])
-        exhaust = s['specific_impulse'] * s['gravity']
-        return cls(s['max_thrust'], s['max_thrust'] / exhaust if exhaust else 0.0, s['dry_mass'],
-                   s['gravity'])
+            return cls(thrust, 0.0, lunar_vehicle.TOTAL_MASS, gravity)
+        exhaust = s['specific_impulse'] * gravity
+        return cls(thrust, thrust / exhaust if exhaust else 0.0, s['dry_mass'], gravity)
 
     def time(self, speed: float, mass: float) -> float:
         """Return how long it takes to stop, s; infinite when thrust or fuel do not suffice.

@@ -2,8 +2,10 @@
 """Flights by hand: keys to actions, step by step, and instruments back to the terminal."""
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace
 from typing import Any
@@ -23,18 +25,23 @@ from ppo_agent_node.cockpit.display import Cockpit
 from ppo_agent_node.cockpit.display import Tank
 from ppo_agent_node.cockpit.display import View
 from ppo_agent_node.cockpit.instruments import Brake
+from ppo_agent_node.cockpit.instruments import checked
 from ppo_agent_node.cockpit.instruments import read
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.hearing import leaving_out
+from rocket_sim_node.wire.hearing import samples_from_message
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
 
 _FRAME = 1 / 15
 """s between two pictures in flight"""
@@ -71,22 +78,23 @@ class HandFlying:
         """Take all that is needed; `client` is connected.
 
         :param place: where one can watch, or ''.
+        :raises ValueError: when the world says what its vehicle cannot be; names it.
         """
         self._node, self._client, self._terminal = node, client, terminal
         self._cockpit, self._pilot, self._start = cockpit, pilot, start
-        self._spec = spec = client.spec
+        self._spec = spec = checked(client.spec)
         self._brake = Brake.of(spec)
         self._keys = KeyboardCommands(pilot)
         self._expert: ExpertFlight | None = None
         self._flights = Counter[str]()
         self._best = float('-inf')
         s = spec.settings
-        fuel = 0.0 if spec.name == 'lunar_lander' else s['fuel']
+        fuel = s.get('fuel', 0.0)
         self._full = Tank(self._brake.dry_mass + fuel, fuel, fuel, 0.0, 0.0)
         self._tank = self._full
         self._drawn = 0.0
         self._view = View(
-            '', s.get('spawn_height', 14.0) - s.get('touchdown_height', 0.0),
+            '', max(s.get('spawn_height', 14.0) - s.get('touchdown_height', 0.0), 1.0),
             tuple(s.get(f'landed_{name}', 0.0)  # type: ignore[arg-type]
                   for name in ('speed', 'tilt', 'distance')),
             help=True)
@@ -214,7 +222,12 @@ class HandFlying:
 
     def _let_the_expert_fly(self) -> None:
         """Go on with the flight to compare with, a few steps, so that keys need not wait."""
-        if self._expert is not None and self._expert.go_on():
+        if self._expert is None:
+            return
+        over = True
+        with suppress(ValueError):  # an expert that cannot fly such a vehicle
+            over = self._expert.go_on()
+        if over:
             self._report(self._expert.flight)
             self._expert = None
             self._drawn = 0.0
@@ -231,9 +244,24 @@ class HandFlying:
         """Take what is not observed: of the first vehicle, in the flight under way."""
         if message.session != self._client.session:
             return
-        for k in reversed(range(len(message.row))):
-            if message.row[k] == 0 and message.episode[k] == 0:
-                self._tank = Tank(
-                    message.mass[k], message.fuel[k], self._full.full, message.throttle[k],
-                    message.time[k])
-                return
+        with leaving_out(self._node, 'state'):
+            samples = samples_from_message(message)
+            mine = samples.values[(samples.row == 0) & (samples.episode == 0)]
+            if len(mine):
+                self._tank = self._tank_of(mine[-1])
+
+    def _tank_of(self, sample: F64) -> Tank:
+        """Return what a sample says of the vehicle.
+
+        :param sample: `(D,)`; see :data:`FIELDS`.
+        :raises ValueError: for what this vehicle cannot be, naming it.
+        """
+        full = self._full
+        seen = {}
+        for name, low, high in (
+                ('mass', self._brake.dry_mass, full.mass), ('fuel', 0.0, full.fuel),
+                ('throttle', 0.0, 1.0), ('time', 0.0, math.inf)):
+            seen[name] = value = float(sample[FIELDS[name].start])
+            if not low <= value <= high:
+                raise ValueError(f'{name}: got {value:g}, expected {low:g} to {high:g}')
+        return Tank(full=full.full, **seen)

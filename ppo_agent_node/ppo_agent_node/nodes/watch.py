@@ -12,6 +12,7 @@ from rocket_msgs.msg import TrainingStatus
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.nodes.overhearing import show_warnings
 from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.printable import printable
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.parameters import ParameterError
@@ -27,12 +28,8 @@ _SPIN_PERIOD = 0.2
 def status_from_message(message: TrainingStatus) -> Status:
     """Return the report in a message, whose words move no cursor."""
     values = {name: getattr(message, name) for name in Status.__dataclass_fields__}
-    words = {name: _printable(value) for name, value in values.items() if isinstance(value, str)}
-    return Status(**{**values, **words, 'stages': tuple(map(_printable, message.stages))})
-
-
-def _printable(text: str) -> str:
-    return ''.join(sign if sign.isprintable() else ' ' for sign in text)
+    words = {name: printable(value) for name, value in values.items() if isinstance(value, str)}
+    return Status(**{**values, **words, 'stages': tuple(map(printable, message.stages))})
 
 
 def watch(node: Node, executor: Executor) -> None:

@@ -17,6 +17,7 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
 from ppo_agent_node.terminal.picture import Picture
+from rocket_sim_node.printable import printable
 
 VARIABLE = 'HOVERSLAM_TERMINAL'
 """names the terminal to show on, where standard output is a pipe to a launch"""
@@ -112,6 +113,8 @@ class Terminal:
             self._block.draw(self._picture.lines(self._block.width), above)
 
     def _stay(self, text: Text) -> None:
+        # Some of it may be anybody's words, which shall not command the terminal.
+        text.plain = printable(text.plain, '\n\t')
         if self._block is None:
             with suppress(*_UNSHOWN):
                 self._console.print(text)

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
@@ -22,9 +20,6 @@ from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
 from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import OWN_FIELDS
-from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sink import Sink
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.training_log import LINES
@@ -36,11 +31,12 @@ from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.hearing import leaving_out
+from rocket_sim_node.wire.hearing import samples_from_message
 from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.transport import SharedMemory
 
 _SPIN_PERIOD = 0.2
@@ -51,8 +47,6 @@ _DRAIN = 1.5
 _DRAINED_AT_ONCE = 20
 _AGENT_GONE = 3.0
 """s without anybody who might report a training after which it is over"""
-_BEYOND_ALL = 1e30
-"""what no quantity comes to; a recording holds single precision"""
 _NICENESS = 10
 """how far it stands behind simulator and agent where there are not cores enough"""
 
@@ -90,46 +84,34 @@ class RecorderNode:
             node.create_subscription(kind, topic, callback, profile)
 
     def _on_world(self, message: msg.World) -> None:
-        def take() -> None:
+        self.count += 1
+        with leaving_out(self._node, 'world'):
             spec = messages.world_from_message(message)
             self._recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
 
-        self.count += 1
-        self._with('world', take)
-
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1
-        self._with('state', lambda: self._recorder.states(
-            message.session, samples_from_message(message)))
+        with leaving_out(self._node, 'state'):
+            self._recorder.states(message.session, samples_from_message(message))
 
     def _on_training(self, message: msg.TrainingStatus) -> None:
         self.count += 1
         self._agent_there = time.monotonic()
-        self._with('training', lambda: self._recorder.training(training_from_message(message)))
+        with leaving_out(self._node, 'training'):
+            self._recorder.training(training_from_message(message))
 
     def tick(self) -> None:
         """Have logged what has waited long enough."""
-        self._with('flight', self._recorder.tick)
+        with leaving_out(self._node, 'flight'):
+            self._recorder.tick()
 
     def close(self) -> None:
         """Have all finished that can be."""
         try:
-            self._with('flight', self._recorder.log_the_rest)
+            with leaving_out(self._node, 'flight'):
+                self._recorder.log_the_rest()
         finally:
             self._recorder.close()
-
-    def _with(self, what: str, do: Callable[[], None]) -> None:
-        """Do something with what others said; what makes no sense is left out, with a warning.
-
-        Anybody may publish here, and what is told of a world shapes numbers far from where it is
-        heard. A file or a viewer that fails is another matter (`OSError`, `ViewerError`).
-        """
-        try:
-            do()
-        except (ValueError, TypeError, ArithmeticError, LookupError, MemoryError) as error:
-            self._node.get_logger().warning(
-                f'{what} left out: {error or type(error).__name__}', throttle_duration_sec=1.0,
-                throttle_time_source_type=STEADY)
 
     def look_after_agents(self) -> None:
         """Tell the recorder when the last agent has gone; it may not have been able to say so."""
@@ -137,27 +119,8 @@ class RecorderNode:
         if self._node.count_publishers('training'):
             self._agent_there = now
         elif now - self._agent_there > _AGENT_GONE:
-            self._with('flight', self._recorder.training_is_over)
-
-
-def samples_from_message(message: msg.RocketState) -> Samples:
-    """Return the samples in a message.
-
-    :raises ValueError: when a field's length does not fit or a value is not finite, naming it.
-    """
-    samples = Samples.build(
-        messages.from_sequence(message.step, 'u8'), messages.from_sequence(message.row, 'u4'),
-        messages.from_sequence(message.episode, 'u8'),
-        messages.from_sequence(message.outcome, 'u1'),
-        contact=messages.from_sequence(message.contact, 'u1'),
-        **{name: messages.from_sequence(getattr(message, name), 'f8')
-           for name in (*FIELDS, 'leg_angle', 'terrain')})
-    good = np.abs(samples.values) < _BEYOND_ALL
-    if not good.all():
-        name = next(name for name in (*FIELDS, *OWN_FIELDS)
-                    if not good[:, samples.layout.place(name)].all())
-        raise ValueError(f'{name}: a value is not finite, or beyond {_BEYOND_ALL:g}')
-    return samples
+            with leaving_out(self._node, 'flight'):
+                self._recorder.training_is_over()
 
 
 def training_from_message(message: msg.TrainingStatus) -> Training:

@@ -33,6 +33,14 @@ class ControlLease:
             f'(heard {silent:.1f} s ago; free after {self._seconds:g} s of silence)'
         )
 
+    def stranger(self, agent: int) -> str:
+        """Return why `agent` is not obeyed; empty when it has control."""
+        if self.owner == NOBODY:
+            return f'agent: {agent:016x}, but nobody has control; call reset first'
+        if agent == self.owner:
+            return ''
+        return f'agent: {agent:016x}, expected {self.owner:016x}, which flies this simulator'
+
     @property
     def vacant(self) -> bool:
         """Whether any agent may take control: nobody has it, or was silent for so long."""
@@ -53,7 +61,7 @@ class ControlLease:
 
     def release(self, agent: int) -> bool:
         """Let go; false when `agent` did not have control."""
-        if agent != self.owner:
+        if self.stranger(agent):
             return False
         self.owner = NOBODY
         return True

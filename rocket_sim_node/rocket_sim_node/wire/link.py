@@ -14,6 +14,7 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 
 from rocket_sim_node.errors import EnvironmentRestarted
+from rocket_sim_node.printable import printable
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.answers import Answers
@@ -339,19 +340,19 @@ class Link:
                 return True
             self._described_by = now + _DESCRIPTION_TIMEOUT
             return self._poll_description()
+        said = printable(response.message)
         if isinstance(command, Snapshot):
             # Refused for the session: the simulator is not where we believe it to be.
-            raise EnvironmentRestarted(f'snapshot: {response.message}')
+            raise EnvironmentRestarted(f'snapshot: {said}')
         if response.code != response.BUSY:
             self.adopt_spec()  # the better reason, if it is another world now
-            raise ValueError(f'{self.name}: {name}: {response.message}')
+            raise ValueError(f'{self.name}: {name}: {said}')
         left = self._asked + self._options.patience - now
         if left <= 0:
-            raise SimulatorBusy(f'{self.name}: {name}: {response.message}')
+            raise SimulatorBusy(f'{self.name}: {name}: {said}')
         if not self._warned:
             self._warned = True
-            self._node.get_logger().warning(
-                f'{self.name}: {name}: {response.message}; waiting')
+            self._node.get_logger().warning(f'{self.name}: {name}: {said}; waiting')
         self._begin_call(command, now + min(_BUSY_RETRY, left))
         return False
 

@@ -102,6 +102,12 @@ def _description_checks(
         names = getattr(spec, name)
         yield (f'number of {name}', len(names), 1 <= len(names) <= most, f'1 to {most}')
         yield name, names, len(set(names)) == len(names), 'each once'
+    for name, words in (
+            ('world', [spec.name]), ('observation_names', spec.observation_names),
+            ('action_names', spec.action_names), ('outcomes', spec.outcomes),
+            ('settings', list(spec.settings))):
+        # They come to logs and terminals.
+        yield name, words, all(map(str.isprintable, words)), 'printable characters'
     yield ('action_kind', message.action_kind,
            message.action_kind in (World.CONTINUOUS, World.DISCRETE), '0 or 1')
     count = spec.action_size

@@ -171,13 +171,9 @@ class Server:
 
     def _action_refusal(self, message: Any) -> str:
         """Return why an action is not for this moment; empty when it is."""
-        if self._lease.owner == NOBODY:
-            return f'agent: {message.agent:016x}, but nobody has control; call reset first'
-        if message.agent != self._lease.owner:
-            return (
-                f'agent: {message.agent:016x}, expected {self._lease.owner:016x}, '
-                'which flies this simulator'
-            )
+        stranger = self._lease.stranger(message.agent)
+        if stranger:
+            return stranger
         if message.session != self._session:
             # The sender may have missed the change of session: tell it again.
             self._publish_world()
@@ -261,11 +257,9 @@ class Server:
         return response
 
     def _on_snapshot(self, request: srv.Snapshot.Request, response: Any) -> Any:
-        if request.agent != self._lease.owner:
+        response.message = self._lease.stranger(request.agent)
+        if response.message:
             response.code = response.BUSY
-            response.message = (
-                f'agent: {request.agent:016x}, expected {self._lease.owner:016x}, '
-                'which flies this simulator')
         elif (request.session, request.step) != (self._session, self._step):
             response.code = response.INVALID
             response.message = (

@@ -110,8 +110,8 @@ def _user_profiles() -> list[Path]:
 def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> Iterator[None]:
     """Have what is made inside, a context and its first node, use the right transport.
 
-    The environment is as it was afterwards. Where the user's own set-up opens sockets beyond this
-    machine although the range does not say so, that is told.
+    The environment is as it was afterwards. Where another set-up than ours opens sockets beyond
+    this machine although the range does not say so, that is told.
 
     :param rmw: name of the implementation of ROS 2's middleware.
     :param shared_memory: which way the node uses it.
@@ -124,8 +124,9 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
             f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
     settings: dict[str, str | None] = {RANGE: discovery_range()}
     closed, profile = False, None
-    schema = schema_path() if rmw.startswith('rmw_fastrtps') else None
-    own = schema is not None and _own_setup(schema)
+    fast_dds = rmw.startswith('rmw_fastrtps')
+    schema = schema_path() if fast_dds else None
+    own = fast_dds and _own_setup(schema)
     with ExitStack() as stack:
         if schema is not None and not own:
             closed = not beyond_machine()
@@ -147,7 +148,7 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
     if closed and found:
         raise TransportError(
             f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take {profile}')
-    if found and own and not beyond_machine():
+    if found and fast_dds and not beyond_machine():
         get_logger('transport').warning(
             f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
             f'heard, although {RANGE} is {discovery_range()}')
@@ -170,10 +171,14 @@ def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iter
         yield Path(f'/proc/self/fd/{file.fileno()}')
 
 
-def _own_setup(schema: Path) -> bool:
-    """Return whether Fast DDS is set up by its user; check what profiles there are."""
+def _own_setup(schema: Path | None) -> bool:
+    """Return whether Fast DDS is set up by its user; check what profiles there are, if it can."""
     for path in _user_profiles():
-        check_profile(path, schema)
+        if schema is not None:
+            check_profile(path, schema)
+        else:
+            get_logger('transport').warning(
+                f'{path} is not checked: this Fast DDS came without a schema of profiles')
     return set_up_by_user()
 
 

@@ -270,9 +270,7 @@ class LunarLanderWorld:
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours)
         snapshots.check_settings(self.spec, arrays.pop('settings'))
-        for name in ('seed', 'age', 'episode', 'still'):
-            if (arrays[name] < 0).any():
-                raise ValueError(f'snapshot: {name} has a value below 0')
+        snapshots.check_counts(arrays, 'seed', 'age', 'episode', 'still')
         bodies = {
             name.removeprefix('lanes_'): arrays.pop(name)
             for name in list(arrays) if name.startswith('lanes_')}

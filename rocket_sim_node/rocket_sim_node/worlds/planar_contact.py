@@ -25,6 +25,8 @@ _BIAS = (1 - 0.2) ** 50
 """part of a penetration left after 1 s: a fifth is undone in 0.02 s"""
 _AWAY = 1e4
 """m, height at which vehicles wait that are not in touch"""
+_LOST = 5e5
+"""m, m/s, rad or rad/s that no vehicle in touchdown comes near; half of what `Lanes` can take"""
 
 Rows = NDArray[np.integer]
 
@@ -45,7 +47,8 @@ class PlanarContact:
 
     `feet` `(N, 2)` left and right foot and `hull` `(N,)`: what touched in the last step; `force`
     `(N, 2)` N of the ground, mean over that step; `mass` `(N,)` kg; `still` `(N,)` for how many
-    steps it has been still, on both feet or lying; `present` `(N,)` who is in touchdown.
+    steps it has been still, on both feet or lying; `present` `(N,)` who is in touchdown; `lost`
+    `(N,)` who is where none can be, as after a snapshot that was forged.
     """
 
     def __init__(self, count: int, settings: PlanarSettings) -> None:
@@ -66,6 +69,7 @@ class PlanarContact:
         self.still = np.zeros(count, np.int64)
         self.mass = np.full(count, settings.dry_mass)
         self.present = np.ones(count, np.bool_)
+        self.lost = np.zeros(count, np.bool_)
         self.end(np.arange(count))
 
     def begin(self, rows: Rows, pose: F64, velocity: F64, mass: F64) -> None:
@@ -92,13 +96,14 @@ class PlanarContact:
         rows = rows[self.present[rows]]
         if not rows.size:
             return
-        self.present[rows] = False
+        self.present[rows] = self.lost[rows] = False
         away = np.zeros((len(rows), 1, 3))
         away[:, :, 1] = _AWAY
         self._lanes.place(rows, away, np.zeros_like(away))
         self.feet[rows] = self.hull[rows] = False
         self.force[rows] = 0.0
         self.still[rows] = 0
+        self._start_x[rows] = 0.0
 
     def _weigh(self, rows: Rows) -> None:
         """Tell pymunk the masses of vehicles."""
@@ -119,6 +124,8 @@ class PlanarContact:
         before = lanes.pose[:, 0]
         lanes.step(push)
         self._touch(before)
+        far = sum(np.einsum('nbk,nbk->n', part, part) for part in (lanes.pose, lanes.velocity))
+        self.lost = ~(far <= _LOST**2)
         pose, velocity = lanes.pose[rows, 0], lanes.velocity[rows, 0]
         pose[:, 0] += self._start_x[rows]
         still = (
@@ -171,7 +178,14 @@ class PlanarContact:
 
         :raises ValueError: when a vehicle is where none can be.
         """
-        self._lanes.check(**self._of_lanes(arrays))
+        lanes = self._of_lanes(arrays)
+        self._lanes.check(**lanes)
+        absent = ~arrays['present']
+        away = (0.0, _AWAY, 0.0, 0.0, 0.0, 0.0)
+        # In the step in which it begins to wait its body is not there yet.
+        there = np.concatenate((lanes['pose'], lanes['velocity']), axis=2)[absent]
+        if (there != away).any() or (lanes['bodies'][absent & ~lanes['fresh']] != away).any():
+            raise ValueError('snapshot: contact_lanes has a vehicle in flight where none waits')
 
     @staticmethod
     def _of_lanes(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -186,5 +200,5 @@ class PlanarContact:
         self._weigh(np.arange(len(self.mass)))
         self._lanes.load(**self._of_lanes(arrays))
         self.feet[:] = False
-        self.hull[:] = False
+        self.hull[:] = self.lost[:] = False
         self.force[:] = 0.0

@@ -138,9 +138,9 @@ class RocketWorld(RocketFlight):
         try:
             settings = settings_module.build(
                 self.settings_class, {**settings_module.as_dict(self._made_with), **values})
-        except TypeError as error:
+            self._use(settings)
+        except (TypeError, ValueError) as error:
             raise ValueError(f'snapshot: {error}') from error
-        self._use(settings)
         self._seed = int(arrays.pop('seed')[0])
         self._load_state(arrays, ours)
         self._throttle[:] = 0
@@ -157,9 +157,9 @@ class RocketWorld(RocketFlight):
 
         :raises ValueError: naming the array.
         """
-        for name in ('seed', 'age', 'episode', 'fuel'):
-            if (arrays[name] < 0).any():
-                raise ValueError(f'snapshot: {name} has a value below 0')
+        snapshots.check_counts(arrays, 'seed', 'age', 'episode')
+        if (arrays['fuel'] < 0).any():
+            raise ValueError('snapshot: fuel has a value below 0')
         if (np.abs(rotation.norm(arrays['attitude']) - 1.0) > _UNIT).any():
             raise ValueError('snapshot: attitude has a quaternion that is not of length 1')
 
@@ -181,9 +181,12 @@ class RocketWorld(RocketFlight):
         }
 
     def _use(self, settings: RocketSettings) -> None:
-        """Put settings into force."""
-        super()._use(settings)
+        """Put settings into force.
+
+        :raises ValueError: when none can be spawned by them; then nothing has changed.
+        """
         self._spawn_range = spawn.spawn_range(settings)
+        super()._use(settings)
         self._max_age = outcomes.step_limit(settings, settings.dt)
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
 

@@ -38,6 +38,8 @@ from rocket_sim_node.worlds.rocket import RocketWorld
 _IDLE = (-1.0, 0.0, 0.0)
 _IN_FLIGHT = -1
 _PREFIX = 'contact_'
+_OUT_OF_PLANE = {
+    'position': slice(2, 3), 'velocity': slice(2, 3), 'spin': slice(0, 2), 'attitude': slice(0, 2)}
 _HEADINGS = 2**32
 """Which of an episode's random streams; starts use the first ones"""
 
@@ -202,6 +204,7 @@ class RocketPlanarWorld(RocketWorld):
         ended = self._tilted | self._late | self._outside
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
         if landing.size:
+            self._outside[landing] |= self.contact.lost[landing]
             outside = self._outside[landing]
             self._tilted[landing] = self._late[landing] = False
             self._down[landing] = ~outside & (
@@ -243,11 +246,25 @@ class RocketPlanarWorld(RocketWorld):
     def _check_state(self, arrays: snapshots.Arrays) -> None:
         """Check values of a snapshot that no world can have."""
         super()._check_state(arrays)
-        if (arrays['steps_down'] < _IN_FLIGHT).any():
+        s = self.settings
+        steps_down = arrays['steps_down']
+        if (steps_down < _IN_FLIGHT).any():
             raise ValueError(f'snapshot: steps_down has a value below {_IN_FLIGHT}')
+        if (steps_down > self._most_steps_down).any():
+            raise ValueError(f'snapshot: steps_down has a value above {self._most_steps_down}')
+        if (arrays['age'] > self._max_age + 1 + steps_down).any():
+            raise ValueError('snapshot: age has a value beyond time_limit')
+        if ((steps_down != _IN_FLIGHT) != arrays['contact_present']).any():
+            raise ValueError('snapshot: steps_down and contact_present differ in who has touched')
         if (arrays['contact_still'] < 0).any():
             raise ValueError('snapshot: contact_still has a value below 0')
-        s = self.settings
+        if (arrays['contact_still'] > np.maximum(steps_down, 0)).any():
+            raise ValueError('snapshot: contact_still has a value above steps_down')
+        for name, place in _OUT_OF_PLANE.items():
+            if arrays[name][place].any():
+                raise ValueError(f'snapshot: {name} has a value out of the plane')
+        if (arrays['fuel'] > s.fuel).any():
+            raise ValueError(f'snapshot: fuel has a value above {s.fuel:g} kg')
         mass = arrays['contact_mass']
         if ((mass < s.dry_mass) | (mass > s.dry_mass + s.fuel)).any():
             raise ValueError(

@@ -25,6 +25,8 @@ _UNREADABLE = (
 
 _LARGEST = 1e15
 """No state of a world comes near; sums of greater ones could end up infinite."""
+_MOST = 2**62
+"""of steps or episodes; nobody gets there by counting"""
 
 
 def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
@@ -61,6 +63,18 @@ def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
         if array.dtype.kind == 'f' and (np.abs(array) > _LARGEST).any():
             raise ValueError(f'snapshot: {name} has a value beyond {_LARGEST:g}')
     return arrays
+
+
+def check_counts(arrays: Arrays, *names: str) -> None:
+    """Check what is counted up; a seed is not, and may be the largest number there is.
+
+    :raises ValueError: naming the array.
+    """
+    for name in names:
+        if (arrays[name] < 0).any():
+            raise ValueError(f'snapshot: {name} has a value below 0')
+        if name != 'seed' and (arrays[name] > _MOST).any():
+            raise ValueError(f'snapshot: {name} has a value beyond {_MOST}')
 
 
 def _arrays(state: bytes) -> Arrays:

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Words of others come to logs and terminals without anything that would command a terminal."""
+from __future__ import annotations
+
+import io
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rcl_interfaces.msg import Log
+from rich.control import strip_control_codes
+from rocket_msgs import srv
+
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.nodes.overhearing import _on_log
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node import worlds
+from rocket_sim_node.printable import printable
+from rocket_sim_node.recording.web_page import INVITATION
+from rocket_sim_node.wire import messages
+from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.link import SimulatorBusy
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds.flight import Command
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
+from rocket_sim_node.worlds.flight import Snapshot
+
+SPEC = worlds.make('rocket').spec
+COMMANDS = (
+    '\x1b]0;title\x07', '\x1b[2J', '\x9b2J', '\x9d0;title\x9c', '\x1b', '\x9b', '\r', '\b', '\x00')
+WORDS = st.lists(st.one_of(st.sampled_from(COMMANDS), st.text())).map(''.join)
+"""any text, with what commands a terminal more often than by chance"""
+
+
+class Screen(io.StringIO):
+    """A terminal, as what is written to it."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@given(WORDS)
+def test_a_text_keeps_its_length_and_what_can_be_printed(text: str) -> None:
+    clean = printable(text, '\n')
+    assert len(clean) == len(text)
+    for before, after in zip(text, clean, strict=True):
+        assert after == (before if before.isprintable() or before == '\n' else ' ')
+    assert printable(text).isprintable()
+
+
+def shown(kind: type[io.StringIO], text: str) -> str:
+    """Return what a terminal, or a file, gets when a text comes to it each way that there is."""
+    screen = kind()
+    terminal = Terminal(screen)
+    say = partial(_on_log, terminal.say, 'here.', '')
+    terminal.say(text)
+    terminal.show(Status(stage='finetune', message=text))
+    say(Log(name='here.node', level=Log.ERROR, msg=text))
+    say(Log(name='here.node', level=Log.INFO, msg=INVITATION + text))
+    return screen.getvalue()
+
+
+@given(WORDS)
+def test_a_file_gets_printable_lines(text: str) -> None:
+    assert printable(shown(io.StringIO, text), '\n\t') == shown(io.StringIO, text)
+
+
+@given(text=WORDS)
+def test_a_terminal_obeys_nobody_but_the_display(
+        monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """What the display itself has to command is the same with any text of as many lines."""
+    monkeypatch.setenv('TERM', 'xterm')
+    text = strip_control_codes(text)  # as rich does, which makes lines empty
+    plain = ''.join(sign if sign in '\n\t' else 'x' for sign in text)
+    got, expected = (
+        [sign for sign in shown(Screen, some) if not sign.isprintable() and sign not in '\n\t']
+        for some in (text, plain))
+    assert got == expected
+
+
+@pytest.mark.parametrize('command', [Reset(1), Restore(b''), Snapshot()])
+@given(text=WORDS, code=st.sampled_from([srv.Reset.Response.BUSY, 1, 2, 3]),
+       patience=st.sampled_from([0.0, 9.0]))
+def test_what_a_service_answers_is_printable(
+        command: Command, text: str, code: int, patience: float) -> None:
+    said = list[str]()
+    link: Any = SimpleNamespace(
+        name='simulator', adopt_spec=lambda: None, _asked=0.0, _warned=False,
+        _options=SimpleNamespace(patience=patience), _begin_call=lambda *_: None,
+        _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=said.append)))
+    try:
+        Link._judge(link, command, SimpleNamespace(OK=0, BUSY=srv.Reset.Response.BUSY, code=code,
+                                                   message=text), 1.0)
+    except (ValueError, SimulatorBusy, EnvironmentRestarted) as error:
+        said.append(str(error))
+    assert len(said) == 1
+    assert said[0].isprintable()
+
+
+@pytest.mark.parametrize('field', [
+    'world', 'observation_names', 'action_names', 'outcomes', 'settings'])
+@given(text=WORDS)
+def test_a_world_whose_names_cannot_be_printed_is_refused(field: str, text: str) -> None:
+    """They come to logs and terminals by many ways, the difference between two worlds is one."""
+    message = messages.world_to_message(SPEC, 1, 0, 0)
+    text = f'name {text}'
+    if field == 'world':
+        message.world = text
+    elif field == 'settings':
+        message.settings[0].name = text
+    else:
+        setattr(message, field, [text, *getattr(message, field)[1:]])
+    if text.isprintable():
+        messages.world_from_message(message)
+        return
+    with pytest.raises(ValueError, match=f'^world: {field}: got .*expected printable') as caught:
+        messages.world_from_message(message)
+    assert str(caught.value).isprintable()
