@@ -21,6 +21,7 @@ from typing import TypeVar
 import numpy as np
 
 from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.learning import free_memory
 from ppo_agent_node.learning import rehearsal
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
@@ -366,6 +367,7 @@ class Trainer:
             self._save_policy(self._folder.policy, **asdict(best))
             written.append(self._folder.policy)
         written.append(self._folder.save(state.iteration, tensors, content))
+        free_memory.give_back()
         self._tell_saved(*written, news=best is not None)
 
     def _tell_saved(self, *paths: Path, news: bool) -> None:

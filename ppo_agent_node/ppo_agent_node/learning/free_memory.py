@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Memory that is free goes back to the system, also what lies in pieces."""
+from __future__ import annotations
+
+import ctypes
+
+_TRIM = getattr(ctypes.CDLL(None), 'malloc_trim', None)
+"""of glibc; other C libraries have none"""
+
+
+def give_back() -> None:
+    """Give the free memory of this process back to the system, where that can be done.
+
+    Roll-outs and updates allocate arrays of many sizes anew. What they leave free lies in pieces
+    in the heap, into which the next ones do not quite fit, and the C library keeps it.
+    """
+    if _TRIM is not None:
+        _TRIM(0)
