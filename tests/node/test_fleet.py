@@ -192,8 +192,9 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
 
     seeds = range(16)
     with make_fleet() as fleet:
+        assert '/sim_0 has joined' in fly_until('/sim_0 has joined', fleet, capfd)
         result = flown(fleet, seeds, poll)
-        text = capfd.readouterr().err
+        text = fly_until('it is not flown', fleet, capfd)
     assert_same_flights(result, in_process(seeds))
     assert '/sim_0 came back as another world: num_envs is 5, expected 4; it is not flown' in text
 

@@ -96,7 +96,20 @@ def test_who_uses_shared_memory_less_has_a_profile_of_its_own(
     assert transports.count('<transport_id>') == 1 + sends
     assert heard.split() == ([f'<locator>{udp}</locator>'] if sends else [])
     assert not path.exists()
-    assert path.parent == Path('/proc/self/fd'), 'a full disk keeps nobody from starting'
+    assert path.parent == transport.SHARED_MEMORY, 'a full disk keeps nobody from starting'
+
+
+def test_a_node_without_room_for_its_profile_says_so(
+        schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(transport.tempfile, 'NamedTemporaryFile', refuse)
+    before = dict(os.environ)
+    with (pytest.raises(transport.TransportError, match='No space left'),
+          transport.prepared(RMW, SharedMemory.NEVER)):
+        pass
+    assert dict(os.environ) == before
 
 
 @pytest.mark.parametrize('namespace', [

@@ -20,6 +20,10 @@ from contextlib import suppress
 from pathlib import Path
 
 SHARED_MEMORY = Path('/dev/shm')
+PROFILE = 'hoverslam_'
+"""with which names of files begin that Fast DDS reads while a node starts"""
+_START = 60.0
+"""s; longer than that takes"""
 _NAME = re.compile(r'(?:sem\.)?(fast(?:dds|rtps)_(?:[0-9a-f]{16}|port\d+))(_el|_sl|_mutex)?')
 _LOCKS = ('_el', '_sl')
 _YOUNG = 2.0
@@ -37,6 +41,7 @@ def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
     :param young: age, s, below which nothing is removed.
     """
     old = [files for files in _groups(folder) if _is_old(files, young) and _is_free(files)]
+    old += [[file] for file in folder.glob(f'{PROFILE}*.xml') if _is_old([file], _START)]
     unlocked = [files for files in old if not any(map(_is_lock, files))]
     used = _mapped(folder) if unlocked else set()
     return [

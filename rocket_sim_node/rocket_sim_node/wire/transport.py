@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from contextlib import contextmanager
@@ -28,6 +29,8 @@ from rclpy.logging import get_logger
 
 from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
+from rocket_sim_node.wire.leftovers import PROFILE
+from rocket_sim_node.wire.leftovers import SHARED_MEMORY
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
@@ -158,17 +161,27 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
 def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iterator[Path]:
     """Yield the path of a copy of a profile whose participant uses shared memory less.
 
-    In memory: a full disk keeps nobody from starting, and who is killed leaves no file.
+    Where shared memory is, as a full disk keeps nobody from starting. A file without a name would
+    not do: Fast DDS looks for its real path.
+
+    :raises TransportError: when it cannot be written.
     """
     head, tag, rest = profile.read_text('utf-8').partition(_TRANSPORTS)
     if shared_memory is SharedMemory.NEVER:
         rest = rest.replace(_SHARED_MEMORY, '', 1)
     else:
         head += _BY_UDP.format(address='<address>127.0.0.1</address>' if closed else '')
-    with open(os.memfd_create(profile.name), 'w', encoding='utf-8') as file:
-        file.write(f'{head}{tag}{rest}')
-        file.flush()
-        yield Path(f'/proc/self/fd/{file.fileno()}')
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(tempfile.NamedTemporaryFile(
+                'w', prefix=PROFILE, suffix=profile.suffix, encoding='utf-8',
+                dir=SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None))
+            file.write(f'{head}{tag}{rest}')
+            file.flush()
+        except OSError as error:
+            raise TransportError(
+                f'the profile for Fast DDS could not be written: {error}') from error
+        yield Path(file.name)
 
 
 def _own_setup(schema: Path | None) -> bool:
