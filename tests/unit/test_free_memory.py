@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What lies free in pieces between what is used goes back to the system."""
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ppo_agent_node.learning import free_memory
+
+PIECES, SIZE = 4000, 50_000
+"""bytes; smaller than what the C library takes from the system one by one"""
+
+
+def used() -> float:
+    """Return the memory of this process that is no file's, MB."""
+    found = re.search(r'RssAnon:\s+(\d+) kB', Path('/proc/self/status').read_text())
+    assert found
+    return int(found[1]) / 1000
+
+
+@pytest.mark.skipif(free_memory._TRIM is None, reason='not with this C library')
+def test_free_memory_goes_back_to_the_system() -> None:
+    pieces = [bytearray(b'x') * SIZE for _ in range(PIECES)]
+    kept = pieces[::4]
+    full = used()
+    del pieces
+    before = used()
+    free_memory.give_back()
+    after = used()
+    assert len(kept) == PIECES / 4
+    assert before - after > 0.4 * PIECES * SIZE / 1e6, (full, before, after)
