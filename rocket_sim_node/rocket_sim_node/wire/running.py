@@ -91,6 +91,7 @@ def run_late(
 
     :param load: imports the body and further expected errors, and returns them.
     :param expected: those that are known without an import; they may come before the body, too.
+    :param shared_memory: as in :func:`run`.
     """
     def fail(node: Any, error: Exception) -> int:
         if node is not None:

@@ -50,7 +50,7 @@ _ABOVE = 32768
 _LAST_PORT = 65535
 
 
-_SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
+_BY_SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
 _TRANSPORTS = '<userTransports>'
 _BY_UDP = """<defaultUnicastLocatorList>
           <locator><udpv4>{address}</udpv4></locator>
@@ -168,7 +168,7 @@ def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iter
     """
     head, tag, rest = profile.read_text('utf-8').partition(_TRANSPORTS)
     if shared_memory is SharedMemory.NEVER:
-        rest = rest.replace(_SHARED_MEMORY, '', 1)
+        rest = rest.replace(_BY_SHARED_MEMORY, '', 1)
     else:
         head += _BY_UDP.format(address='<address>127.0.0.1</address>' if closed else '')
     with ExitStack() as stack:
