@@ -57,7 +57,7 @@ def presets(world: str) -> str:
              f'| --- |{" --- |" * len(names)}']
     for name, default in defaults.items():
         cells = [
-            _value(found[name]) if found.get(name, default) != default else ''
+            _value(found[name]) or "`''`" if found.get(name, default) != default else ''
             for found in values]
         if any(cells):
             lines.append(f'| `{name}` | {" | ".join(cells)} |')

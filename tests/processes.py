@@ -94,6 +94,15 @@ def wait_until(
         time.sleep(0.02)
 
 
+def ros_args(remap: tuple[str, ...] = (), **parameters: object) -> list[str]:
+    """Return the arguments of a node that say what is remapped, and its parameters."""
+    arguments = ['--ros-args', *(item for rule in remap for item in ('-r', rule))]
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        arguments += ['-p', f'{name}:={text}']
+    return arguments
+
+
 def in_use(domain: int) -> bool:
     """Return whether a UDP port of a ROS domain is bound on this machine (RTPS 2.2, 9.6.1.1)."""
     first = 7400 + 250 * domain
@@ -135,11 +144,7 @@ class Processes:
         self, package: str, executable: str, remap: tuple[str, ...] = (), **parameters: object,
     ) -> Process:
         """Start a node with `ros2 run`."""
-        arguments = [item for rule in remap for item in ('-r', rule)]
-        for name, value in parameters.items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            arguments += ['-p', f'{name}:={text}']
-        return self.start('ros2', 'run', package, executable, '--ros-args', *arguments)
+        return self.start('ros2', 'run', package, executable, *ros_args(remap, **parameters))
 
     def logs(self) -> str:
         """Return what all of them printed."""

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from processes import Process
 from processes import Processes
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
 from rocket_msgs import srv
 from rollouts import assert_same
@@ -17,6 +19,7 @@ from rollouts import assert_same
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.definitions import DefinitionsDiffer
 from rocket_sim_node.wire.definitions import hashes
 from rocket_sim_node.wire.link import SimulatorBusy
 from rocket_sim_node.wire.waiting import WireTimeout
@@ -394,6 +397,23 @@ def test_both_ends_tell_how_they_define_their_messages(
         far = hashes(node.get_publishers_info_by_topic(topic))
         assert {hash_ for _, hash_ in near} == {hash_ for _, hash_ in far} != set()
         assert (node.get_name(), node.get_namespace()) in {name for name, _ in near}
+
+
+def test_a_simulator_built_from_another_definition_is_not_flown(
+        simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    client = make_client()
+    real = client.node.get_publishers_info_by_topic
+
+    def as_of_another_build(topic: str) -> list[TopicEndpointInfo]:
+        ends = real(topic)
+        for end in ends:
+            if topic.endswith('reward'):
+                end.topic_type_hash = TypeHash(1, bytes(32))
+        return ends
+
+    monkeypatch.setattr(client.node, 'get_publishers_info_by_topic', as_of_another_build)
+    with pytest.raises(DefinitionsDiffer, match='reward: /simulator defines its messages as'):
+        client.connect()
 
 
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:

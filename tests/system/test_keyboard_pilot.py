@@ -319,15 +319,16 @@ def test_fly_ends_all_with_ctrl_c(
     assert not running(f'/fly_{os.getpid()}')
 
 
+@pytest.mark.parametrize('told', [signal.SIGTERM, signal.SIGHUP], ids=lambda told: told.name)
 def test_fly_told_to_end_as_soon_as_it_has_begun_leaves_nothing(
-        processes: Processes, cabin: Cabin) -> None:
+        processes: Processes, cabin: Cabin, told: signal.Signals) -> None:
     mine = f'/fly_{os.getpid()}_early'
     child = cabin.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', env=processes.env)
     # The launch has hardly begun, and does not hear of Ctrl-C yet.
     wait_until(lambda: bool(running(mine, 'fly.launch.yaml')), 60.0, lambda: cabin.text)
-    os.kill(child.pid, signal.SIGTERM)
-    assert child.wait(40.0) == 143, cabin.text
+    os.kill(child.pid, told)
+    assert child.wait(40.0) == 128 + told, cabin.text
     wait_until(lambda: not running(mine), 10.0)
 
 

@@ -16,13 +16,17 @@ import signal
 import statistics
 import sys
 import time
+from pathlib import Path
 
 import exchanging
 import pytest
+import timed_agent
 from faults import Moments
 from processes import Process
 from processes import Processes
+from processes import ros_args
 from processes import wait_until
+from training_runs import SMALL
 from training_runs import simulator
 
 ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 5, 15, 50
@@ -49,12 +53,27 @@ def told(process: Process, line: str, after: int = 0) -> float:
     return float(match[1])
 
 
-@pytest.mark.parametrize('killed', ['simulator', 'agent'])
+def exchanging_agent(processes: Processes, run: Path, resume: bool) -> Process:
+    """Start what exchanges all the time."""
+    return processes.start(sys.executable, exchanging.__file__)
+
+
+def training_agent(processes: Processes, run: Path, resume: bool) -> Process:
+    """Start `ppo_agent`, which trains for longer than the test takes, or goes on with that."""
+    settings = {**SMALL, 'iterations': 1_000_000, 'run_dir': run, 'resume': resume}
+    return processes.start(sys.executable, timed_agent.__file__, *ros_args(**settings))
+
+
+AGENTS = {'simulator': exchanging_agent, 'agent': training_agent}
+"""who flies, by who is killed: an agent that learns lets its simulator wait meanwhile"""
+
+
+@pytest.mark.parametrize('killed', [*AGENTS])
 def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started(
-        processes: Processes, nightly: bool, killed: str) -> None:
+        processes: Processes, tmp_path: Path, nightly: bool, killed: str) -> None:
     moments = Moments()
     world = simulator(processes)
-    agent = processes.start(sys.executable, exchanging.__file__)
+    agent = AGENTS[killed](processes, tmp_path / 'run', False)
     told(agent, EXCHANGE)
     seconds, whole = [], []
     rounds = NIGHTLY_ROUNDS if nightly else ROUNDS
@@ -69,7 +88,7 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
             world = simulator(processes)
             ready = told(world, WAITING)
         else:
-            agent, before = processes.start(sys.executable, exchanging.__file__), 0
+            agent, before = AGENTS[killed](processes, tmp_path / 'run', True), 0
             ready = told(agent, READY)
         exchange = told(agent, EXCHANGE, before)
         seconds.append(exchange - ready)

@@ -37,6 +37,11 @@ def test_another_definition_is_refused_by_name() -> None:
     assert f'as {THEIRS}, expected {OURS}' in str(error.value)
 
 
+def test_no_name_commands_the_terminal() -> None:
+    with pytest.raises(DefinitionsDiffer, match=r'/sim_0/si \[2Jm defines'):
+        check_definitions(node(end(THEIRS, 'si\x1b[2Jm')), ['observation'])
+
+
 def test_so_is_who_reads_another_one() -> None:
     agent = node(end(THEIRS), writes=True)
     with pytest.raises(DefinitionsDiffer, match='action: /sim_0/simulator defines'):

@@ -13,6 +13,8 @@ from typing import Any
 
 from rclpy.node import Node
 
+from rocket_sim_node.printable import printable
+
 
 class DefinitionsDiffer(ValueError):
     """Two nodes were built from different definitions of a message."""
@@ -45,7 +47,8 @@ def _check(node: Node, topic: str, near: Iterable[Any], far: Iterable[Any]) -> N
         return
     (name, namespace), hash_ = theirs[0]
     raise DefinitionsDiffer(
-        f'{topic}: {namespace.rstrip("/")}/{name} defines its messages as {hash_}, expected '
+        f'{topic}: {printable(namespace.rstrip("/"))}/{printable(name)} defines its messages as '
+        f'{hash_}, expected '
         f'{" or ".join(sorted(own))}: one of the two nodes was built from another rocket_msgs')
 
 

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `ppo_agent`, which also prints when it exchanges.
+
+It prints, in s of the system clock, when it begins to look for its simulator, and the first step
+of each flight that was answered.
+"""
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from ppo_agent_node.nodes import ppo_agent
+from rocket_sim_node.wire.running import Body
+from rocket_sim_node.wire.running import Errors
+
+load = ppo_agent._load
+
+
+def load_timed() -> tuple[Body, Errors]:
+    """Import what `ppo_agent` does, and have it print."""
+    body, errors = load()
+    from rocket_sim_node.wire.fleet import Fleet
+    from rocket_sim_node.wire.link import Link
+
+    begin, take = Fleet.__init__, Link.take
+
+    def begin_timed(self: Fleet, *args: Any, **options: Any) -> None:
+        print(f'ready {time.time()}', flush=True)
+        begin(self, *args, **options)
+
+    def take_timed(self: Link) -> Any:
+        if isinstance(self._command, np.ndarray) and self.step == 0:
+            print(f'exchange {time.time()}', flush=True)
+        return take(self)
+
+    Fleet.__init__, Link.take = begin_timed, take_timed  # type: ignore[method-assign]
+    return body, errors
+
+
+if __name__ == '__main__':
+    ppo_agent._load = load_timed
+    ppo_agent.main()
