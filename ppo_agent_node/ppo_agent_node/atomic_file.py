@@ -14,7 +14,7 @@ _SCRATCH = re.compile(r'\..+\.(\d+)\.part')
 def write_atomically(path: Path, data: bytes) -> None:
     """Put `data` into a file, all of it or none, and see it onto the disk.
 
-    :raises OSError: naming the path; what was there before is still there.
+    :raises OSError: naming the path; there is what was before, or all of `data`.
     """
     scratch = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:

@@ -230,3 +230,24 @@ def test_who_watches_a_training_sees_on_whatever_is_said(data: Any) -> None:
         terminal.show(status_from_message(message))
     assert '3' in screen.getvalue()
     assert not set(screen.getvalue()) & {'\x1b', '\x07', '\x00'}
+
+
+class Screen(io.StringIO):
+    """A terminal that shows a display in place."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@given(data=st.data())
+def test_so_does_a_display_in_place(data: Any) -> None:
+    message = msg.TrainingStatus(
+        run='run', folder='run', stages=['clone', 'finetune'], stage='finetune', iteration=3,
+        iterations=9, unit='iterations', mean_return=1.0)
+    screen = Screen()
+    with Terminal(screen) as terminal:
+        assert terminal.live
+        for _ in range(3):
+            terminal.show(status_from_message(data.draw(harmed(message))))
+        terminal.show(status_from_message(message))
+    assert not set(screen.getvalue()) & {'\x07', '\x00'}

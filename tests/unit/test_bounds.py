@@ -84,6 +84,9 @@ def test_without_drag_and_mass_loss_it_is_the_textbook_formula() -> None:
 def test_a_rocket_that_cannot_stop_has_no_bound_and_a_climb_counts_as_rest() -> None:
     bound = StraightDropBound(SETTINGS)
     assert np.isnan(bound.burn_time(np.array([95.0]))[0])
+    speeds = np.linspace(0.0, 95.0, 500)
+    assert np.array_equal(
+        np.isnan(bound.fuel(-speeds)), np.isnan(StraightDropBound(SETTINGS).burn_time(speeds)))
     assert bound.fuel(np.array([3.0]))[0] == bound.fuel(np.array([0.0]))[0]
     assert bound.fuel(np.zeros(0)).shape == (0,)
 

@@ -139,6 +139,15 @@ def test_every_group_that_is_drawn_is_named(tmp_path: Path) -> None:
     assert labels(figure) == ['A: gamma 0.9 (2 seeds)', 'B: gamma 0.8 (1 seed)']
 
 
+@pytest.mark.parametrize('number', ['9' * 400, 'Infinity', 'NaN'])
+def test_a_number_that_no_float_holds_is_refused_by_name(tmp_path: Path, number: str) -> None:
+    line = f'{{"stage": "finetune", "iteration": 1, "steps": 8, "seconds": {number}}}\n'
+    (tmp_path / 'train.jsonl').write_text(line)
+    (tmp_path / 'config.yaml').write_text('training: {seed: 1}\n')
+    with pytest.raises(ValueError, match=r'train\.jsonl: seconds: got .*, expected a number'):
+        assert load(tmp_path).seconds
+
+
 def test_seeds_that_do_not_overlap_have_no_median(tmp_path: Path) -> None:
     runs = [load(write_training(tmp_path / name, seed, first_step=step))
             for name, seed, step in (('a', 1, 0), ('b', 2, 9000))]

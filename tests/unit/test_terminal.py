@@ -177,7 +177,7 @@ def test_sparklines() -> None:
     assert sparkline([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], 8) == '▁▂▃▄▅▆▇█'
     assert sparkline([0.0, 0.0, 7.0, 7.0], 2) == '▁█'
     assert sparkline([0.5, math.nan, 0.5], 9, 0.0, 1.0) == '▅▅'
-    assert sparkline([], 9) == ''
+    assert sparkline([], 9) == sparkline([1.0, 2.0], 0) == sparkline([1.0, 2.0], -3) == ''
     assert sparkline([0.0, 7.0], 9, blocks=False).isascii()
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 
+from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
@@ -21,7 +22,6 @@ from ppo_agent_node.learning.config import make_config
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.rollout import in_order
 from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import STAGES
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
@@ -93,7 +93,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert result.finished
     assert result.iterations == 6
     assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
-    assert {s.stage for s in told} == set(STAGES[:3])
+    assert {s.stage for s in told} == {'demonstrate', 'clone', 'finetune'}
     # What is looked at before the first iteration says nothing of how long one takes.
     looked, *iterations = (s for s in told if s.stage == 'finetune' and s.is_iteration)
     assert looked.iteration == 0 and looked.remaining == math.inf
@@ -121,7 +121,7 @@ def test_starts_that_the_world_refuses_are_told_before_there_is_a_run(tmp_path: 
 def test_a_rollout_larger_than_the_memory_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=(
             r'n_steps: got 1000000, which with 4096 groups \(num_groups\) of 8 rockets '
-            r'\(num_envs\) makes a roll-out of [\d,]+ GiB')):
+            r'\(num_envs\) takes [\d,]+ GiB to fly and learn from')):
         train(tmp_path / 'run', small(n_steps=1_000_000, num_groups=4096))
 
 
@@ -262,6 +262,51 @@ def test_a_simulator_that_restarts_changes_nothing(
 def test_a_simulator_that_never_stays_is_given_up(tmp_path: Path) -> None:
     with pytest.raises(EnvironmentRestarted):
         train(tmp_path / 'run', env=Unreliable(world(), 1, rate=1.0))
+
+
+def learnt(told: list[Status], iteration: int) -> bool:
+    """Return whether a run has told that an iteration of fine-tuning is done."""
+    return any(status.stage == 'finetune' and status.iteration == iteration for status in told)
+
+
+@pytest.mark.parametrize('error', [TimeoutError, RuntimeError, ValueError])
+def test_what_was_learnt_before_the_simulator_went_away_is_kept(
+        straight: Path, tmp_path: Path, error: type[Exception]) -> None:
+    path = copy_name(tmp_path)
+
+    told: list[Status] = []
+
+    def poll() -> bool:
+        if learnt(told, 2):
+            raise error('nobody answers')
+        return False
+
+    with pytest.raises(error, match='nobody answers'):
+        train(path, stop=poll, told=told)
+    assert sorted(file.name for file in (path / 'checkpoints').glob('iteration_*'))[-1] == (
+        'iteration_000002.safetensors')
+    assert train(path, env=world(seed=5), resume=True).finished
+    assert_equal(straight, path)
+
+
+def test_a_run_from_before_there_was_a_setting_goes_on_with_its_default(
+        straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = copy_name(tmp_path)
+    with monkeypatch.context() as patch:
+        real = run_state.description
+
+        def of_older_version(spec: Any, config: Config) -> dict[str, Any]:
+            found = real(spec, config)
+            del found['training']['value_clip_range']
+            return found
+
+        patch.setattr(run_state, 'description', of_older_version)
+        told: list[Status] = []
+        assert not train(path, told=told, stop=lambda: learnt(told, 2)).finished
+    with pytest.raises(ValueError, match=r'value_clip_range of the run is 0\.0, expected 0\.2'):
+        train(path, small(value_clip_range=0.2), resume=True)
+    assert train(path, resume=True).finished
+    assert_equal(straight, path)
 
 
 def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path) -> None:

@@ -69,8 +69,11 @@ class StraightDropBound:
         if self._table is None or self._table[0][-1] < fastest:
             grid = np.linspace(0.0, max(1.25 * fastest, 1.0), _TABLE_SIZE)
             self._table = grid, self.flow * self.burn_time(grid)
-        interpolated: F64 = np.interp(speed, *self._table)
-        return interpolated
+        fuel: F64 = np.interp(speed, *self._table)
+        # Between the last speed of the table that can be stopped and the first that cannot.
+        doubtful = np.isnan(fuel)
+        fuel[doubtful] = self.flow * self.burn_time(speed[doubtful])
+        return fuel
 
     def burn_time(self, speed: F64) -> F64:
         """Return how long the burn lasts `(K,)` s, given the downward speed at the start, m/s."""

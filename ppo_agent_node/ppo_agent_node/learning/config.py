@@ -83,6 +83,11 @@ class PPOConfig:
         12, '', 'first iterations that train the critic only', 0, 1_000_000)
 
 
+def level_setting(level: int) -> dict[str, float]:
+    """Return what a world is reset with for a curriculum level, nothing for 0: its own."""
+    return {'level': level} if level else {}
+
+
 @dataclass(frozen=True)
 class CurriculumConfig:
     """When the task gets harder."""
@@ -100,7 +105,7 @@ class CurriculumConfig:
 
     def reset_settings(self, level: int) -> dict[str, float]:
         """Return what the world is reset with for roll-outs."""
-        settings: dict[str, float] = {'level': level} if level else {}
+        settings = level_setting(level)
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
         return settings

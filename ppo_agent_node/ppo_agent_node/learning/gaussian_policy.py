@@ -40,7 +40,8 @@ class GaussianPolicy(Policy):
         """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
 
         The log standard deviation, learnt, begins at `log_std_init` and stays above its floor.
-        With a `log_std_final` below the first value it also stays below a line from that to this.
+        With a `log_std_final` below the first value it is also put, after each update, below a
+        line from that to this.
         """
         super().__init__()
         self.action_shape = (action_size,)

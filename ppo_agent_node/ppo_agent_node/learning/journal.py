@@ -29,7 +29,7 @@ class Journal:
     """Writes down how a run goes."""
 
     def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:
-        """Begin at the folder's last line."""
+        """Begin with no line written; see `take_up`."""
         self._folder, self._report = folder, report
         self._began = self._stage_began = self._last = time.monotonic()
         self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
@@ -80,11 +80,12 @@ class Journal:
         now = time.monotonic()
         seconds, taken = now - self._last, steps - self._steps
         self._last, self._steps = now, steps
-        rate = taken / seconds if taken and seconds > 0 else float('nan')
+        rate = taken / seconds if taken and seconds > 0 else math.nan
         self._folder.append({
             'stage': self._stage, 'iteration': iteration, 'steps': steps, **numbers,
             **({'message': message} if message else {}),
-            'seconds': round(seconds, 3), 'steps_per_second': round(rate) if taken else None,
+            'seconds': round(seconds, 3),
+            'steps_per_second': round(rate) if math.isfinite(rate) else None,
         })
         self.lines += 1
         done = iteration - self._first

@@ -72,16 +72,19 @@ class Rollout:
     ) -> None:
         """Allocate for T steps of N rockets in each of G groups.
 
-        :raises ValueError: for more than this machine's memory.
+        :raises ValueError: when they and the update need more than this machine's memory.
         """
         shape = (steps, groups * rockets)
-        entry = 4 * (observation_size + math.prod(policy.action_shape) + 2) + 2
+        action_size = math.prod(policy.action_shape) * policy.action_dtype.itemsize
+        # Of a sample, also in the update: either network has its observations normalised, and
+        # these and what else it needs in the order of an epoch.
+        entry = 5 * 4 * observation_size + 2 * action_size + 13 * 4 + 2
         needed, memory = steps * shape[1] * entry, physical_memory()
         if needed > memory:
             raise ValueError(
                 f'n_steps: got {steps}, which with {groups} groups (num_groups) of {rockets} '
-                f'rockets (num_envs) makes a roll-out of {needed / 2**30:,.0f} GiB, expected less '
-                f"than this machine's memory, {memory / 2**30:,.0f} GiB")
+                f'rockets (num_envs) takes {needed / 2**30:,.0f} GiB to fly and learn from, '
+                f"expected less than this machine's memory, {memory / 2**30:,.0f} GiB")
         self._rockets = rockets
         self.observation = torch.zeros(*shape, observation_size)
         self.action = torch.zeros(*shape, *policy.action_shape, dtype=policy.action_dtype)

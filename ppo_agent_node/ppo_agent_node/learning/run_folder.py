@@ -65,7 +65,7 @@ class RunFolder:
             self.plots.mkdir(exist_ok=True)
             probe = self.path / '.writable'
             probe.write_bytes(b'')
-            probe.unlink()
+            probe.unlink(missing_ok=True)  # another process may try as well
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
 

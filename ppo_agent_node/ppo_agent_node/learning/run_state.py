@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.config import describe
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.selection import Score
@@ -111,18 +112,25 @@ def _count(found: dict[str, Any], name: str) -> int:
 
 
 def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
+    # What learning did before there was a setting for it is the setting's default.
+    before = {'training': {info.name: info.default for info in describe()}, 'world_settings': {}}
     try:
         pairs = [
             (name, found[name], expected[name]) for name in ('world', 'num_envs')
         ] + [
-            (name, found[group].get(name), value)
+            (name, {**before[group], **found[group]}.get(name), value)
             for group in ('training', 'world_settings')
             for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
         ]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f'{path}: has no description of its run: {error!r}') from error
     for name, theirs, ours in pairs:
-        if theirs != (list(ours) if isinstance(ours, tuple) else ours):
+        if _plain(theirs) != _plain(ours):
             raise ValueError(
                 f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
                 f'resume with the settings of its config.yaml, or begin another run')
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it."""
+    return list(value) if isinstance(value, tuple) else value

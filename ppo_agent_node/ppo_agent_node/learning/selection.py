@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import level_setting
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.policies import Policy
@@ -46,7 +47,7 @@ def fly_wave(
     same ones and their difference is less noisy than either; the final evaluation has others.
     """
     observation = yield Reset(
-        streams.derived_seed(seed, 'selection', wave), {'level': level} if level else {})
+        streams.derived_seed(seed, 'selection', wave), level_setting(level))
     steps = yield from fly_once(observation, pilot)
     return Episodes.concatenate([step.episodes for step in steps]), len(steps)
 

@@ -236,7 +236,8 @@ class Trainer:
             state, tensors = self._state, self._tensors()
             try:
                 self._iterate()
-            except EnvironmentClosed:
+            except (RuntimeError, TimeoutError, ValueError):
+                # Asked to stop, or there is nobody to fly any more: what was learnt is kept.
                 self._state = state
                 self._save(tensors)
                 raise
@@ -362,7 +363,7 @@ class Trainer:
         written = []
         if best:
             # Before the checkpoint that says they are there: a run that ends in between does this
-            # iteration again and writes them again.
+            # iteration again and writes them again, the same where it computes alike.
             self._folder.save_best(tensors, content)
             self._save_policy(self._folder.policy, **asdict(best))
             written.append(self._folder.policy)

@@ -80,8 +80,3 @@ def agent_named(name: str) -> int:
     root = os.stat('/')
     name = f'{socket.gethostname()}:{root.st_dev}:{root.st_ino}:{name}'
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1
-
-
-def level_setting(level: int) -> dict[str, float]:
-    """Return the curriculum setting of a level, none for 0."""
-    return {'level': level} if level else {}

@@ -58,7 +58,7 @@ def evaluation(node: Node, executor: Executor) -> None:
         require_lockstep(client)
         summary = fly_and_write(
             SerialFleet(client), pilot, options.episodes, options.seed, options.level, output,
-            terminal.show, **facts)
+            terminal.show, poll=terminal.tick, **facts)
         terminal.say(metrics.table(summary))
         if output:
             terminal.say(f'evaluation.json and plots are in {output}')

@@ -11,8 +11,8 @@ from typing import Any
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.runner import evaluation_flight
+from ppo_agent_node.learning.config import level_setting
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.nodes.connection import level_setting
 from ppo_agent_node.pilots.base import Pilot
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.worlds.flight import Fleet

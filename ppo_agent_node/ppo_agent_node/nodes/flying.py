@@ -51,7 +51,7 @@ def fly(
 
     Those that end first count, whoever flies them; `evaluation.runner` is fair to long ones.
     The log says every few seconds how they ended, for ever of those few seconds, and in the end
-    of all. A simulator that comes back is reset and flown on.
+    of all. A simulator that comes back is reset and flown on, from other starts.
     """
     outcomes = client.spec.outcomes
     total, recent = Tally(outcomes), Tally(outcomes)
@@ -65,6 +65,7 @@ def fly(
         except EnvironmentRestarted as error:
             node.get_logger().warning(f'{error}: starting anew')
             observation = None
+            seed += 1  # those that were flown count already
             continue
         except EnvironmentClosed:
             break

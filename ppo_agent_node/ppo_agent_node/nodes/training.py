@@ -35,6 +35,7 @@ from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.roster import check_pattern
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
                 return 0
         except EnvironmentClosed:
             pass
-        except (WireTimeout, SimulatorBusy):
+        except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
             teller.advise(options.simulators)
             raise
         except NothingLanded:

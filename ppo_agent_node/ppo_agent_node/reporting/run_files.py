@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -108,8 +109,8 @@ def column(lines: Lines, name: str) -> F64:
     """
     values = [line.get(name) for line in lines]
     for value in values:
-        if value is not None and not isinstance(value, int | float):
-            raise ValueError(f'{LOG}: {name}: got {value!r}, expected a number')
+        if value is not None and not (isinstance(value, int | float) and _fits(value)):
+            raise ValueError(f'{LOG}: {name}: got {value!r:.200}, expected a number')
     return np.array([np.nan if value is None else value for value in values], np.float64)
 
 
@@ -165,4 +166,10 @@ def _is(value: Any, expected: str) -> bool:
             _is(one, 'a whole number') for one in value.values()))
     kinds: dict[str, Any] = {
         'a string': str, 'a whole number': int, 'a number': int | float}
-    return isinstance(value, kinds[expected]) and not isinstance(value, bool)
+    return isinstance(value, kinds[expected]) and not isinstance(value, bool) and (
+        expected == 'a string' or _fits(value))
+
+
+def _fits(value: float) -> bool:
+    """Return whether a number is finite, and one that a float can hold; NaN is neither."""
+    return abs(value) <= sys.float_info.max

@@ -29,8 +29,8 @@ def sparkline(
     :param blocks: draw with Unicode's blocks, else with ASCII.
     """
     marks = _BLOCKS if blocks else _ASCII
-    shown = resampled(values, width)
-    if not shown or width < 1:
+    shown = resampled(values, width) if width > 0 else []
+    if not shown:
         return ''
     bottom = min(shown) if low is None else low
     span = (max(shown) if high is None else high) - bottom
