@@ -77,10 +77,22 @@ refuse_others() {
     die "unknown argument '${others[0]}', expected one of $(launch_arguments "$1" | paste -sd ' ')"
 }
 
-# known_arguments: prints the declared arguments again, one a line.
+# known_arguments: prints the declared arguments again, one a line; not those given as nothing, which
+# means the default.
 known_arguments() {
   local name
-  for name in "${known[@]}"; do printf '%s:=%s\n' "$name" "${values[$name]}"; done
+  for name in "${known[@]}"; do
+    [[ -z ${values[$name]} ]] || printf '%s:=%s\n' "$name" "${values[$name]}"
+  done
+}
+
+# yaml_value TEXT: prints a value for a file of parameters: as it is, so that a number stays one, or
+# quoted where YAML would take it for something else, or for nothing.
+yaml_value() {
+  case $1 in
+    '' | *': '* | *' #'* | *: | [\!\&\*\{%@\`\|\>\?\#,\]]* | '- '*) printf "'%s'" "${1//\'/\'\'}" ;;
+    *) printf '%s' "$1" ;;
+  esac
 }
 
 # tell_recording FILE: says where it is and how to see it, from any shell.

@@ -100,11 +100,11 @@ def make_node(
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     contexts, nodes = [], []
 
-    def make(namespace: str = '') -> tuple[Node, Executor]:
+    def make(namespace: str = '', **options: Any) -> tuple[Node, Executor]:
         context = Context()
         rclpy.init(context=context, domain_id=processes.domain)
         contexts.append(context)
-        node = Node('tester', context=context, namespace=namespace)
+        node = Node('tester', context=context, namespace=namespace, **options)
         executor = make_executor(context)
         executor.add_node(node)
         nodes.append(node)

@@ -26,11 +26,13 @@ def to_plain(
         return {
             name: to_plain(getattr(value, name), type_name=kind, **options)
             for name, kind in value.get_fields_and_field_types().items()}
+    if isinstance(value, bytes):  # of one field of kind byte, as ROS 2 prints it
+        value = ''.join(map(chr, value))
     if isinstance(value, str):
         if no_str:
             return f'<string length: <{len(value)}>>'
         return value if truncate is None or len(value) <= truncate else value[:truncate] + '...'
-    if isinstance(value, list | tuple | array.array | np.ndarray | bytes):
+    if isinstance(value, list | tuple | array.array | np.ndarray):
         if no_arr:
             return _remark(value, type_name)
         cut = value if truncate is None else value[:truncate]

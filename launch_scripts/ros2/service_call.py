@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 
 import rclpy
 import yaml
@@ -26,6 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     """Call it once and print request and response."""
+    # Else a value of another type is an abort of the process.
+    os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
     kind = graph.load_type(args.service_type, 'srv')
     if not hasattr(kind, 'Request'):
         raise CommandError('The passed type is not a service')

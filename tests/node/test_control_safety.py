@@ -127,8 +127,9 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
     process = processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, use_sim_time=sim_time, **REALTIME)
     client = make_client()
-    client.reset(1)
+    client.connect()
     watch = Watch(client)
+    client.reset(1)
     for cut in (1, 2):
         for _ in range(10):
             client.step(FULL)
@@ -146,6 +147,24 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
     client.close()
     watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
     assert watch['agent'] == 'nobody'
+
+
+def test_an_agent_that_never_gives_an_order_is_told(
+        processes: Processes, make_client: MakeClient) -> None:
+    """It died after its reset, or nobody hears it."""
+    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    client = make_client()
+    client.connect()
+    watch = Watch(client)
+    watch.until(lambda: watch['engine cuts'] == '0')
+    assert watch.status.level == DiagnosticStatus.OK  # nobody flies
+    client.reset(1)
+    watch.until(lambda: watch['engine cuts'] == '1')
+    assert watch.status.level == DiagnosticStatus.ERROR
+    watch.passes(50)
+    assert process.output().count('engine cut') == 1
+    client.close()
+    watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
 
 
 def test_an_agent_that_only_computes_gives_no_orders(

@@ -24,6 +24,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.answers import Answers
 from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.latest_answers import LatestAnswers
 from rocket_sim_node.wire.link import Link
 from rocket_sim_node.wire.link import LinkOptions
 from rocket_sim_node.wire.link import WorldChanged
@@ -91,9 +92,9 @@ def check_answer(answers: Answers) -> None:
 def awaiting() -> tuple[dict[str, Box], Answers, list[str]]:
     """Return boxes, what awaits an answer in them, and what it says of rubbish."""
     boxes, said = {name: Box(name) for name in CODECS}, list[str]()
-    answers = Answers(*boxes.values(), said.append)  # type: ignore[arg-type]
+    answers = Answers(list(boxes.values()), said.append)  # type: ignore[arg-type]
     answers.expect(SPEC)
-    answers.await_step(SESSION, STEP, False)
+    answers.await_step(SESSION, STEP)
     return boxes, answers, said
 
 
@@ -206,15 +207,68 @@ def test_any_answer_of_a_service_is_taken_or_refused(
         assert np.isfinite(taken).all()
 
 
+def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
+    """Return what awaits an answer, where topics, steps and whether rockets ended were sent."""
+    boxes = {name: Box(name) for name in CODECS}
+    answers = LatestAnswers(list(boxes.values()), lambda text: None)  # type: ignore[arg-type]
+    answers.expect(SPEC)
+    answers.await_step(SESSION, STEP)
+    for topic, step, ended in posted:
+        boxes[topic].posted.append(CODECS[topic].encode((SESSION, step), answer(ended)[topic]))
+    return answers
+
+
 def test_in_real_time_lost_episodes_cost_a_step_and_no_error() -> None:
     """A later step that is whole will do."""
-    boxes = {name: Box(name) for name in CODECS}
-    answers = Answers(*boxes.values(), lambda text: None)  # type: ignore[arg-type]
-    answers.expect(SPEC)
-    answers.await_step(SESSION, STEP, True)
-    found = answer(True)
-    for topic, step in (('observation', 9), ('reward', 9), ('episodes', 11),
-                        ('observation', 11), ('reward', 11)):
-        boxes[topic].posted.append(CODECS[topic].encode((SESSION, step), found[topic]))
+    answers = in_real_time(
+        ('observation', 9, True), ('reward', 9, True), ('episodes', 11, True),
+        ('observation', 11, True), ('reward', 11, True))
     assert answers.collect()
-    assert answers.take()[0] == 11
+    step, (_, _, terminated, truncated, info) = answers.take()
+    assert step == 11
+    np.testing.assert_array_equal(np.flatnonzero(terminated | truncated), info['final_rows'])
+    assert len(info['episodes']) == len(info['final_rows'])
+
+
+def test_in_real_time_the_answer_is_the_newest_step_and_all_since_the_last() -> None:
+    answers = in_real_time(*(
+        (topic, step, step == 9) for step in range(STEP, 12) for topic in CODECS
+        if topic != 'episodes' or step == 9), ('reward', 12, False))
+    assert answers.collect()
+    step, (observation, reward, terminated, truncated, info) = answers.take()
+    assert step == 11
+    np.testing.assert_array_equal(observation, answer(False)['observation'][0])
+    after = range(STEP + 1, 12)
+    np.testing.assert_allclose(
+        reward, sum(answer(step == 9)['reward'][0] for step in after), rtol=1e-6)
+    ended = answer(True)['reward']
+    np.testing.assert_array_equal(terminated, ended[1])
+    np.testing.assert_array_equal(truncated, ended[2])
+    np.testing.assert_array_equal(info['final_rows'], ended[3])
+    np.testing.assert_array_equal(info['final_observation'].ravel(), ended[4].ravel())
+    assert len(info['episodes']) == len(ended[3])
+    answers.await_step(SESSION, step)
+    assert not answers.collect()
+    assert answers.missing is not None
+    assert answers.missing.topic == 'observation'  # the reward of step 12 is there
+
+
+@given(st.lists(st.tuples(
+    st.sampled_from(list(CODECS)), st.one_of(st.integers(STEP - 2, STEP + 30), ANY_U64),
+    st.booleans()), max_size=40))
+def test_in_real_time_whatever_is_lost_an_answer_is_a_whole_later_step(
+        posted: list[tuple[str, int, bool]]) -> None:
+    answers = in_real_time(*posted)
+    if not answers.collect():
+        assert answers.missing is not None
+        return
+    try:
+        step, (observation, _, terminated, truncated, info) = answers.take()
+    except ValueError as error:  # an end in one message, none in the other
+        assert 'expected' in str(error)
+        return
+    assert step > STEP
+    assert {('observation', step), ('reward', step)} <= {(topic, n) for topic, n, _ in posted}
+    assert observation.shape == (N, SPEC.observation_size)
+    np.testing.assert_array_equal(np.flatnonzero(terminated | truncated), info['final_rows'])
+    assert all(len(kept) <= 16 for kept in answers._kept)

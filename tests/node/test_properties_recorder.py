@@ -74,6 +74,7 @@ class Desk:
         self.now, self.said, self.noted = 0.0, list[str](), list[str]()
         node: Any = SimpleNamespace(
             create_subscription=lambda *_: None, count_publishers=lambda _: 0,
+            resolve_topic_name=lambda name: name,
             get_logger=lambda: SimpleNamespace(warning=lambda text, **_: self.said.append(text)))
         self.recorder = Recorder(
             Choice(rows=(0, 1), every_nth_episode=1), [Paper(live)],

@@ -19,6 +19,8 @@ from rocket_msgs import srv
 from rollouts import assert_same
 from training_runs import simulator
 
+from rocket_sim_node.wire import waiting
+from rocket_sim_node.wire.calling import Call
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.wire.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -141,3 +143,36 @@ def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
             time.sleep(0.01)
     assert 4.0 < time.monotonic() - began < 15.0  # patience begins anew with the last answer
     assert service.calls >= 4 + len(REPEATED)
+
+
+def test_a_slow_answer_is_waited_for_however_often_that_is_told(
+        make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call is made anew after twice the time, not each time that the log says how long it is."""
+    monkeypatch.setattr(waiting, '_NOTICE_PERIOD', 0.2)
+    service, now = Dying(busy=0), time.monotonic
+    call = Call(make_client().node, service, None, 60.0, '/world', now())  # type: ignore[arg-type]
+    ends, made = now() + 3.0, []
+    while now() < ends:
+        call.poll(now())
+        if len(made) < service.calls:
+            made.append(now())
+        time.sleep(0.005)
+    assert np.diff(made) == pytest.approx([0.25, 0.5, 1.0], abs=0.2)
+
+
+def test_what_no_service_takes_is_refused_as_in_process(
+        processes: Processes, make_client: MakeClient) -> None:
+    """The middleware would end the process."""
+    simulator(processes)
+    client, world = make_client(), make('rocket', num_envs=N)
+    for seed in (np.int64(5), np.uint8(7)):
+        np.testing.assert_array_equal(client.reset(seed), world.reset(seed))
+    for bad in (-1, 1.5, 2**63, '5'):
+        for reset in (client.reset, world.reset):
+            with pytest.raises(ValueError, match=r'seed is .* expected'):
+                reset(bad)
+    still = [[-1.0, 0.0, 0.0]] * N
+    assert_same(client.step(still), world.step(still))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot or an array'):
+        client.link.ask(still)  # type: ignore[arg-type]
+    assert client.snapshot() == world.snapshot()

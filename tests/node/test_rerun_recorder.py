@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import signal
 import time
+from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
@@ -21,6 +24,7 @@ from recordings import rows_of
 from recordings import view_classes
 from rocket_msgs import msg
 
+from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.recording import read
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording import viewer
@@ -278,3 +282,23 @@ def test_wrong_parameters_are_named(
     assert recorder.wait(20.0) == 2
     assert complaint in recorder.output()
     assert 'Traceback' not in recorder.output()
+
+
+def test_an_agent_in_another_namespace_is_there_while_it_publishes(
+        make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for a recorder of each simulator of a fleet: the topic is remapped."""
+    monkeypatch.setattr(rerun_recorder, '_AGENT_GONE', 0.1)
+    agent, _ = make_node()
+    publisher = agent.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
+    node, executor = make_node(
+        '/sim_0', cli_args=['--ros-args', '-r', 'training:=/training'])
+    over: list[str] = []
+    recorder: Any = SimpleNamespace(training_is_over=lambda: over.append('over'))
+    recorder_node = rerun_recorder.RecorderNode(node, recorder)
+    while not publisher.get_subscription_count():
+        executor.spin_once(timeout_sec=0.05)
+    time.sleep(0.3)
+    recorder_node.look_after_agents()
+    assert not over
+    agent.destroy_publisher(publisher)
+    wait_until(lambda: recorder_node.look_after_agents() or bool(over), 20.0)

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 PROGRAM = """
@@ -20,9 +21,22 @@ known_arguments | sort
     ('output:=~/flight.rrd', 'output:=/home/me/flight.rrd'), ('output:=/a/b.rrd', None),
     ('output:=b.rrd', f'output:={SCRIPTS}/b.rrd'), ('output:=~b.rrd', f'output:={SCRIPTS}/~b.rrd'),
     ('serve_web:=True', 'serve_web:=true'), ('serve_web:=false', None),
-    ('namespace:=x', 'namespace:=/x'), ('namespace:=/x/y', None), ('namespace:=', None)])
+    ('namespace:=x', 'namespace:=/x'), ('namespace:=/x/y', None),
+    ('namespace:=', ''), ('policy:=', '')])
 def test_arguments_mean_what_people_expect(given: str, got: str | None) -> None:
     done = subprocess.run(
         ['bash', '-euc', PROGRAM, 'land', str(SCRIPTS), given], cwd=SCRIPTS, text=True,
         env={'HOME': '/home/me', 'PATH': '/usr/bin:/bin'}, capture_output=True, timeout=20)
-    assert (done.stdout.strip(), done.stderr) == (got or given, '')
+    assert (done.stdout.strip(), done.stderr) == (given if got is None else got, '')
+
+
+@pytest.mark.parametrize(('text', 'value'), [
+    ('', ''), ('5', 5), ('-2.5', -2.5), ('true', True), ('[64, 64]', [64, 64]), ('auto', 'auto'),
+    ('a: b', 'a: b'), ('a #b', 'a #b'), ('ends:', 'ends:'), ('*x', '*x'), ("it's: x", "it's: x"),
+    ('/a/b.yaml', '/a/b.yaml'), ('- x', '- x'), ('{a', '{a'), ('~/x', '~/x'), ('!x', '!x'),
+    ('@x', '@x'), ('`x', '`x'), ('|', '|'), ('>', '>'), ('%x', '%x'), (']', ']'), (',', ',')])
+def test_a_value_stays_what_it_is_in_a_file(text: str, value: object) -> None:
+    done = subprocess.run(
+        ['bash', '-euc', '. "$1/arguments.sh"; yaml_value "$2"', 'land', str(SCRIPTS), text],
+        text=True, capture_output=True, timeout=20)
+    assert (yaml.safe_load(f'x: {done.stdout}\n'), done.stderr) == ({'x': value}, '')

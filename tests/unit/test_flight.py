@@ -108,3 +108,12 @@ def test_a_poll_that_raises_ends_the_flight() -> None:
     with pytest.raises(EnvironmentClosed):
         list(SerialFleet(Counting()).fly([watched], poll))
     assert ended == [True]
+
+
+def test_what_is_no_command_is_refused() -> None:
+    def astray() -> Flight[None]:
+        yield Reset(1)
+        yield [[0.0, 0.0, 0.0]] * 2  # type: ignore[misc]
+
+    with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot or an array'):
+        fly(make('rocket', num_envs=2), astray())

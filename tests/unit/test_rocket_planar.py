@@ -455,13 +455,15 @@ def test_wide_legs_stand_on_the_same_ground_in_any_batch(stance: float) -> None:
 
 
 def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
-    with pytest.raises(ValueError, match='where a foot could touch'):
+    with pytest.raises(ValueError, match='where foot or hull could touch'):
         worlds.make('rocket_planar', level=4, spawn_height=5.3, tilt_limit=60.0)
     world = worlds.make('rocket_planar', seed=1)
     before = world.snapshot()
-    with pytest.raises(ValueError, match='where a foot could touch'):
+    with pytest.raises(ValueError, match='where foot or hull could touch'):
         world.reset(4, spawn_height=6.0)
     assert world.snapshot() == before
+    with pytest.raises(ValueError, match='where foot or hull could touch'):
+        worlds.make('rocket_planar', spawn_height=15.0, spawn_angle=170.0, tilt_limit=180.0)
     with pytest.raises(ValueError, match='rest_time'):
         worlds.make('rocket_planar', rest_time=6.0)
 

@@ -532,3 +532,16 @@ def test_messages_as_yaml() -> None:
         'text': '<string length: <6>>', 'numbers': '<sequence type: int32, length: 3>',
         'inner': {'x': 1.5}}
     assert messages.to_csv(Message()) == 'abcdef,1,2,3,1.5'
+
+
+@pytest.mark.parametrize(('values', 'field'), [
+    ('{agent: abc}', 'agent'), ('{agent: -1}', 'agent'), ('{seed: 1.5}', 'seed'),
+    ('{seed: 9223372036854775808}', 'seed'), ('{settings: [{name: 5}]}', 'settings name')])
+def test_a_value_of_another_type_is_refused_and_no_abort(values: str, field: str) -> None:
+    pytest.importorskip('rocket_msgs', reason='needs the workspace')
+    done = subprocess.run(
+        [sys.executable, '-c', _ENTRY, 'service', 'call', '/reset', 'rocket_msgs/srv/Reset',
+         values], text=True, capture_output=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].startswith(f'Failed to populate field: {field}: ')
+    assert 'Traceback' not in done.stderr

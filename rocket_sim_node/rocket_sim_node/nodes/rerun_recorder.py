@@ -82,6 +82,8 @@ class RecorderNode:
             (msg.TrainingStatus, 'training', self._on_training, qos.EVENTS),
         ):
             node.create_subscription(kind, topic, callback, profile)
+        # A count of publishers does not remap names.
+        self._training = node.resolve_topic_name('training')
 
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
@@ -116,7 +118,7 @@ class RecorderNode:
     def look_after_agents(self) -> None:
         """Tell the recorder when the last agent has gone; it may not have been able to say so."""
         now = time.monotonic()
-        if self._node.count_publishers('training'):
+        if self._node.count_publishers(self._training):
             self._agent_there = now
         elif now - self._agent_there > _AGENT_GONE:
             with leaving_out(self._node, 'flight'):

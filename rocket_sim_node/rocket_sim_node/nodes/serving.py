@@ -34,7 +34,8 @@ class SimulatorParameters:
         0.5, 's', 'without a new action for so long, and for 2.5 steps, the engine is cut, '
         'realtime only', 0.01, 3600.0)
     agent_lease: float = setting(
-        10.0, 's', 'silence of the agent after which another may take over', 0.0, 3600.0)
+        10.0, 's', 'silence of the agent after which another may take over; in lock-step '
+        'one that learns is heard every 0.5 s', 0.0, 3600.0)
     acknowledge: str = setting(
         'auto', '', 'whether each action is acknowledged, so that DDS repeats what was lost; '
         'auto: when the discovery range goes beyond this machine', choices=qos.ACKNOWLEDGE)

@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import cast
 from urllib.parse import urlsplit
@@ -122,11 +123,12 @@ class LiveSink:
 
     def close(self) -> None:
         """Send what waits, for a second at most."""
-        try:
+        with suppress(queue.Full):
             self._queue.put(None, timeout=1.0)
-        except queue.Full:
-            return
-        self._thread.join(1.0)
+            self._thread.join(1.0)
+        if self.dropped:
+            self._note('WARN', f'the viewer at {self._url} was too slow: {self.dropped} flights, '
+                               'or parts of them, were not shown')
 
     def _put(self, item: _Item) -> None:
         try:

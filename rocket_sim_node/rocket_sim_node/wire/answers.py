@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,26 +13,27 @@ from rocket_sim_node.wire import messages
 from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
+
+Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
+"""what `VectorEnv.step` answers"""
 
 
 class Answers:
     """Collects `observation`, `reward` and `episodes` of the step awaited; drops all else."""
 
-    def __init__(
-        self, observation: Mailbox, reward: Mailbox, episodes: Mailbox,
-        warn: Callable[[str], None],
-    ) -> None:
+    def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
         """Await nothing.
 
+        :param boxes: of observation, reward and episodes.
         :param warn: is told what was passed over because it is no message.
         """
         self._warn = warn
-        self._boxes = (observation, reward, episodes)
+        self._boxes = tuple(boxes)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
-        self._realtime = False
         self._observation: Any = None
         self._reward: Any = None
         self._episodes: Any = None
@@ -40,12 +42,9 @@ class Answers:
         """Say which world answers."""
         self._spec = spec
 
-    def await_step(self, session: int, step: int, realtime: bool) -> None:
-        """Wait for the answer to an action of this session and step; drop what there was.
-
-        :param realtime: any later step will do.
-        """
-        self._session, self._step, self._realtime = session, step, realtime
+    def await_step(self, session: int, step: int) -> None:
+        """Wait for the answer to an action of this session and step; drop what there was."""
+        self._session, self._step = session, step
         self._observation = self._reward = self._episodes = None
 
     @property
@@ -57,17 +56,9 @@ class Answers:
         observation, reward, episodes = self._boxes
         if self._observation is None:
             return observation
-        step = self._observation.step
-        if self._reward is None or self._reward.step < step:
+        if self._reward is None:
             return reward
-        if self._reward.step > step:
-            return observation
-        if not len(self._reward.final_rows):
-            return None
-        if self._episodes is None or self._episodes.step < step:
-            return episodes
-        # In real time a later step will do, when the episodes of this one got lost.
-        return observation if self._episodes.step > step else None
+        return episodes if self._episodes is None and len(self._reward.final_rows) else None
 
     def collect(self) -> bool:
         """Take what has come; tell whether the answer is complete.
@@ -107,13 +98,9 @@ class Answers:
                 self._warn(f'left out: {error}')
 
     def _is_awaited(self, message: Any) -> bool:
-        if message.session != self._session:
-            return False
-        if self._realtime:
-            return bool(message.step > self._step)
-        return bool(message.step == self._step + 1)
+        return bool(message.session == self._session and message.step == self._step + 1)
 
-    def take(self) -> tuple[int, tuple[Any, ...]]:
+    def take(self) -> tuple[int, Step]:
         """Return the step reached and what `VectorEnv.step` answers.
 
         :raises ValueError: naming topic, field, what came and what was expected.
@@ -121,23 +108,30 @@ class Answers:
         spec, reward, observed = self._spec, self._reward, self._observation
         assert spec is not None and reward is not None and observed is not None
         observation = observation_of('observation: data', observed.data, spec)
+        result = self._result(reward, self._episodes)
+        self._observation = self._reward = self._episodes = None
+        return reward.step, (observation, *result)
+
+    def _result(self, reward: Any, ended: Any) -> tuple[F32, Bools, Bools, dict[str, Any]]:
+        """Return what an action brought: the answer of `VectorEnv.step` but for the observation.
+
+        :param ended: the message of the episodes that ended, None where there was none.
+        :raises ValueError: naming topic, field, what came and what was expected.
+        """
+        spec = self._spec
+        assert spec is not None
         _check_reward(spec, reward)
         finished = reward.final_rows.astype(np.int64)
         episodes: Episodes = NO_EPISODES
-        if finished.size:
-            _check_episodes(spec, self._episodes, finished)
-            episodes = messages.episodes_from_message(self._episodes)
-        info = {
+        if finished.size and ended is not None:
+            _check_episodes(spec, ended, finished)
+            episodes = messages.episodes_from_message(ended)
+        return reward.reward, reward.terminated.view(np.bool_), reward.truncated.view(np.bool_), {
             'final_rows': finished,
             'final_observation': reward.final_observation.reshape(
                 len(finished), spec.observation_size),
             'episodes': episodes,
         }
-        self._observation = self._reward = self._episodes = None
-        return reward.step, (
-            observation, reward.reward, reward.terminated.view(np.bool_),
-            reward.truncated.view(np.bool_), info,
-        )
 
 
 def observation_of(where: str, values: NDArray[np.float32], spec: WorldSpec) -> F32:

@@ -32,6 +32,7 @@ class Call:
         self._silence = Silence(node, f'an answer of {client.srv_name}', patience, topic)
         self._timeout = _TIMEOUT
         self._future: Future[Any] | None = None
+        self._again = begin
         self.due = begin
         """when `poll` wants to be called at the latest, s of the steady clock"""
         self.made = False
@@ -50,16 +51,20 @@ class Call:
         if now < self.due:
             return None
         self._silence.check(self.due)
+        if now >= self._again:
+            self._call_anew(now)
+        # No later than to say how long it has been, or that patience is over.
+        self.due = min(self._again, self._silence.due)
+        return None
+
+    def _call_anew(self, now: float) -> None:
         self.drop()
+        self._again = now + _READY_PERIOD
         if self._client.service_is_ready():
             self._future = self._client.call_async(self._request)
             self.made = True
-            # No later than to say how long it has been, or that patience is over.
-            self.due = min(now + self._timeout, self._silence.due)
+            self._again = now + self._timeout
             self._timeout *= 2
-        else:
-            self.due = now + _READY_PERIOD
-        return None
 
     def drop(self) -> None:
         """Expect no response any more."""

@@ -6,6 +6,7 @@ import secrets
 import time
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -88,13 +89,14 @@ class Client:
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all rockets by one step, exactly once, whatever gets lost on the way.
 
-        With a simulator in real time it waits for the next step instead, whichever that is.
+        With a simulator in real time it waits for a later step than the last, and answers with the
+        newest there is: rewards and ends of those passed over come with it.
 
         :raises ValueError: for bad actions; nothing was sent.
         :raises EnvironmentRestarted: when the simulator is in another session.
         :raises WireTimeout: when there is no answer.
         """
-        answer: tuple[F32, F32, Bools, Bools, dict[str, Any]] = self._do(action)
+        answer: tuple[F32, F32, Bools, Bools, dict[str, Any]] = self._do(np.asarray(action))
         return answer
 
     def snapshot(self) -> bytes:

@@ -23,6 +23,7 @@ from rocket_sim_node.wire.calling import Call
 from rocket_sim_node.wire.cdr import Codec
 from rocket_sim_node.wire.definitions import check_definitions
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.wire.latest_answers import LatestAnswers
 from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
@@ -31,13 +32,14 @@ from rocket_sim_node.worlds.flight import Command
 from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.random_streams import check_seed
 
 _NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
 """s between two tries to take a simulator that another agent flies"""
 _DESCRIPTION_TIMEOUT = 5.0
 """s from the answer of a reset to the description of its session"""
-_KEEP_PERIOD = 2.0
+_KEEP_PERIOD = 0.5
 """s of silence after which `keep` speaks"""
 
 
@@ -108,8 +110,7 @@ class Link:
                 (msg.Observation, 'observation', stream),
                 (msg.Reward, 'reward', stream),
                 (msg.Episodes, 'episodes', qos.EVENTS))]
-        observation, reward, episodes = self._mailboxes
-        self._answers = Answers(observation, reward, episodes, self._warn)
+        self._answers = Answers(self._mailboxes, self._warn)
         self._clients = {
             name: node.create_client(kind, prefix + name) for name, kind in (
                 ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
@@ -162,6 +163,8 @@ class Link:
         spec = self.described()
         if self._spec is None:
             self._spec, self._realtime = spec, self.described_realtime
+            if self._realtime:
+                self._answers = LatestAnswers(self._mailboxes, self._warn)
             self._answers.expect(spec)
         change = ''
         if spec != self._spec:
@@ -207,12 +210,14 @@ class Link:
         """
         now = self._asked = time.monotonic()
         self._answer = None
+        if isinstance(command, Reset | Restore):
+            self.step = 0  # of the session that was: it needs no keeping
         if isinstance(command, np.ndarray):
             action = commanded(self.spec, command)
             self._message = self._action.encode(
                 (self.session, self.step, self.agent),
                 (action, _NONE) if self.spec.continuous else (_NONE, action))
-            self._answers.await_step(self.session, self.step, self.realtime)
+            self._answers.await_step(self.session, self.step)
             self._publisher.publish(self._message)
             self._pause = self._options.resend_after
             self._next = now + self._pause
@@ -321,8 +326,10 @@ class Link:
 
     def _request(self, command: Command) -> Any:
         if isinstance(command, Reset):
+            if command.seed is not None:
+                check_seed(command.seed)
             return srv.Reset.Request(
-                agent=self.agent, seed=-1 if command.seed is None else command.seed,
+                agent=self.agent, seed=-1 if command.seed is None else int(command.seed),
                 settings=messages.settings_to_message(dict(command.settings)))
         if isinstance(command, Restore):
             request = srv.Restore.Request(agent=self.agent)
@@ -403,7 +410,13 @@ class Link:
 
 
 def _name(command: Command) -> str:
-    """Return the service that a command is asked of."""
+    """Return the service that a command is asked of.
+
+    :raises TypeError: for what is no command.
+    """
+    if not isinstance(command, Reset | Restore | Snapshot):
+        raise TypeError(f'a flight: got {type(command).__name__}, '
+                        'expected Reset, Restore, Snapshot or an array')
     return type(command).__name__.lower()
 
 

@@ -60,12 +60,13 @@ def settings_from_message(settings: list[Setting]) -> dict[str, float]:
 def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> World:
     """Return the description of a simulator."""
     return World(
-        world=spec.name, session=session, step=step, mode=mode, num_envs=spec.num_envs,
-        dt=spec.dt, observation_names=list(spec.observation_names),
+        world=spec.name, session=session, step=step, mode=mode,
+        num_envs=int(spec.num_envs), dt=float(spec.dt),
+        observation_names=list(spec.observation_names),
         action_names=list(spec.action_names),
         action_kind=World.CONTINUOUS if spec.continuous else World.DISCRETE,
         action_low=list(spec.action_low), action_high=list(spec.action_high),
-        action_idle=list(spec.action_idle), action_count=spec.action_count,
+        action_idle=list(spec.action_idle), action_count=int(spec.action_count),
         outcomes=list(spec.outcomes), settings=settings_to_message(spec.settings),
     )
 

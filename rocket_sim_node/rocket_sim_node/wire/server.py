@@ -33,12 +33,15 @@ from rocket_sim_node.worlds.base import SimulatedWorld
 
 _SPIN_PERIOD = 0.2
 """s; Python sees signals only between two waits"""
+_MOST_STATES = 50_000
+"""in a message of `state`, 10 MB"""
 _STEPS = 2.5
 """in real time that an order is flown at least"""
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
     'repeated answers', 'repeated actions')
+_REALTIME_EVENTS = 'clipped actions', 'engine cuts', 'late steps'
 
 
 @dataclass(frozen=True)
@@ -73,17 +76,25 @@ class Server:
     def __init__(self, node: Node, world: SimulatedWorld, options: ServerOptions) -> None:
         """Publish the world and wait for an agent.
 
-        :raises ValueError: when another agent could take over before the engine is cut.
+        :raises ValueError: when another agent could take over before the engine is cut, or for
+            messages of `state` that are too large.
         """
         self._realtime = options.mode == msg.World.REALTIME
         period = world.spec.dt / options.realtime_factor
         # In slow motion an order is a step old when the next can come; one may be missed.
         self._cut_after = max(options.action_timeout, _STEPS * period)
+        self._period = period
         if self._realtime and options.agent_lease < self._cut_after:
             raise ValueError(
                 f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, and '
                 f'{_STEPS:g} steps, {self._cut_after:g} s, or more: a second agent would '
                 'take over in flight')
+        rows = min(options.state_rows, world.spec.num_envs)
+        batch = 1 if self._realtime else options.state_batch
+        if rows * batch > _MOST_STATES:
+            raise ValueError(
+                f'state_batch: got {batch}, which with {rows} rockets (state_rows) makes '
+                f'messages of {rows * batch} states, expected at most {_MOST_STATES}')
         self._node = node
         self._world = world
         self._options = options
@@ -91,22 +102,22 @@ class Server:
         self._session = 0
         self._step = 0
         self._action: NDArray[Any] | None = None
-        self._action_time = 0.0
+        self._action_time = self._ticked = 0.0
+        self._cut = False
+        """whether the engine is off for want of an order, in real time"""
         self._action_step = -1
         """of the action flown last, in real time; an older one comes late"""
         spec = world.spec
         self._clipped = Clipped(spec)
         self._health = Health(
-            node, (*_EVENTS, 'clipped actions', 'engine cuts') if self._realtime else _EVENTS,
+            node, (*_EVENTS, *_REALTIME_EVENTS) if self._realtime else _EVENTS,
             self._present)
         self._idle = np.broadcast_to(
             np.array(spec.action_idle, np.float32), (spec.num_envs, spec.action_size)
         ) if spec.continuous else np.full(spec.num_envs, int(spec.action_idle[0]))
         self._result = ResultPublisher(node)
         self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
-        self._state = StateStream(
-            node, world, options.state_rows,
-            options.state_batch if options.mode == msg.World.LOCKSTEP else 1)
+        self._state = StateStream(node, world, rows, batch)
         self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
         self._services = [
             node.create_service(kind, name, answer) for kind, name, answer in (
@@ -167,7 +178,7 @@ class Server:
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
         self._health.clear('actions are back: they are flown again')
         self._action, self._action_step = action, message.step
-        self._action_time = self._now()
+        self._action_time, self._cut = self._now(), False
 
     def _action_refusal(self, message: Any) -> str:
         """Return why an action is not for this moment; empty when it is."""
@@ -196,7 +207,7 @@ class Server:
     # Real time
 
     def _now(self) -> float:
-        """Return a steady time in s: real-time mode only, lock-step never looks at a clock."""
+        """Return a steady time in s: for real-time mode only, lock-step goes by no clock."""
         return self._lease.now()
 
     def _on_tick(self) -> None:
@@ -205,15 +216,18 @@ class Server:
         While nobody has control, or who has it fell silent for as long as the lease, nothing
         moves: there is no flight then.
         """
-        if self._action is not None and (
-                self._now() - self._action_time > self._cut_after):
-            self._action = None
+        now = self._now()
+        if not self._cut and self._lease.owner != NOBODY and (
+                now - self._action_time > self._cut_after):
+            self._action, self._cut = None, True
             self._health.alarm(
                 'engine cuts', f'action: none for {self._cut_after:g} s: engine cut')
-        if self._action is not None:
-            self._advance(self._action)
-        elif not self._lease.vacant:
-            self._advance(self._idle)
+        late, self._ticked = now - self._ticked > 2 * self._period, now
+        if self._action is None and self._lease.vacant:
+            return
+        self._advance(self._idle if self._action is None else self._action)
+        if late:
+            self._health.count('late steps')
 
     # Services
 
@@ -291,7 +305,7 @@ class Server:
         self._state.flush()
         self._session = secrets.randbits(63) + 1
         self._step, self._action_step = 0, -1
-        self._action = None
+        self._action, self._action_time, self._cut = None, self._now(), False
         self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)
         self._publish_world()

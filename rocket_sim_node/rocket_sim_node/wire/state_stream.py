@@ -22,8 +22,8 @@ class StateStream:
     def __init__(self, node: Node, world: SimulatedWorld, rows: int, batch: int) -> None:
         """Advertise the topic; no rows, no messages."""
         self._world = world
-        self._count = min(rows, world.spec.num_envs)
-        self._rows = slice(0, self._count)
+        self._count = rows
+        self._rows = slice(0, rows)
         self._batch = batch
         self._captured: list[F64] = []
         self._steps: list[int] = []

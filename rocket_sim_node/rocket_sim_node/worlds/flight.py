@@ -122,14 +122,20 @@ class Mooring:
 
 
 def execute(env: VectorEnv, command: Command) -> Any:
-    """Have an environment do what a flight wants; return the answer."""
+    """Have an environment do what a flight wants; return the answer.
+
+    :raises TypeError: for what is no command.
+    """
     if isinstance(command, np.ndarray):
         return env.step(command)
     if isinstance(command, Reset):
         return env.reset(command.seed, **command.settings)
     if isinstance(command, Restore):
         return env.restore(command.state)
-    return env.snapshot()
+    if isinstance(command, Snapshot):
+        return env.snapshot()
+    raise TypeError(
+        f'a flight: got {type(command).__name__}, expected Reset, Restore, Snapshot or an array')
 
 
 def fly(

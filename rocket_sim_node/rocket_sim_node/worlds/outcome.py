@@ -14,7 +14,6 @@ OUTCOMES = (
     'landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds',
 )
 LANDED, TOO_FAST, TIPPED, OFF_PAD, TILT_LIMIT, TIMEOUT, OUT_OF_BOUNDS = range(7)
-TOUCHDOWNS = (LANDED, TOO_FAST, TIPPED, OFF_PAD)
 
 
 def step_limit(task: TaskSettings, dt: float) -> int:

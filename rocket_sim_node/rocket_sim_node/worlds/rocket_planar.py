@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node import settings as settings_module
 from rocket_sim_node.worlds import outcome as outcomes
 from rocket_sim_node.worlds import planar_contact
 from rocket_sim_node.worlds import planar_vehicle
@@ -97,12 +96,13 @@ class RocketPlanarWorld(RocketWorld):
                 f'expected at most touchdown_limit, {settings.touchdown_limit} s')
         widest = np.deg2rad(min(spawn.spawn_range(settings).angle, settings.tilt_limit))
         lean = np.linspace(0.0, widest, 91)
-        reach = -planar_vehicle.foot_height(
-            0.0, np.sin(lean), np.cos(lean), settings_module.as_dict(settings)).min()
+        corners = np.array([*planar_vehicle.feet(settings), *planar_vehicle.hull(settings)])
+        reach = -planar_contact.heights(
+            corners, np.zeros_like(lean), np.sin(lean), np.cos(lean)).min()
         if settings.spawn_height <= reach:
             raise ValueError(
                 f"setting 'spawn_height': got {settings.spawn_height}, expected more than "
-                f'{reach:.3f} m, where a foot could touch')
+                f'{reach:.3f} m, where foot or hull could touch')
         super()._use(settings)
 
     # The pilot's axes
