@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from dataclasses import fields
+from typing import Any
 
 NAN = float('nan')
 
@@ -52,6 +54,13 @@ class Status:
     best_return: float = NAN
     saved: str = ''
     message: str = ''
+
+    def of_run(self) -> dict[str, Any]:
+        """Return what stays known of the run when its learning is over, by field."""
+        return {
+            field.name: getattr(self, field.name) for field in fields(self)
+            if field.name in ('run', 'folder', 'stages', 'steps')
+            or field.name.startswith(('selection_', 'best_'))}
 
     @property
     def is_iteration(self) -> bool:

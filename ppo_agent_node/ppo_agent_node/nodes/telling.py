@@ -43,17 +43,10 @@ class Teller:
 
     def report_evaluation(self, status: Status) -> None:
         """Tell of the flights that follow; what is known of the run stays known."""
-        last = self._last
         self._tell(replace(
-            status, run=last.run, folder=last.folder, stages=last.stages, steps=last.steps,
-            elapsed=time.monotonic() - self._began, progress=status.iteration,
-            goal=status.iterations, unit='episodes', saved=status.saved or last.saved,
-            selection_iteration=last.selection_iteration,
-            selection_landing_rate=last.selection_landing_rate,
-            selection_landing_rate_low=last.selection_landing_rate_low,
-            selection_landing_rate_high=last.selection_landing_rate_high,
-            selection_return=last.selection_return, best_iteration=last.best_iteration,
-            best_landing_rate=last.best_landing_rate, best_return=last.best_return))
+            status, **self._last.of_run(), elapsed=time.monotonic() - self._began,
+            progress=status.iteration, goal=status.iterations, unit='episodes',
+            saved=status.saved or self._last.saved))
 
     def advise(self, simulators: str) -> None:
         """Say how to resume, if nobody else will; of a run that never began leave nothing.

@@ -18,7 +18,7 @@ class ControlLease:
 
     def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with nobody in control."""
-        self._seconds = seconds
+        self.seconds = seconds
         self._clock = clock
         self._heard = 0.0
         self.owner = NOBODY
@@ -30,7 +30,7 @@ class ControlLease:
         silent = self._clock() - self._heard
         return (
             f'agent: {agent:016x}, but agent {self.owner:016x} flies this simulator '
-            f'(heard {silent:.1f} s ago; free after {self._seconds:g} s of silence)'
+            f'(heard {silent:.1f} s ago; free after {self.seconds:g} s of silence)'
         )
 
     def stranger(self, agent: int) -> str:
@@ -44,7 +44,7 @@ class ControlLease:
     @property
     def vacant(self) -> bool:
         """Whether any agent may take control: nobody has it, or was silent for so long."""
-        return self.owner == NOBODY or self._clock() - self._heard >= self._seconds
+        return self.owner == NOBODY or self._clock() - self._heard >= self.seconds
 
     def take(self, agent: int) -> None:
         """Give control to `agent`."""

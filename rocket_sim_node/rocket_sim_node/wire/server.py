@@ -16,6 +16,7 @@ from rocket_msgs import srv
 
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
+from rocket_sim_node.wire import real_time
 from rocket_sim_node.wire import stopping
 from rocket_sim_node.wire.control import NOBODY
 from rocket_sim_node.wire.control import ControlLease
@@ -23,11 +24,13 @@ from rocket_sim_node.wire.health import Health
 from rocket_sim_node.wire.health import shortened
 from rocket_sim_node.wire.inbox import Inbox
 from rocket_sim_node.wire.inbox import Mailbox
+from rocket_sim_node.wire.real_time import RealTime
 from rocket_sim_node.wire.results import ResultPublisher
 from rocket_sim_node.wire.state_stream import StateStream
 from rocket_sim_node.wire.steady import create_timer
 from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.actions import idle_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
 
@@ -35,13 +38,10 @@ _SPIN_PERIOD = 0.2
 """s; Python sees signals only between two waits"""
 _MOST_STATES = 50_000
 """in a message of `state`, 10 MB"""
-_STEPS = 2.5
-"""in real time that an order is flown at least"""
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
-    'repeated answers', 'repeated actions')
-_REALTIME_EVENTS = 'clipped actions', 'engine cuts', 'late steps'
+    'repeated answers')
 
 
 @dataclass(frozen=True)
@@ -79,18 +79,9 @@ class Server:
         :raises ValueError: when another agent could take over before the engine is cut, or for
             messages of `state` that are too large.
         """
-        self._realtime = options.mode == msg.World.REALTIME
-        period = world.spec.dt / options.realtime_factor
-        # In slow motion an order is a step old when the next can come; one may be missed.
-        self._cut_after = max(options.action_timeout, _STEPS * period)
-        self._period = period
-        if self._realtime and options.agent_lease < self._cut_after:
-            raise ValueError(
-                f'agent_lease: got {options.agent_lease:g} s, expected action_timeout, and '
-                f'{_STEPS:g} steps, {self._cut_after:g} s, or more: a second agent would '
-                'take over in flight')
+        realtime = options.mode == msg.World.REALTIME
         rows = min(options.state_rows, world.spec.num_envs)
-        batch = 1 if self._realtime else options.state_batch
+        batch = 1 if realtime else options.state_batch
         if rows * batch > _MOST_STATES:
             raise ValueError(
                 f'state_batch: got {batch}, which with {rows} rockets (state_rows) makes '
@@ -101,20 +92,13 @@ class Server:
         self._lease = ControlLease(options.agent_lease)
         self._session = 0
         self._step = 0
-        self._action: NDArray[Any] | None = None
-        self._action_time = self._ticked = 0.0
-        self._cut = False
-        """whether the engine is off for want of an order, in real time"""
-        self._action_step = -1
-        """of the action flown last, in real time; an older one comes late"""
-        spec = world.spec
-        self._clipped = Clipped(spec)
+        self._clipped = Clipped(world.spec)
         self._health = Health(
-            node, (*_EVENTS, *_REALTIME_EVENTS) if self._realtime else _EVENTS,
-            self._present)
-        self._idle = np.broadcast_to(
-            np.array(spec.action_idle, np.float32), (spec.num_envs, spec.action_size)
-        ) if spec.continuous else np.full(spec.num_envs, int(spec.action_idle[0]))
+            node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
+        period = world.spec.dt / options.realtime_factor
+        self._realtime = RealTime(
+            period, options.action_timeout, idle_action(world.spec), self._lease, self._health,
+        ) if realtime else None
         self._result = ResultPublisher(node)
         self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
         self._state = StateStream(node, world, rows, batch)
@@ -126,8 +110,7 @@ class Server:
                 (srv.Restore, 'restore', self._on_restore),
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
-        self._timers = [create_timer(
-            node, period, self._on_tick)] if self._realtime else []
+        self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -155,11 +138,11 @@ class Server:
         if refusal:
             self._health.refuse('action', refusal)
             return
-        if self._realtime and message.step == self._action_step:
+        if self._realtime and message.step == self._realtime.step:
             # Sent again, or late: no order of this moment. Whoever gives it may see nothing.
             self._health.count('repeated actions')
             return
-        if not self._realtime and message.step == self._step - 1:
+        if self._realtime is None and message.step == self._step - 1:
             self._health.count('repeated answers')
             self._result.publish()
             return
@@ -170,15 +153,13 @@ class Server:
             self._health.refuse('action', str(error))
             return
         clipped = self._clipped.note(given, action)
-        if not self._realtime:
+        if self._realtime is None:
             self._advance(action)
             return
         if clipped:
             # In lock-step it is only counted: who learns explores, beyond the bounds too.
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
-        self._health.clear('actions are back: they are flown again')
-        self._action, self._action_step = action, message.step
-        self._action_time, self._cut = self._now(), False
+        self._realtime.follow(action, message.step)
 
     def _action_refusal(self, message: Any) -> str:
         """Return why an action is not for this moment; empty when it is."""
@@ -190,7 +171,7 @@ class Server:
             self._publish_world()
             return f'session: {message.session:016x}, expected {self._session:016x}'
         self._lease.heard()
-        oldest = max(self._action_step if self._realtime else self._step - 1, 0)
+        oldest = max(self._realtime.step if self._realtime else self._step - 1, 0)
         if not oldest <= message.step <= self._step:
             expected = f'{oldest} to {self._step}' if oldest < self._step else f'{oldest}'
             return f'step: {message.step}, expected {expected}'
@@ -204,30 +185,12 @@ class Server:
         self._result.publish()
         self._state.add(self._session, self._step)
 
-    # Real time
-
-    def _now(self) -> float:
-        """Return a steady time in s: for real-time mode only, lock-step goes by no clock."""
-        return self._lease.now()
-
     def _on_tick(self) -> None:
-        """Advance by dt with the last action, or with the engine off when that is too old.
-
-        While nobody has control, or who has it fell silent for as long as the lease, nothing
-        moves: there is no flight then.
-        """
-        now = self._now()
-        if not self._cut and self._lease.owner != NOBODY and (
-                now - self._action_time > self._cut_after):
-            self._action, self._cut = None, True
-            self._health.alarm(
-                'engine cuts', f'action: none for {self._cut_after:g} s: engine cut')
-        late, self._ticked = now - self._ticked > 2 * self._period, now
-        if self._action is None and self._lease.vacant:
-            return
-        self._advance(self._idle if self._action is None else self._action)
-        if late:
-            self._health.count('late steps')
+        """Advance by dt in real time, while there is a flight."""
+        assert self._realtime is not None
+        action = self._realtime.due()
+        if action is not None:
+            self._advance(action)
 
     # Services
 
@@ -291,7 +254,8 @@ class Server:
     def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
         if self._lease.release(request.agent):
             response.code = response.OK
-            self._action = None
+            if self._realtime:
+                self._realtime.begin()
             self._health.clear('the agent has let go')
             self._state.flush()
         else:
@@ -304,8 +268,9 @@ class Server:
         """Draw a new session and publish its first observation."""
         self._state.flush()
         self._session = secrets.randbits(63) + 1
-        self._step, self._action_step = 0, -1
-        self._action, self._action_time, self._cut = None, self._now(), False
+        self._step = 0
+        if self._realtime:
+            self._realtime.begin()
         self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)
         self._publish_world()

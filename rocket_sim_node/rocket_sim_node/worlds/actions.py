@@ -37,6 +37,13 @@ def checked_action(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     return clipped
 
 
+def idle_action(spec: WorldSpec) -> NDArray[Any]:
+    """Return the batch's actions where nobody gives any, as `checked_action` would."""
+    if not spec.continuous:
+        return np.full(spec.num_envs, int(spec.action_idle[0]))
+    return np.tile(np.array(spec.action_idle, np.float64), (spec.num_envs, 1))
+
+
 def commanded(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return the batch's actions as they travel: checked, not clipped.
 
