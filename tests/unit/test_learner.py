@@ -120,6 +120,16 @@ def batch(one: Learner) -> Batch:
     return Batch(observation, action, log_prob, advantage, value + error, value)
 
 
+@pytest.mark.parametrize('field', ['advantage', 'target'])
+def test_an_update_that_diverges_is_told(field: str) -> None:
+    one = learner()
+    samples = batch(one)
+    poisoned = samples._replace(**{field: torch.full((256,), torch.inf)})
+    whose = {'advantage': 'policy', 'target': 'critic'}[field]
+    with pytest.raises(ValueError, match=f'iteration 99: the weights of the {whose} are not'):
+        one.improve(99, poisoned, lambda: None)
+
+
 def improved(one: Learner, iterations: int = 2) -> dict[str, torch.Tensor]:
     samples = batch(one)
     for iteration in range(1, iterations + 1):

@@ -76,10 +76,11 @@ class Learner:
 
         :param iteration: from 1.
         :param poll: called before each minibatch; may raise, which leaves it half-done.
+        :raises ValueError: when weights come out of it that are not finite.
         """
         c = self._ppo
-        self._carry(there=True)
-        return self._improve(
+        self._carry(there=True)  # the critic says what is worth learning
+        return self.improve(
             iteration, rollout.batch(self._values, c.gamma, c.gae_lambda, c.reward_scale), poll)
 
     def _values(self, observation: Tensor) -> Tensor:
@@ -92,13 +93,8 @@ class Learner:
         self, iteration: int, batch: Batch, poll: Callable[[], None],
     ) -> tuple[Diagnostics, float]:
         """Improve both networks by samples, as `learn` does by those of a roll-out."""
-        self._carry(there=True)
-        return self._improve(iteration, batch, poll)
-
-    def _improve(
-        self, iteration: int, batch: Batch, poll: Callable[[], None],
-    ) -> tuple[Diagnostics, float]:
         c = self._ppo
+        self._carry(there=True)
         part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
         rates = [c.actor_learning_rate * part]
         if self.policy.noise_parameters():
@@ -110,6 +106,11 @@ class Learner:
             train_policy=iteration > c.critic_warmup_iterations, poll=poll)
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)
+        for name, network in (('policy', self.policy), ('critic', self.critic)):
+            if not all(bool(weight.isfinite().all()) for weight in network.parameters()):
+                raise ValueError(
+                    f'iteration {iteration}: the weights of the {name} are not finite any more: '
+                    'rewards or learning rates are too large')
         return diagnostics, rates[0]
 
     def _carry(self, there: bool) -> None:
