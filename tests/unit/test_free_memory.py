@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ppo_agent_node.learning import free_memory
+from rocket_sim_node import free_memory
 
 PIECES, SIZE = 4000, 50_000
 """bytes; smaller than what the C library takes from the system one by one"""

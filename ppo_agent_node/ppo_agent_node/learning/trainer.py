@@ -21,7 +21,6 @@ from typing import TypeVar
 import numpy as np
 
 from ppo_agent_node.evaluation.intervals import wilson
-from ppo_agent_node.learning import free_memory
 from ppo_agent_node.learning import rehearsal
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
@@ -53,6 +52,7 @@ from ppo_agent_node.learning.selection import Score
 from ppo_agent_node.learning.selection import fly_selection
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.threads import tensor_threads
+from rocket_sim_node import free_memory
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight

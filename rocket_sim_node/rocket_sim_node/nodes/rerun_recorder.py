@@ -15,6 +15,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
 
+from rocket_sim_node import free_memory
 from rocket_sim_node.recording import touchdown
 from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.file_sink import FileSink
@@ -37,6 +38,7 @@ from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.steady import create_timer
 from rocket_sim_node.wire.transport import SharedMemory
 
 _SPIN_PERIOD = 0.2
@@ -167,6 +169,7 @@ def record(node: Node, executor: Executor) -> None:
             note('WARN', 'nothing to do: set output, connect or serve_web')
         recorder = Recorder(choice, sinks, note, settle=touchdown.follow)
         heard = RecorderNode(node, recorder)
+        create_timer(node, free_memory.PERIOD, free_memory.give_back)
         if destinations.output:
             note('INFO', f'recording to {destinations.output}')
         try:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 from rocket_msgs import srv
 
+from rocket_sim_node import free_memory
 from rocket_sim_node.wire import messages
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire import real_time
@@ -111,6 +112,7 @@ class Server:
                 (srv.Release, 'release', self._on_release))]
         self._begin_session(world.observe())
         self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
+        create_timer(node, free_memory.PERIOD, free_memory.give_back)
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import ctypes
 
+PERIOD = 10.0
+"""s; how often who runs for days may do that: a call takes a millisecond or a few"""
+
 _TRIM = getattr(ctypes.CDLL(None), 'malloc_trim', None)
 """of glibc; other C libraries have none"""
 
@@ -11,8 +14,9 @@ _TRIM = getattr(ctypes.CDLL(None), 'malloc_trim', None)
 def give_back() -> None:
     """Give the free memory of this process back to the system, where that can be done.
 
-    Roll-outs and updates allocate arrays of many sizes anew. What they leave free lies in pieces
-    in the heap, into which the next ones do not quite fit, and the C library keeps it.
+    Roll-outs and updates allocate arrays of many sizes anew, and DDS what it knows of its peers.
+    What they leave free lies in pieces in the heap, into which the next ones do not quite fit, and
+    the C library keeps it.
     """
     if _TRIM is not None:
         _TRIM(0)
