@@ -181,8 +181,9 @@ def test_an_agent_that_only_computes_gives_no_orders(
     processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, 'agent_lease': lease})
     client, other = make_client(), make_client()
-    client.reset(1)
+    client.connect()
     watch = Watch(client)
+    client.reset(1)
     begun = time.monotonic()
     client.step(FULL)
     over = threading.Event()
@@ -273,9 +274,11 @@ def test_an_action_sent_again_is_no_new_order(
     """As by an agent that hears nothing any more, or by a network that doubles and delays."""
     process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client = make_client()
-    client.reset(1)
+    client.connect()
     watch = Watch(client)
     blind = client.node.create_publisher(msg.Action, 'action', qos.STREAM)
+    watch.until(lambda: blind.get_subscription_count() > 0)
+    client.reset(1)
     order = msg.Action(
         session=client.link.session, step=client.link.step, agent=client.link.agent,
         continuous=messages.to_sequence(FULL, 'f4'))

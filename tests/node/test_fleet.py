@@ -192,7 +192,7 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
 
     seeds = range(16)
     with make_fleet() as fleet:
-        assert '/sim_0 has joined' in fly_until('/sim_0 has joined', fleet, capfd)
+        assert '/sim_0 has joined' in fly_until('simulators: 2', fleet, capfd)
         result = flown(fleet, seeds, poll)
         text = fly_until('it is not flown', fleet, capfd)
     assert_same_flights(result, in_process(seeds))

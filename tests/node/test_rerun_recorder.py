@@ -290,13 +290,12 @@ def test_an_agent_in_another_namespace_is_there_while_it_publishes(
     monkeypatch.setattr(rerun_recorder, '_AGENT_GONE', 0.1)
     agent, _ = make_node()
     publisher = agent.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
-    node, executor = make_node(
+    node, _ = make_node(
         '/sim_0', cli_args=['--ros-args', '-r', 'training:=/training'])
     over: list[str] = []
     recorder: Any = SimpleNamespace(training_is_over=lambda: over.append('over'))
     recorder_node = rerun_recorder.RecorderNode(node, recorder)
-    while not publisher.get_subscription_count():
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(lambda: bool(node.count_publishers('/training')), 20.0)
     time.sleep(0.3)
     recorder_node.look_after_agents()
     assert not over

@@ -195,11 +195,13 @@ def test_bad_resets_are_named_and_change_nothing(
         words: str) -> None:
     client = make_client()
     client.reset(4, level=3)
+    world = make('rocket', num_envs=N)
+    world.reset(4, level=3)
+    for action in actions(3):
+        assert_same(client.step(action), world.step(action))
     session = client.link.session
     with pytest.raises(ValueError, match=words):
         client.reset(seed, **settings)
-    world = make('rocket', num_envs=N)
-    world.reset(4, level=3)
     assert client.link.session == session
     assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
 
@@ -207,10 +209,12 @@ def test_bad_resets_are_named_and_change_nothing(
 def test_damaged_snapshot_is_refused(simulator: Process, make_client: MakeClient) -> None:
     client = make_client()
     client.reset(4)
+    client.step(actions(1)[0])
     state = client.snapshot()
     for damaged in (b'', b'nonsense', state[:-20], make('rocket', num_envs=3).snapshot()):
         with pytest.raises(ValueError, match='snapshot'):
             client.restore(damaged)
+    assert client.snapshot() == state
     client.step(actions(1)[0])
 
 

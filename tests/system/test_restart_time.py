@@ -75,6 +75,9 @@ def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started
     world = simulator(processes)
     agent = AGENTS[killed](processes, tmp_path / 'run', False)
     told(agent, EXCHANGE)
+    if killed == 'agent':  # so that it goes on from a checkpoint each time
+        saved = tmp_path / 'run' / 'checkpoints'
+        wait_until(lambda: any(saved.glob('iteration_*')), 60.0, agent.output)
     seconds, whole = [], []
     rounds = NIGHTLY_ROUNDS if nightly else ROUNDS
     while len(seconds) < rounds:

@@ -110,7 +110,7 @@ class Learner:
             if not all(bool(weight.isfinite().all()) for weight in network.parameters()):
                 raise ValueError(
                     f'iteration {iteration}: the weights of the {name} are not finite any more: '
-                    'rewards or learning rates are too large')
+                    'rewards or learning rates are too large; resumed with these it ends so again')
         return diagnostics, rates[0]
 
     def _carry(self, there: bool) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from rocket_msgs import msg
 
@@ -48,6 +49,7 @@ _FRAME = 1 / 15
 _IDLE = 0.05
 """s between two looks at the keys on the ground"""
 _LOST = (SimulatorBusy, WireTimeout, EnvironmentRestarted)
+_NEXT = ('', 'r: next start   t: this start again   h: help   q: quit')
 
 
 @dataclass(frozen=True)
@@ -206,8 +208,11 @@ class HandFlying:
 
     def _touch_down(self, start: Start, info: dict[str, Any], watch: Watch) -> None:
         """Tell how a flight ended."""
-        row = int((info['episodes'].row == 0).nonzero()[0][0])
-        flight = Flight.of(info['episodes'], row, self._spec)
+        rows = np.flatnonzero(info['episodes'].row == 0)
+        if not rows.size:
+            self._view.notes = [('', 'how it ended got lost on the way'), ('', ''), _NEXT]
+            return
+        flight = Flight.of(info['episodes'], int(rows[0]), self._spec)
         self._flights[flight.outcome] += 1
         self._best = max(self._best, flight.episode_return)
         self._flown = flight, watch
@@ -217,8 +222,7 @@ class HandFlying:
     def _report(self, expert: Flight | None = None) -> None:
         """Put what there is to say after a flight below the instruments."""
         self._view.notes = [
-            *debrief(self._flown[0], expert, self._flown[1]), ('', ''),
-            ('', 'r: next start   t: this start again   h: help   q: quit')]
+            *debrief(self._flown[0], expert, self._flown[1]), ('', ''), _NEXT]
 
     def _let_the_expert_fly(self) -> None:
         """Go on with the flight to compare with, a few steps, so that keys need not wait."""

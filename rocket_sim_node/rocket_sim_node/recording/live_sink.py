@@ -127,8 +127,8 @@ class LiveSink:
             self._queue.put(None, timeout=1.0)
             self._thread.join(1.0)
         if self.dropped:
-            self._note('WARN', f'the viewer at {self._url} was too slow: {self.dropped} flights, '
-                               'or parts of them, were not shown')
+            self._note('WARN', f'{self.dropped} flights, or parts of them, were not taken in time '
+                               f'by the viewer at {self._url}')
 
     def _put(self, item: _Item) -> None:
         try:

@@ -10,8 +10,8 @@ from rclpy.task import Future
 
 from rocket_sim_node.wire.waiting import Silence
 
-_TIMEOUT = 0.25
-"""s after which a call is made anew; doubled each time, as it may just take long"""
+_TIMEOUT, _LONGEST = 0.25, 10.0
+"""s after which a call is made anew; doubled each time, up to this, as it may just take long"""
 _READY_PERIOD = 0.05
 """s between two looks at whether the service is there"""
 
@@ -64,7 +64,7 @@ class Call:
             self._future = self._client.call_async(self._request)
             self.made = True
             self._again = now + self._timeout
-            self._timeout *= 2
+            self._timeout = min(2 * self._timeout, _LONGEST)
 
     def drop(self) -> None:
         """Expect no response any more."""

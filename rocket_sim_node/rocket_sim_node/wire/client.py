@@ -90,7 +90,7 @@ class Client:
         """Advance all rockets by one step, exactly once, whatever gets lost on the way.
 
         With a simulator in real time it waits for a later step than the last, and answers with the
-        newest there is: rewards and ends of those passed over come with it.
+        newest there is: rewards and ends of those passed over come with it, of four at most.
 
         :raises ValueError: for bad actions; nothing was sent.
         :raises EnvironmentRestarted: when the simulator is in another session.

@@ -173,7 +173,7 @@ class Fleet:
         """Give a member's flight back, and expect nothing of it before it is heard again."""
         report(f'{member.link.name}: {why}; its flight begins anew')
         self._give_back(member, waiting)
-        member.link.step = 0  # so that nothing is sent to keep it
+        member.link.let_go()
         member.lost_at = time.monotonic()
 
     @staticmethod

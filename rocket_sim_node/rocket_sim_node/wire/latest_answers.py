@@ -19,7 +19,7 @@ from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.worlds.base import Episodes
 
 _KEPT = 16
-"""messages of a topic that may be kept; queues are shorter"""
+"""messages of a topic that may be kept, whoever sends them"""
 
 
 class LatestAnswers(Answers):
@@ -27,7 +27,8 @@ class LatestAnswers(Answers):
 
     Rewards of the steps that were passed over are added up, and who ended in them has ended: who
     did so twice counts once in `final_rows`, with the last observation, and twice in `episodes`.
-    What of a step got lost is missing.
+    What of a step got lost is missing, and so is what no queue holds any more: a pilot that is
+    more than four steps late hears of the last four.
     """
 
     def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:

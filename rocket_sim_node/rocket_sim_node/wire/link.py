@@ -98,6 +98,8 @@ class Link:
         self._asked = 0.0
         self._claimed = False
         """whether the simulator may believe that it is ours"""
+        self._flying = False
+        """whether a step was taken since the last reset or restore was asked for"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -211,7 +213,7 @@ class Link:
         now = self._asked = time.monotonic()
         self._answer = None
         if isinstance(command, Reset | Restore):
-            self.step = 0  # of the session that was: it needs no keeping
+            self._flying = False
         if isinstance(command, np.ndarray):
             action = commanded(self.spec, command)
             self._message = self._action.encode(
@@ -250,9 +252,14 @@ class Link:
         if isinstance(command, np.ndarray):
             self._spoke = self.heard = time.monotonic()
             self.step, answer = self._answers.take()
+            self._flying = True
             return answer
         answer, self._answer = self._answer, None
         return answer
+
+    def let_go(self) -> None:
+        """Remind the simulator of nobody before it has flown for us again."""
+        self._flying = False
 
     def drop(self) -> None:
         """Expect nothing any more of what was asked."""
@@ -300,7 +307,9 @@ class Link:
         order of the past: there, who computes for long has the engine cut.
         """
         now = time.monotonic()
-        if self.step > 0 and not self.realtime and now - self._spoke > _KEEP_PERIOD:
+        if isinstance(self._command, np.ndarray) or self.realtime or not self._flying:
+            return  # asked for the next step, that is asked for again anyway
+        if now - self._spoke > _KEEP_PERIOD:
             self._spoke = now
             self._publisher.publish(self._message)
 
