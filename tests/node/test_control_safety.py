@@ -16,6 +16,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
+from processes import Process
 from processes import Processes
 from processes import wait_until
 from rcl_interfaces.srv import ListParameters
@@ -106,6 +107,20 @@ class Watch:
         self.until(lambda: self.step >= goal)
 
 
+def realtime(
+    processes: Processes, make_client: MakeClient, **options: object,
+) -> tuple[Process, Client, Watch]:
+    """Return a simulator by the clock, a client that has not reset it yet, and who watches.
+
+    Whoever has reset it and then takes its time has its engine cut.
+    """
+    process = processes.run_node(
+        'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, **options})
+    client = make_client()
+    client.connect()
+    return process, client, Watch(client)
+
+
 @pytest.fixture
 def jumping_clock(make_node: Callable[..., Any]) -> Iterator[None]:
     """A `/clock` that jumps hours ahead and back."""
@@ -130,11 +145,7 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
         processes: Processes, make_client: MakeClient, jumping_clock: None,
         sim_time: bool) -> None:
     """By the steady clock: that of ROS may jump, it moves nothing."""
-    process = processes.run_node(
-        'rocket_sim_node', 'simulator', num_envs=N, use_sim_time=sim_time, **REALTIME)
-    client = make_client()
-    client.connect()
-    watch = Watch(client)
+    process, client, watch = realtime(processes, make_client, use_sim_time=sim_time)
     client.reset(1)
     for cut in (1, 2):
         for _ in range(10):
@@ -158,10 +169,7 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
 def test_an_agent_that_never_gives_an_order_is_told(
         processes: Processes, make_client: MakeClient) -> None:
     """It died after its reset, or nobody hears it."""
-    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
-    client = make_client()
-    client.connect()
-    watch = Watch(client)
+    process, client, watch = realtime(processes, make_client)
     watch.until(lambda: watch['engine cuts'] == '0')
     assert watch.status.level == DiagnosticStatus.OK  # nobody flies
     client.reset(1)
@@ -178,11 +186,8 @@ def test_an_agent_that_only_computes_gives_no_orders(
     """Its engine is cut, and after the lease another one may take over."""
     monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.02)
     lease = 3.0
-    processes.run_node(
-        'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, 'agent_lease': lease})
-    client, other = make_client(), make_client()
-    client.connect()
-    watch = Watch(client)
+    _, client, watch = realtime(processes, make_client, agent_lease=lease)
+    other = make_client()
     client.reset(1)
     begun = time.monotonic()
     client.step(FULL)
@@ -272,10 +277,7 @@ def test_in_slow_motion_the_engine_burns_on(
 def test_an_action_sent_again_is_no_new_order(
         processes: Processes, make_client: MakeClient) -> None:
     """As by an agent that hears nothing any more, or by a network that doubles and delays."""
-    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
-    client = make_client()
-    client.connect()
-    watch = Watch(client)
+    process, client, watch = realtime(processes, make_client)
     blind = client.node.create_publisher(msg.Action, 'action', qos.STREAM)
     watch.until(lambda: blind.get_subscription_count() > 0)
     client.reset(1)

@@ -32,6 +32,7 @@ from rocket_sim_node.worlds.flight import Command
 from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.flight import no_command
 from rocket_sim_node.worlds.random_streams import check_seed
 
 _NONE = np.zeros(0)
@@ -424,8 +425,7 @@ def _name(command: Command) -> str:
     :raises TypeError: for what is no command.
     """
     if not isinstance(command, Reset | Restore | Snapshot):
-        raise TypeError(f'a flight: got {type(command).__name__}, '
-                        'expected Reset, Restore, Snapshot or an array')
+        raise no_command(command)
     return type(command).__name__.lower()
 
 

@@ -121,6 +121,12 @@ class Mooring:
         return None
 
 
+def no_command(found: object) -> TypeError:
+    """Return the error for what a flight cannot ask for."""
+    return TypeError(
+        f'a flight: got {type(found).__name__}, expected Reset, Restore, Snapshot or an array')
+
+
 def execute(env: VectorEnv, command: Command) -> Any:
     """Have an environment do what a flight wants; return the answer.
 
@@ -134,8 +140,7 @@ def execute(env: VectorEnv, command: Command) -> Any:
         return env.restore(command.state)
     if isinstance(command, Snapshot):
         return env.snapshot()
-    raise TypeError(
-        f'a flight: got {type(command).__name__}, expected Reset, Restore, Snapshot or an array')
+    raise no_command(command)
 
 
 def fly(
