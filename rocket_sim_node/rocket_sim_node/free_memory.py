@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import time
 
 PERIOD = 10.0
 """s; how often who runs for days may do that: a call takes a millisecond or a few"""
@@ -20,3 +21,18 @@ def give_back() -> None:
     """
     if _TRIM is not None:
         _TRIM(0)
+
+
+class NowAndThen:
+    """Gives free memory back when called, if PERIOD has passed since it last did."""
+
+    def __init__(self) -> None:
+        """Begin: the first time is a period from now at the earliest."""
+        self._last = time.monotonic()
+
+    def __call__(self) -> None:
+        """Give back what is free, if it is time."""
+        now = time.monotonic()
+        if now - self._last >= PERIOD:
+            self._last = now
+            give_back()

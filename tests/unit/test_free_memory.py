@@ -31,3 +31,13 @@ def test_free_memory_goes_back_to_the_system() -> None:
     after = used()
     assert len(kept) == PIECES / 4
     assert before - after > 0.4 * PIECES * SIZE / 1e6, (full, before, after)
+
+
+def test_it_is_given_back_once_in_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, given = [100.0], []
+    monkeypatch.setattr('time.monotonic', lambda: clock[0])
+    monkeypatch.setattr(free_memory, 'give_back', lambda: given.append(clock[0]))
+    now_and_then = free_memory.NowAndThen()
+    for clock[0] in (100.0, 109.9, 110.0, 110.1, 119.9, 125.0, 134.9, 135.0):
+        now_and_then()
+    assert given == [110.0, 125.0, 135.0]

@@ -26,6 +26,7 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
+from rocket_sim_node import free_memory
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
@@ -348,6 +349,36 @@ def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Pat
         sealed_file.write(newest, 'checkpoint', broken, {**content, **damage})
         with pytest.raises(ValueError, match=f'iteration_000006.*{text}'):
             train(path, resume=True)
+
+
+@pytest.mark.parametrize('threads', [1, 2])
+def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
+    threads: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: list[tuple[str, int]] = []
+    told: list[Status] = []
+    flying = [False]
+    fly = Trainer._fly
+
+    def flown(*arguments: Any) -> Any:
+        flying[0] = True
+        yield from fly(*arguments)
+        flying[0] = False
+
+    def give_back() -> None:
+        assert not flying[0]
+        given.append((told[-1].stage, told[-1].iteration))
+
+    monkeypatch.setattr(Trainer, '_fly', flown)
+    monkeypatch.setattr(free_memory, 'PERIOD', 0.0)
+    monkeypatch.setattr(free_memory, 'give_back', give_back)
+    # A critic that learns alone in another thread may have done so before anyone looks.
+    config = small(threads=threads, critic_warmup_iterations=0)
+    assert train(tmp_path / 'run', config, told=told).finished
+    assert {stage for stage, _ in given} == {'clone', 'finetune'}
+    # Told before each update is the iteration before.
+    iterations = {done for stage, done in given if stage == 'finetune'}
+    assert iterations == set(range(SMALL['iterations']))
 
 
 def test_without_demonstrations_it_starts_from_scratch(tmp_path: Path) -> None:

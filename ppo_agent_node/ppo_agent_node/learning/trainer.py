@@ -116,6 +116,7 @@ class Trainer:
         groups = config.ppo.num_groups
         self._rollout = Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy, groups)
+        self._give_back = free_memory.NowAndThen()
         self._worlds = [b''] * groups
         """snapshots of the world of each group: the last moment of it that is certain"""
 
@@ -148,6 +149,12 @@ class Trainer:
     def _fly(self, flights: Sequence[Callable[[], Flight[T]]]) -> Iterator[T]:
         with tensor_threads(1):
             yield from self._fleet.fly(flights, self._poll, self._journal.message)
+
+    def _poll_learning(self) -> None:
+        # While most of what an update works with is in use: given back between two updates, it
+        # would only be asked for again, and memory go up and down.
+        self._give_back()
+        self._poll()
 
     def _poll(self) -> None:
         if self._stop_requested():
@@ -188,7 +195,7 @@ class Trainer:
 
         with tensor_threads(self._config.run.threads):
             clone(self._learner.policy, samples, self._config.clone, self._config.run.seed,
-                  report, self._poll)
+                  report, self._poll_learning)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
         self._tell_saved(self._folder.cloned, news=True)
@@ -266,7 +273,8 @@ class Trainer:
         self._worlds = [world for _, world in flown]
         episodes = in_order([ended for ended, _ in flown])
         with tensor_threads(self._config.run.threads):
-            diagnostics, learning_rate = self._learner.learn(iteration, rollout, self._poll)
+            diagnostics, learning_rate = self._learner.learn(
+                iteration, rollout, self._poll_learning)
         outcomes = self._spec.outcomes
         curriculum = before.advance(scores.landed(episodes, outcomes))
         self._state = replace(
@@ -368,7 +376,6 @@ class Trainer:
             self._save_policy(self._folder.policy, **asdict(best))
             written.append(self._folder.policy)
         written.append(self._folder.save(state.iteration, tensors, content))
-        free_memory.give_back()
         self._tell_saved(*written, news=best is not None)
 
     def _tell_saved(self, *paths: Path, news: bool) -> None:
