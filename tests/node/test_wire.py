@@ -392,9 +392,10 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
 
 def test_both_ends_tell_how_they_define_their_messages(
         simulator: Process, make_client: MakeClient) -> None:
-    """As soon as the world is described: otherwise nobody would be refused for it."""
+    """At the latest when they have exchanged: otherwise nobody would be refused for it."""
     client = make_client()
-    client.connect()
+    client.reset(0)
+    client.step(actions(1)[0])
     node = client.node
     for topic in ('world', 'observation', 'reward', 'episodes'):
         near = hashes(node.get_subscriptions_info_by_topic(topic))
@@ -403,21 +404,33 @@ def test_both_ends_tell_how_they_define_their_messages(
         assert (node.get_name(), node.get_namespace()) in {name for name, _ in near}
 
 
+@pytest.mark.parametrize('hidden', [0, 1, 2], ids=['at once', 'at the reset', 'at the first step'])
 def test_a_simulator_built_from_another_definition_is_not_flown(
-        simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+        simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
+        hidden: int) -> None:
+    """However late the topic is discovered on which it differs."""
     client = make_client()
     real = client.node.get_publishers_info_by_topic
+    assert client.waiter.until(lambda: bool(real('reward')), 10.0)
+    looks = 0
 
     def as_of_another_build(topic: str) -> list[TopicEndpointInfo]:
+        nonlocal looks
         ends = real(topic)
-        for end in ends:
-            if topic.endswith('reward'):
+        if topic.endswith('reward'):
+            looks += 1
+            if looks <= hidden:
+                return []
+            for end in ends:
                 end.topic_type_hash = TypeHash(1, bytes(32))
         return ends
 
     monkeypatch.setattr(client.node, 'get_publishers_info_by_topic', as_of_another_build)
+    flight = [client.connect, lambda: client.reset(0), lambda: client.step(actions(1)[0])]
+    for flies in flight[:hidden]:
+        flies()
     with pytest.raises(DefinitionsDiffer, match='reward: /simulator defines its messages as'):
-        client.connect()
+        flight[hidden]()
 
 
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:

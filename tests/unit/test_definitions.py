@@ -50,7 +50,12 @@ def test_so_is_who_reads_another_one() -> None:
 
 
 @pytest.mark.parametrize('agent', [
-    node(), node(end(OURS)), node(end(THEIRS, 'stray'), end(OURS)), node(end(UNTOLD)),
+    node(end(OURS)), node(end(THEIRS, 'stray'), end(OURS)), node(end(UNTOLD)),
     node(end(None)), node(end(THEIRS), own=UNTOLD)])
 def test_the_same_definition_or_one_that_is_not_told_is_believed(agent: Any) -> None:
-    check_definitions(agent, ['observation'])
+    assert check_definitions(agent, ['observation'])
+
+
+def test_that_nobody_is_there_yet_is_told() -> None:
+    assert not check_definitions(node(), ['observation'])
+    assert not check_definitions(node(writes=True), [], ['action'])

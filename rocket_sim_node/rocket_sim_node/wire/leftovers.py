@@ -28,6 +28,8 @@ _NAME = re.compile(r'(?:sem\.)?(fast(?:dds|rtps)_(?:[0-9a-f]{16}|port\d+))(_el|_
 _LOCKS = ('_el', '_sl')
 _YOUNG = 2.0
 """s; a process that is just starting may not have locked or mapped yet what it made"""
+_BATCH = 64
+"""ports without locks that are looked at together, as each look takes all processes"""
 
 
 def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
@@ -38,20 +40,39 @@ def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
     What cannot be removed stays too. That a peer has the port of a dead process mapped keeps
     nothing: Fast DDS makes such a port anew, and its own `shm clean` removes it as well.
 
+    Participants of other programs that start meanwhile take ports by the same names, 7000 and up.
+    Whoever of them finds a lock held takes the next port; so all locks of a port are held, those
+    that are missing as well, from before the last look until its last file is gone.
+
     :param young: age, s, below which nothing is removed.
     """
-    old = [files for files in _groups(folder) if _is_old(files, young) and _is_free(files)]
-    old += [[file] for file in folder.glob(f'{PROFILE}*.xml') if _is_old([file], _START)]
+    old = [files for files in _groups(folder) if _is_old(files, young)]
     unlocked = [files for files in old if not any(map(_is_lock, files))]
+    removed = []
+    for files in old:
+        if files not in unlocked:
+            with ExitStack() as stack:
+                if _lock(files, stack):
+                    removed += _remove(files)
     used = _mapped(folder) if unlocked else set()
-    return [
-        name for files in old
-        if files not in unlocked or not used & {file.name for file in files}
-        for name in _remove(files)]
+    unlocked = [files for files in unlocked if not _is_used(files, used)]
+    for batch in (unlocked[begin:begin + _BATCH] for begin in range(0, len(unlocked), _BATCH)):
+        with ExitStack() as stack:
+            claimed = [files for files in batch if _make_locks(files, stack)]
+            used = _mapped(folder) if claimed else set()
+            for files in claimed:
+                if not _is_used(files, used):
+                    removed += _remove(files)
+    profiles = [file for file in folder.glob(f'{PROFILE}*.xml') if _is_old([file], _START)]
+    return removed + _remove(profiles)
 
 
 def _is_lock(file: Path) -> bool:
     return file.name.endswith(_LOCKS)
+
+
+def _is_used(files: list[Path], names: set[str]) -> bool:
+    return any(file.name in names for file in files)
 
 
 def _groups(folder: Path) -> list[list[Path]]:
@@ -77,35 +98,46 @@ def _is_old(files: list[Path], young: float) -> bool:
         for status in found)
 
 
-def _is_free(files: list[Path]) -> bool:
-    """Tell whether none of the files is locked."""
-    with ExitStack() as stack:
-        return _lock(files, stack)
-
-
 def _lock(files: list[Path], stack: ExitStack) -> bool:
-    """Lock those that are for it; tell whether that could be done."""
+    """Lock those that are for it until the stack is closed; tell whether that could be done."""
     try:
-        for file in files:
-            if _is_lock(file):
-                descriptor = os.open(
-                    file, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-                stack.callback(os.close, descriptor)
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        for file in filter(_is_lock, files):
+            descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.path.samestat(os.fstat(descriptor), file.lstat()):
+                return False  # removed by somebody, and made anew by somebody else
     except OSError:
         return False
     return True
 
 
+def _make_locks(files: list[Path], stack: ExitStack) -> bool:
+    """Make the locks of a port that has none, and hold them until the stack is closed.
+
+    They are gone afterwards. Tell whether that could be done.
+    """
+    match = _NAME.fullmatch(files[0].name)
+    assert match is not None
+    locks = [files[0].with_name(match[1] + suffix) for suffix in _LOCKS]
+    try:
+        for lock in locks:
+            os.close(os.open(lock, os.O_RDONLY | os.O_CLOEXEC | os.O_CREAT | os.O_EXCL, 0o600))
+            if not _lock([lock], stack):
+                return False
+            stack.callback(_remove, [lock])
+    except OSError:  # such as: somebody has made it first, and has the port
+        return False
+    return True
+
+
 def _remove(files: list[Path]) -> list[str]:
-    """Remove files that are still free, and return the names of those removed."""
+    """Remove files, locks at last, and return the names of those removed."""
     removed = []
-    with ExitStack() as stack:
-        if _lock(files, stack):
-            for file in files:
-                with suppress(OSError):
-                    file.unlink()
-                    removed.append(file.name)
+    for file in sorted(files, key=_is_lock):
+        with suppress(OSError):
+            file.unlink()
+            removed.append(file.name)
     return removed
 
 

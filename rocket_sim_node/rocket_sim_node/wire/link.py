@@ -101,6 +101,8 @@ class Link:
         """whether the simulator may believe that it is ours"""
         self._flying = False
         """whether a step was taken since the last reset or restore was asked for"""
+        self._compared = False
+        """whether all topics had a far end as the definitions of messages were last compared"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -151,11 +153,14 @@ class Link:
         :raises ValueError: for a description that makes no sense, or by a node that was built from
             other definitions of the messages.
         """
-        check_definitions(
-            self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
-            [self._publisher.topic_name])
+        self._compare_definitions()
         assert self.world is not None
         return messages.world_from_message(self.world)
+
+    def _compare_definitions(self) -> None:
+        self._compared = check_definitions(
+            self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
+            [self._publisher.topic_name])
 
     def adopt_spec(self) -> WorldSpec:
         """Take the shape of the world as last described.
@@ -282,11 +287,16 @@ class Link:
 
     def _poll_step(self) -> bool:
         if self._answers.collect():
+            if not self._compared:
+                self._compare_definitions()
+                self._compared = True  # who has answered is known by now
             return True
         self._check_session()
         now = time.monotonic()
         if now >= self._next:
             assert self._silence is not None
+            if not self._compared:
+                self._compare_definitions()
             self._silence.check(self._next)
             self.resent += 1
             self._publisher.publish(self._message)
