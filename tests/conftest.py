@@ -88,31 +88,23 @@ def cabin() -> Iterator[Cabin]:
 def make_node(
     processes: Processes, monkeypatch: pytest.MonkeyPatch,
 ) -> Iterator[Callable[..., Any]]:
-    """Nodes in the domain of this test and their executors, each in a context of its own.
-
-    They reach their peers as our nodes do: in a participant with Fast DDS as it comes, what it is
-    to know of its peers comes by shared memory, at a port that all participants of a machine try.
-    """
+    """Nodes in the domain of this test and their executors, each in a context of its own."""
     import rclpy
     from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.node import Node
-    from rclpy.utilities import get_rmw_implementation_identifier
 
     from rocket_sim_node.wire.inbox import Mailbox
     from rocket_sim_node.wire.running import make_executor
-    from rocket_sim_node.wire.transport import prepared
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(processes.domain))
     contexts, nodes = [], []
 
     def make(namespace: str = '', **options: Any) -> tuple[Node, Executor]:
         context = Context()
-        with prepared(get_rmw_implementation_identifier()):
-            rclpy.init(context=context)
-            contexts.append(context)
-            node = Node('tester', context=context, namespace=namespace, **options)
+        rclpy.init(context=context, domain_id=processes.domain)
+        contexts.append(context)
+        node = Node('tester', context=context, namespace=namespace, **options)
         executor = make_executor(context)
         executor.add_node(node)
         nodes.append(node)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -392,12 +393,12 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
 
 def test_both_ends_tell_how_they_define_their_messages(
         simulator: Process, make_client: MakeClient) -> None:
-    """At the latest when they have exchanged: otherwise nobody would be refused for it."""
+    """Otherwise nobody would be refused for it."""
     client = make_client()
-    client.reset(0)
-    client.step(actions(1)[0])
+    client.connect()
     node = client.node
     for topic in ('world', 'observation', 'reward', 'episodes'):
+        assert client.waiter.until(partial(node.count_publishers, topic), 10.0)
         near = hashes(node.get_subscriptions_info_by_topic(topic))
         far = hashes(node.get_publishers_info_by_topic(topic))
         assert {hash_ for _, hash_ in near} == {hash_ for _, hash_ in far} != set()
@@ -405,19 +406,20 @@ def test_both_ends_tell_how_they_define_their_messages(
 
 
 @pytest.mark.parametrize('hidden', [0, 1, 2], ids=['at once', 'at the reset', 'at the first step'])
+@pytest.mark.parametrize('topic', ['reward', 'episodes'])
 def test_a_simulator_built_from_another_definition_is_not_flown(
         simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
-        hidden: int) -> None:
+        topic: str, hidden: int) -> None:
     """However late the topic is discovered on which it differs."""
     client = make_client()
     real = client.node.get_publishers_info_by_topic
-    assert client.waiter.until(lambda: bool(real('reward')), 10.0)
+    assert client.waiter.until(lambda: bool(real(topic)), 10.0)
     looks = 0
 
-    def as_of_another_build(topic: str) -> list[TopicEndpointInfo]:
+    def as_of_another_build(name: str) -> list[TopicEndpointInfo]:
         nonlocal looks
-        ends = real(topic)
-        if topic.endswith('reward'):
+        ends = real(name)
+        if name.endswith(topic):
             looks += 1
             if looks <= hidden:
                 return []
@@ -429,8 +431,25 @@ def test_a_simulator_built_from_another_definition_is_not_flown(
     flight = [client.connect, lambda: client.reset(0), lambda: client.step(actions(1)[0])]
     for flies in flight[:hidden]:
         flies()
-    with pytest.raises(DefinitionsDiffer, match='reward: /simulator defines its messages as'):
+    with pytest.raises(DefinitionsDiffer, match=f'{topic}: /simulator defines its messages as'):
         flight[hidden]()
+
+
+def test_who_does_not_answer_may_have_been_built_from_another_definition(
+        simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    client = make_client()
+    client.connect()
+    client.reset(0)
+    simulator.signal(signal.SIGSTOP)
+    client.link._compared = False
+
+    def differ(*_: object) -> bool:
+        raise DefinitionsDiffer('reward')
+
+    monkeypatch.setattr('rocket_sim_node.wire.link.check_definitions', differ)
+    with pytest.raises(DefinitionsDiffer):
+        client.step(actions(1)[0])
+    simulator.signal(signal.SIGCONT)
 
 
 def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:

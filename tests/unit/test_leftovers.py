@@ -2,34 +2,45 @@
 """What of shared memory is removed when a node starts, and what is not."""
 from __future__ import annotations
 
+import ctypes
+import errno
 import fcntl
 import mmap
 import os
 import time
-from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rocket_sim_node.wire import leftovers
+from rocket_sim_node.wire.semaphore import taken
 
 SEGMENT = 'fastdds_0123456789abcdef'
-PORT = 'fastdds_port9911'
+PORT = 'fastdds_port41234'
+SHARED = 'fastdds_port7003'
+"""that any participant may take"""
 GROUPS = {
     'segment': {SEGMENT, f'{SEGMENT}_el'},
     'port': {PORT, f'{PORT}_el', f'sem.{PORT}_mutex'},
     'shared port': {PORT, f'{PORT}_sl', f'sem.{PORT}_mutex'},
     'port that was only written to': {PORT, f'sem.{PORT}_mutex'},
     'semaphore of a port that is gone': {f'sem.{PORT}_mutex'},
-    'port of an older Fast DDS': {'fastrtps_port7412', 'fastrtps_port7412_el'},
+    'port of an older Fast DDS': {
+        'fastrtps_port41234', 'fastrtps_port41234_el', 'sem.fastrtps_port41234_mutex'},
     'profile of who was killed while it started': {'hoverslam_0a1b2c.xml'},
 }
 
 
 def make(folder: Path, names: set[str], age: float = 60.0) -> None:
-    """Make files that are some seconds old."""
+    """Make files that are some seconds old; semaphores that nobody has."""
     for name in names:
-        (folder / name).write_bytes(bytes(mmap.PAGESIZE))
+        content = bytearray(32 if name.startswith('sem.') else mmap.PAGESIZE)
+        if name.startswith('sem.'):
+            semaphore = (ctypes.c_char * 32).from_buffer(content)
+            assert ctypes.CDLL(None).sem_init(ctypes.byref(semaphore), 1, 1) == 0
+        (folder / name).write_bytes(content)
         then = time.time() - age
         os.utime(folder / name, (then, then))
 
@@ -79,6 +90,7 @@ def test_what_a_process_has_mapped_stays(tmp_path: Path) -> None:
     with (tmp_path / PORT).open('r+b') as file, mmap.mmap(file.fileno(), 0):
         assert leftovers.clean(tmp_path) == []
         assert names(tmp_path) == group
+    make(tmp_path, group)  # some file systems note that the semaphore was taken
     assert set(leftovers.clean(tmp_path)) == group
 
 
@@ -97,116 +109,142 @@ def test_what_is_somebody_elses_stays(
 class Taker:
     """A participant of another program that takes a port, as Fast DDS does."""
 
-    def __init__(self, folder: Path) -> None:
-        self._lock = folder / f'{PORT}_el'
-        self._files: list[int] = []
+    def __init__(self, folder: Path, port: str) -> None:
+        self._semaphore, self._lock = folder / f'sem.{port}_mutex', folder / f'{port}_el'
+        self._file = -1
 
     def takes(self) -> bool:
-        """Lock the port for itself; false when it has to go on to the next one."""
-        file = os.open(self._lock, os.O_RDONLY | os.O_CREAT)
-        self._files.append(file)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
+        """Lock the port for itself; false when it has to wait until somebody is done with it."""
+        with taken(self._semaphore) as mine:
+            if not mine:
+                return False
+            self._file = os.open(self._lock, os.O_RDONLY | os.O_CREAT)
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
 
     def leave(self) -> None:
-        """Give its locks back."""
-        while self._files:
-            os.close(self._files.pop())
+        """Give its lock back."""
+        if self._file >= 0:
+            os.close(self._file)
 
 
-@pytest.fixture
-def taker(tmp_path: Path) -> Iterator[Taker]:
-    somebody = Taker(tmp_path)
-    yield somebody
-    somebody.leave()
-
-
-@pytest.mark.parametrize(('group', 'look'), [
-    ('port', 1),
-    *((group, look) for group in (
-        'port that was only written to', 'semaphore of a port that is gone')
-      for look in (1, 2, 3))])
-def test_a_port_that_somebody_takes_meanwhile_stays_or_is_refused(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taker: Taker, group: str, look: int,
+@pytest.mark.parametrize('port', [PORT, SHARED])
+@pytest.mark.parametrize(('group', 'place'), [
+    ('port', '_hold'), ('port', '_remove'), ('port that was only written to', '_hold'),
+    ('port that was only written to', '_mapped'), ('port that was only written to', '_remove')])
+def test_a_port_that_somebody_takes_meanwhile_is_not_touched(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str, place: str, port: str,
 ) -> None:
     # Fast DDS uses an existing port again. Were it removed under it, nobody would reach it there,
     # at 7000 and up not even with what a participant is to know of its peers.
-    make(tmp_path, GROUPS[group])
-    looks, took = 0, False
-    mapped, remove = leftovers._mapped, leftovers._remove
+    there = {name.replace(PORT, port) for name in GROUPS[group]}
+    make(tmp_path, there)
+    taker = Taker(tmp_path, port)
+    took = []
+    real = getattr(leftovers, place)
 
-    def come() -> None:
-        nonlocal looks, took
-        looks += 1
-        if looks == look:
-            took = taker.takes()
+    def come_first(*args: Any) -> Any:
+        if place != '_remove' or any(port in file.name for file in args[0]):
+            took.append(taker.takes())
+        return real(*args)
 
-    def look_who_has_it_mapped(folder: Path) -> set[str]:
-        come()
-        return mapped(folder)
-
-    def remove_it(files: list[Path]) -> list[str]:
-        if GROUPS[group] <= {file.name for file in files}:
-            come()
-        return remove(files)
-
-    monkeypatch.setattr(leftovers, '_mapped', look_who_has_it_mapped)
-    monkeypatch.setattr(leftovers, '_remove', remove_it)
+    monkeypatch.setattr(leftovers, place, come_first)
     leftovers.clean(tmp_path)
-    assert looks >= look
-    assert took == (look == 1 and group != 'port')
-    assert names(tmp_path) == ({*GROUPS[group], f'{PORT}_el'} if took else set())
-
-
-@pytest.mark.parametrize('group', GROUPS)
-def test_locks_are_held_until_all_else_is_gone(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
-    make(tmp_path, GROUPS[group])
-    unlink = Path.unlink
-
-    def watched(file: Path) -> None:
-        if group == 'profile of who was killed while it started':
-            return unlink(file)
-        if not file.name.endswith(('_el', '_sl')):
-            assert any(name.endswith(('_el', '_sl')) for name in names(tmp_path))
-        else:
-            assert all(name.endswith(('_el', '_sl')) for name in names(tmp_path))
-        for lock in tmp_path.glob('*_[es]l'):
-            with lock.open('rb') as other, pytest.raises(BlockingIOError):
-                fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return unlink(file)
-
-    monkeypatch.setattr(Path, 'unlink', watched)
-    assert set(leftovers.clean(tmp_path)) == GROUPS[group]
-    assert not names(tmp_path)
+    assert took == [place == '_hold']
+    if took[0]:
+        assert names(tmp_path) == {*there, f'{port}_el'}
+    else:
+        assert names(tmp_path) == ({f'sem.{port}_mutex'} if port == SHARED else set())
+    taker.leave()
 
 
 def test_a_port_that_was_removed_and_taken_meanwhile_stays(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taker: Taker) -> None:
-    make(tmp_path, GROUPS['port'])
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = GROUPS['port'] - {f'sem.{PORT}_mutex'}
+    make(tmp_path, port)
     flock = fcntl.flock
+    owner = []
 
     def late(descriptor: int, kind: int) -> None:
         monkeypatch.undo()
-        for name in GROUPS['port']:
+        for name in port:
             (tmp_path / name).unlink()
-        make(tmp_path, {PORT, f'sem.{PORT}_mutex'}, age=0.0)
-        assert taker.takes()
+        make(tmp_path, port)
+        owner.append((tmp_path / f'{PORT}_el').open('rb'))
+        flock(owner[0], fcntl.LOCK_EX)
         flock(descriptor, kind)  # of the file that was removed
 
     monkeypatch.setattr(fcntl, 'flock', late)
+    with ExitStack() as stack:
+        assert leftovers._lock([tmp_path / f'{PORT}_el'], stack) is False
+    owner[0].close()
+
+
+def test_the_semaphore_of_a_port_that_others_take_stays_unless_somebody_died_with_it(
+        tmp_path: Path) -> None:
+    semaphore = tmp_path / f'sem.{SHARED}_mutex'
+    make(tmp_path, {SHARED, f'{SHARED}_el', semaphore.name})
+    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
     assert leftovers.clean(tmp_path) == []
-    assert names(tmp_path) == GROUPS['port']
+    with taken(semaphore) as free:
+        assert free  # it was given back
+        # Who waits for it has it mapped, as this process has now.
+        assert leftovers.clean(tmp_path) == []
+        content = semaphore.read_bytes()
+    semaphore.write_bytes(content)
+    os.utime(semaphore, (0, 0))
+    assert leftovers.clean(tmp_path) == [semaphore.name]
 
 
-def test_more_ports_than_are_looked_at_together(tmp_path: Path) -> None:
-    ports = {f'sem.fastdds_port{number}_mutex' for number in range(7000, 7200)}
-    make(tmp_path, ports)
-    assert set(leftovers.clean(tmp_path)) == ports
+@pytest.mark.parametrize('content', [b'', bytes(16)])
+def test_what_is_no_semaphore_keeps_no_node_from_starting(tmp_path: Path, content: bytes) -> None:
+    make(tmp_path, GROUPS['port'] | GROUPS['segment'])
+    semaphore = tmp_path / f'sem.{PORT}_mutex'
+    semaphore.write_bytes(content)
+    os.utime(semaphore, (0, 0))
+    assert set(leftovers.clean(tmp_path)) == GROUPS['segment']
+
+
+def test_more_than_are_looked_at_together(tmp_path: Path) -> None:
+    ports = [f'fastdds_port{number}' for number in range(40000, 40200)]
+    there = {*ports, *(f'sem.{port}_mutex' for port in ports)}
+    make(tmp_path, there)
+    assert set(leftovers.clean(tmp_path)) == there
     assert not names(tmp_path)
+
+
+def test_a_port_without_a_semaphore_is_held_by_one_that_is_made(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make(tmp_path, {SHARED, f'{SHARED}_el'})
+    taker = Taker(tmp_path, SHARED)
+    took = []
+    remove = leftovers._remove
+
+    def come_first(files: list[Path]) -> list[str]:
+        if files:
+            took.append(taker.takes())
+        return remove(files)
+
+    monkeypatch.setattr(leftovers, '_remove', come_first)
+    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+    assert took == [False]
+    assert names(tmp_path) == {f'sem.{SHARED}_mutex'}
+    assert taker.takes()
+    taker.leave()
+
+
+def test_too_many_open_files_keep_no_node_from_starting(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: Any, **kinds: Any) -> Any:
+        raise OSError(errno.EMFILE, 'Too many open files')
+
+    make(tmp_path, GROUPS['port that was only written to'])
+    monkeypatch.setattr(leftovers, '_mapped', refuse)
+    assert leftovers.clean(tmp_path) == []
+    monkeypatch.setattr(Path, 'iterdir', refuse)
+    assert leftovers.clean(tmp_path) == []
+    monkeypatch.undo()
+    assert names(tmp_path) == GROUPS['port that was only written to']
 
 
 def test_without_shared_memory_nothing_happens(tmp_path: Path) -> None:

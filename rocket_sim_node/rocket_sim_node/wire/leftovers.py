@@ -4,7 +4,7 @@
 A participant has a segment for its messages and ports at which it is told of those of others,
 files in /dev/shm; beside each lies one that its owner keeps locked (flock) while it lives. Who is
 killed takes nothing along but its locks: 2 MB stay. Some of it is removed by peers that live or
-by `fastdds shm clean`; ports that were only written to, and the semaphores by which ports are
+by `fastdds shm clean`; ports that were only written to, and the semaphores under which ports are
 opened, by nobody.
 """
 from __future__ import annotations
@@ -19,17 +19,24 @@ from contextlib import ExitStack
 from contextlib import suppress
 from pathlib import Path
 
+from rocket_sim_node.wire.semaphore import UNFINISHED
+from rocket_sim_node.wire.semaphore import taken
+
 SHARED_MEMORY = Path('/dev/shm')
 PROFILE = 'hoverslam_'
 """with which names of files begin that Fast DDS reads while a node starts"""
 _START = 60.0
 """s; longer than that takes"""
 _NAME = re.compile(r'(?:sem\.)?(fast(?:dds|rtps)_(?:[0-9a-f]{16}|port\d+))(_el|_sl|_mutex)?')
+_PORT = re.compile(r'fast(?:dds|rtps)_port(\d+)')
 _LOCKS = ('_el', '_sl')
+_OWN_PORTS = 32768
+"""from where nodes here draw their ports, each start others, see transport.py; below, participants
+take what is free"""
 _YOUNG = 2.0
 """s; a process that is just starting may not have locked or mapped yet what it made"""
 _BATCH = 64
-"""ports without locks that are looked at together, as each look takes all processes"""
+"""segments and ports that are held together, as a look at who has them mapped takes its time"""
 
 
 def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
@@ -40,49 +47,91 @@ def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
     What cannot be removed stays too. That a peer has the port of a dead process mapped keeps
     nothing: Fast DDS makes such a port anew, and its own `shm clean` removes it as well.
 
-    Participants of other programs that start meanwhile take ports by the same names, 7000 and up.
-    Whoever of them finds a lock held takes the next port; so all locks of a port are held, those
-    that are missing as well, from before the last look until its last file is gone.
+    Participants that start meanwhile, those of other programs, too, try ports of the same names,
+    and open each under its semaphore. So does who removes one here: otherwise it might remove what
+    somebody has just taken over, who would hear of nobody any more. The semaphores of such ports
+    stay.
 
     :param young: age, s, below which nothing is removed.
     """
-    old = [files for files in _groups(folder) if _is_old(files, young)]
-    unlocked = [files for files in old if not any(map(_is_lock, files))]
-    removed = []
-    for files in old:
-        if files not in unlocked:
-            with ExitStack() as stack:
-                if _lock(files, stack):
-                    removed += _remove(files)
-    used = _mapped(folder) if unlocked else set()
-    unlocked = [files for files in unlocked if not _is_used(files, used)]
-    for batch in (unlocked[begin:begin + _BATCH] for begin in range(0, len(unlocked), _BATCH)):
-        with ExitStack() as stack:
-            claimed = [files for files in batch if _make_locks(files, stack)]
-            used = _mapped(folder) if claimed else set()
-            for files in claimed:
-                if not _is_used(files, used):
-                    removed += _remove(files)
-    profiles = [file for file in folder.glob(f'{PROFILE}*.xml') if _is_old([file], _START)]
-    return removed + _remove(profiles)
+    removed: list[str] = []
+    with suppress(OSError):  # such as: too many files are open. The next start may do better.
+        removed += _remove([
+            file for pattern in (f'{PROFILE}*.xml', f'{UNFINISHED}*')
+            for file in folder.glob(pattern) if _is_old([file], _START)])
+        names = [name for name in _names(folder) if _is_free(folder, name, young)]
+        for begin in range(0, len(names), _BATCH):
+            removed += _clean_batch(folder, names[begin:begin + _BATCH], young)
+    return removed
+
+
+def _clean_batch(folder: Path, names: list[str], young: float) -> list[str]:
+    """Remove segments and ports that are still nobody's once nobody can open them."""
+    with ExitStack() as stack:
+        held = [group for name in names if (group := _hold(folder, name, young, stack))]
+        used = _mapped(folder) if any(suspects for _, suspects in held) else set()
+        return [
+            name for files, suspects in held if not used & suspects
+            for name in _remove(files)]
+
+
+def _hold(
+    folder: Path, name: str, young: float, stack: ExitStack,
+) -> tuple[list[Path], set[str]] | None:
+    """Keep everybody from opening a segment or port until the stack is closed.
+
+    Returns the files that are to be removed, and the names of those that may be in use all the
+    same, which whoever uses them has mapped; or None, if it belongs to somebody.
+    """
+    semaphore, mine = folder / f'sem.{name}_mutex', False
+    with ExitStack() as attempt:
+        if _PORT.fullmatch(name):
+            try:
+                mine = attempt.enter_context(taken(semaphore))
+            except OSError:
+                return None
+        files = _files(folder, name)
+        # The semaphore was old; it may be written to as it is taken.
+        if not _is_old([file for file in files if file != semaphore], young):
+            return None
+        if not _lock(files, attempt):
+            return None
+        suspects = set() if any(map(_is_lock, files)) else {file.name for file in files}
+        if mine:
+            suspects.discard(semaphore.name)
+        elif semaphore in files:
+            suspects.add(semaphore.name)  # somebody has it, or died with it
+        if mine and _is_shared(name):
+            files = [file for file in files if file != semaphore]
+        if not files:
+            return None
+        stack.push(attempt.pop_all())
+        return files, suspects
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the names of the segments and ports of Fast DDS in a folder."""
+    return list(dict.fromkeys(
+        match[1] for file in folder.iterdir() if (match := _NAME.fullmatch(file.name))))
+
+
+def _files(folder: Path, name: str) -> list[Path]:
+    """Return the files of a segment or port that there are."""
+    names = (name, *(name + suffix for suffix in _LOCKS), f'sem.{name}_mutex')
+    return [folder / each for each in names if os.path.lexists(folder / each)]
 
 
 def _is_lock(file: Path) -> bool:
     return file.name.endswith(_LOCKS)
 
 
-def _is_used(files: list[Path], names: set[str]) -> bool:
-    return any(file.name in names for file in files)
+def _is_shared(name: str) -> bool:
+    """Tell whether something is a port that many take, one after the other.
 
-
-def _groups(folder: Path) -> list[list[Path]]:
-    """Return the files of Fast DDS in a folder, those of each segment and each port together."""
-    groups: dict[str, list[Path]] = {}
-    with suppress(OSError):
-        for file in folder.iterdir():
-            if match := _NAME.fullmatch(file.name):
-                groups.setdefault(match[1], []).append(file)
-    return list(groups.values())
+    Its semaphore stays: removed while somebody waits for it, it would protect nothing.
+    """
+    match = _PORT.fullmatch(name)
+    return match is not None and int(match[1]) < _OWN_PORTS
 
 
 def _is_old(files: list[Path], young: float) -> bool:
@@ -98,6 +147,13 @@ def _is_old(files: list[Path], young: float) -> bool:
         for status in found)
 
 
+def _is_free(folder: Path, name: str, young: float) -> bool:
+    """Tell whether something is to be removed, as far as can be seen without holding it."""
+    files = _files(folder, name)
+    with ExitStack() as stack:
+        return _is_old(files, young) and _lock(files, stack)
+
+
 def _lock(files: list[Path], stack: ExitStack) -> bool:
     """Lock those that are for it until the stack is closed; tell whether that could be done."""
     try:
@@ -108,25 +164,6 @@ def _lock(files: list[Path], stack: ExitStack) -> bool:
             if not os.path.samestat(os.fstat(descriptor), file.lstat()):
                 return False  # removed by somebody, and made anew by somebody else
     except OSError:
-        return False
-    return True
-
-
-def _make_locks(files: list[Path], stack: ExitStack) -> bool:
-    """Make the locks of a port that has none, and hold them until the stack is closed.
-
-    They are gone afterwards. Tell whether that could be done.
-    """
-    match = _NAME.fullmatch(files[0].name)
-    assert match is not None
-    locks = [files[0].with_name(match[1] + suffix) for suffix in _LOCKS]
-    try:
-        for lock in locks:
-            os.close(os.open(lock, os.O_RDONLY | os.O_CLOEXEC | os.O_CREAT | os.O_EXCL, 0o600))
-            if not _lock([lock], stack):
-                return False
-            stack.callback(_remove, [lock])
-    except OSError:  # such as: somebody has made it first, and has the port
         return False
     return True
 

@@ -102,7 +102,8 @@ class Link:
         self._flying = False
         """whether a step was taken since the last reset or restore was asked for"""
         self._compared = False
-        """whether all topics had a far end as the definitions of messages were last compared"""
+        """whether all topics had a far end as the definitions of messages were last compared; who
+        has answered is known mostly, but `episodes` may come later"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -289,14 +290,13 @@ class Link:
         if self._answers.collect():
             if not self._compared:
                 self._compare_definitions()
-                self._compared = True  # who has answered is known by now
             return True
         self._check_session()
         now = time.monotonic()
         if now >= self._next:
             assert self._silence is not None
             if not self._compared:
-                self._compare_definitions()
+                self._compare_definitions()  # perhaps that is why nothing is understood
             self._silence.check(self._next)
             self.resent += 1
             self._publisher.publish(self._message)
