@@ -81,6 +81,7 @@ def test_what_is_locked_stays_and_stays_locked(tmp_path: Path, group: str, kind:
         assert names(tmp_path) == GROUPS[group]
         with lock.open('rb') as other, pytest.raises(BlockingIOError):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    make(tmp_path, GROUPS[group])  # some file systems note that the semaphore was taken
     assert set(leftovers.clean(tmp_path)) == GROUPS[group]
 
 
@@ -180,20 +181,86 @@ def test_a_port_that_was_removed_and_taken_meanwhile_stays(
     owner[0].close()
 
 
+def age(file: Path) -> None:
+    """Have it be old again: some file systems note that a semaphore was taken."""
+    os.utime(file, (0, 0))
+
+
 def test_the_semaphore_of_a_port_that_others_take_stays_unless_somebody_died_with_it(
         tmp_path: Path) -> None:
     semaphore = tmp_path / f'sem.{SHARED}_mutex'
     make(tmp_path, {SHARED, f'{SHARED}_el', semaphore.name})
     assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+    age(semaphore)
     assert leftovers.clean(tmp_path) == []
+    make(tmp_path, {SHARED, f'{SHARED}_el'})
     with taken(semaphore) as free:
         assert free  # it was given back
-        # Who waits for it has it mapped, as this process has now.
+        age(semaphore)
+        # Who has it, or waits for it, has it mapped, as this process has now.
         assert leftovers.clean(tmp_path) == []
         content = semaphore.read_bytes()
     semaphore.write_bytes(content)
-    os.utime(semaphore, (0, 0))
+    age(semaphore)
     assert leftovers.clean(tmp_path) == [semaphore.name]
+    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+
+
+def test_a_semaphore_that_is_taken_for_a_moment_is_not_stuck(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    semaphore = tmp_path / f'sem.{SHARED}_mutex'
+    make(tmp_path, {SHARED, semaphore.name})
+    mapped = leftovers._mapped
+    with ExitStack() as somebody:
+        assert somebody.enter_context(taken(semaphore))
+        age(semaphore)
+
+        def just_given_back(folder: Path) -> set[str]:
+            somebody.close()
+            age(semaphore)
+            return mapped(folder)
+
+        monkeypatch.setattr(leftovers, '_mapped', just_given_back)
+        assert leftovers.clean(tmp_path) == []
+    assert names(tmp_path) == {SHARED, semaphore.name}
+
+
+def test_a_semaphore_is_that_of_the_c_library() -> None:
+    name = f'/hoverslam_test_{os.getpid()}'
+    library = ctypes.CDLL(None, use_errno=True)
+    library.sem_open.restype = ctypes.c_void_p
+    semaphore = ctypes.c_void_p(library.sem_open(name.encode(), os.O_CREAT, 0o600, 1))
+    try:
+        file = Path(f'/dev/shm/sem.{name[1:]}')
+        with taken(file) as mine:
+            assert mine
+            assert library.sem_trywait(semaphore) != 0
+        assert library.sem_trywait(semaphore) == 0
+        with taken(file) as mine:
+            assert not mine
+        assert library.sem_post(semaphore) == 0
+    finally:
+        library.sem_unlink(name.encode())
+
+
+def test_a_semaphore_that_was_removed_meanwhile_is_not_taken(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / f'sem.{PORT}_mutex'
+    make(tmp_path, {file.name})
+    lstat = Path.lstat
+
+    def late(path: Path) -> os.stat_result:
+        monkeypatch.undo()
+        path.rename(tmp_path / 'gone')
+        make(tmp_path, {file.name})
+        return lstat(path)
+
+    monkeypatch.setattr(Path, 'lstat', late)
+    with pytest.raises(OSError, match='is another one now'), taken(file):
+        pass
+    for there in (file, tmp_path / 'gone'):
+        with taken(there) as mine:
+            assert mine
 
 
 @pytest.mark.parametrize('content', [b'', bytes(16)])
@@ -201,7 +268,7 @@ def test_what_is_no_semaphore_keeps_no_node_from_starting(tmp_path: Path, conten
     make(tmp_path, GROUPS['port'] | GROUPS['segment'])
     semaphore = tmp_path / f'sem.{PORT}_mutex'
     semaphore.write_bytes(content)
-    os.utime(semaphore, (0, 0))
+    age(semaphore)
     assert set(leftovers.clean(tmp_path)) == GROUPS['segment']
 
 

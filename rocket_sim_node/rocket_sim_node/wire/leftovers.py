@@ -36,7 +36,9 @@ take what is free"""
 _YOUNG = 2.0
 """s; a process that is just starting may not have locked or mapped yet what it made"""
 _BATCH = 64
-"""segments and ports that are held together, as a look at who has them mapped takes its time"""
+"""ports without locks that are held together, as a look at who has them mapped takes its time"""
+_MOST_HELD = 1.0
+"""s; who wants to open a port waits for twice as long, and goes on without the semaphore"""
 
 
 def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
@@ -59,54 +61,71 @@ def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
         removed += _remove([
             file for pattern in (f'{PROFILE}*.xml', f'{UNFINISHED}*')
             for file in folder.glob(pattern) if _is_old([file], _START)])
-        names = [name for name in _names(folder) if _is_free(folder, name, young)]
-        for begin in range(0, len(names), _BATCH):
-            removed += _clean_batch(folder, names[begin:begin + _BATCH], young)
+        unlocked = []
+        for name in _names(folder):
+            files = _files(folder, name)
+            if not _is_old(files, young):
+                continue
+            if not any(map(_is_lock, files)):
+                unlocked.append(name)
+                continue
+            with ExitStack() as stack:
+                removed += _remove(_hold(folder, name, young, stack))
+        for begin in range(0, len(unlocked), _BATCH):
+            removed += _clean_unlocked(folder, unlocked[begin:begin + _BATCH], young)
     return removed
 
 
-def _clean_batch(folder: Path, names: list[str], young: float) -> list[str]:
-    """Remove segments and ports that are still nobody's once nobody can open them."""
+def _clean_unlocked(folder: Path, names: list[str], young: float) -> list[str]:
+    """Remove segments and ports without locks that no process has mapped, and stuck semaphores."""
     with ExitStack() as stack:
-        held = [group for name in names if (group := _hold(folder, name, young, stack))]
-        used = _mapped(folder) if any(suspects for _, suspects in held) else set()
+        begin = time.monotonic()
+        held = [_hold(folder, name, young, stack) for name in names]
+        used = _mapped(folder) if any(held) else set()
+        if time.monotonic() - begin > _MOST_HELD:
+            return []
+        # The semaphores are mapped here; who waits for one has no more of its port.
         return [
-            name for files, suspects in held if not used & suspects
+            name for files in held
+            if not used & {file.name for file in files if not file.name.startswith('sem.')}
             for name in _remove(files)]
 
 
-def _hold(
-    folder: Path, name: str, young: float, stack: ExitStack,
-) -> tuple[list[Path], set[str]] | None:
-    """Keep everybody from opening a segment or port until the stack is closed.
+def _hold(folder: Path, name: str, young: float, stack: ExitStack) -> list[Path]:
+    """Lock a segment or port, and have nobody open it until the stack is closed.
 
-    Returns the files that are to be removed, and the names of those that may be in use all the
-    same, which whoever uses them has mapped; or None, if it belongs to somebody.
+    Returns which files are to be removed; none if it belongs to somebody. Whoever died with the
+    semaphore of a port in hand keeps all others waiting: that alone is to be removed then.
     """
-    semaphore, mine = folder / f'sem.{name}_mutex', False
+    files = _files(folder, name)
+    if not files:
+        return []
+    semaphore = folder / f'sem.{name}_mutex'
     with ExitStack() as attempt:
         if _PORT.fullmatch(name):
             try:
-                mine = attempt.enter_context(taken(semaphore))
+                if not attempt.enter_context(taken(semaphore)):
+                    return [semaphore] if _is_stuck(semaphore, young) else []
             except OSError:
-                return None
-        files = _files(folder, name)
-        # The semaphore was old; it may be written to as it is taken.
-        if not _is_old([file for file in files if file != semaphore], young):
-            return None
-        if not _lock(files, attempt):
-            return None
-        suspects = set() if any(map(_is_lock, files)) else {file.name for file in files}
-        if mine:
-            suspects.discard(semaphore.name)
-        elif semaphore in files:
-            suspects.add(semaphore.name)  # somebody has it, or died with it
-        if mine and _is_shared(name):
-            files = [file for file in files if file != semaphore]
-        if not files:
-            return None
+                return []
+            files = _files(folder, name)
+        rest = [file for file in files if file != semaphore]
+        # The semaphore was old as well; some file systems note that it was taken.
+        if not _is_old(rest, young) or not _lock(rest, attempt):
+            return []
         stack.push(attempt.pop_all())
-        return files, suspects
+        return rest if _is_shared(name) else files
+
+
+def _is_stuck(semaphore: Path, young: float) -> bool:
+    """Tell whether a semaphore stays taken although no process has it."""
+    for _ in range(2):
+        if not _is_old([semaphore], young) or semaphore.name in _mapped(semaphore.parent):
+            return False
+        with taken(semaphore) as mine:
+            if mine:
+                return False
+    return True
 
 
 def _names(folder: Path) -> list[str]:
@@ -145,13 +164,6 @@ def _is_old(files: list[Path], young: float) -> bool:
         stat.S_ISREG(status.st_mode) and status.st_uid == user
         and abs(now - status.st_mtime) >= young  # the clock may have been set back since
         for status in found)
-
-
-def _is_free(folder: Path, name: str, young: float) -> bool:
-    """Tell whether something is to be removed, as far as can be seen without holding it."""
-    files = _files(folder, name)
-    with ExitStack() as stack:
-        return _is_old(files, young) and _lock(files, stack)
 
 
 def _lock(files: list[Path], stack: ExitStack) -> bool:

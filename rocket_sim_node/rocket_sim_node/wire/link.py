@@ -42,6 +42,8 @@ _DESCRIPTION_TIMEOUT = 5.0
 """s from the answer of a reset to the description of its session"""
 _KEEP_PERIOD = 0.5
 """s of silence after which `keep` speaks"""
+_COMPARE_PERIOD = 0.5
+"""s between two looks at the definitions of messages while a topic has no far end"""
 
 
 class WorldChanged(ValueError):
@@ -104,6 +106,7 @@ class Link:
         self._compared = False
         """whether all topics had a far end as the definitions of messages were last compared; who
         has answered is known mostly, but `episodes` may come later"""
+        self._compare_next = 0.0
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -159,9 +162,17 @@ class Link:
         return messages.world_from_message(self.world)
 
     def _compare_definitions(self) -> None:
+        self._compare_next = 0.0
         self._compared = check_definitions(
             self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
             [self._publisher.topic_name])
+
+    def _compare_late(self) -> None:
+        """Compare again while a topic had no far end: at the first step, then now and then."""
+        now = time.monotonic()
+        if not self._compared and now >= self._compare_next:
+            self._compare_definitions()
+            self._compare_next = now + _COMPARE_PERIOD
 
     def adopt_spec(self) -> WorldSpec:
         """Take the shape of the world as last described.
@@ -288,15 +299,13 @@ class Link:
 
     def _poll_step(self) -> bool:
         if self._answers.collect():
-            if not self._compared:
-                self._compare_definitions()
+            self._compare_late()
             return True
         self._check_session()
         now = time.monotonic()
         if now >= self._next:
             assert self._silence is not None
-            if not self._compared:
-                self._compare_definitions()  # perhaps that is why nothing is understood
+            self._compare_late()  # perhaps that is why nothing is understood
             self._silence.check(self._next)
             self.resent += 1
             self._publisher.publish(self._message)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import mmap
 import os
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,13 +26,16 @@ def taken(file: Path) -> Iterator[bool]:
     Yields whether it was taken; false where somebody has it, or died with it.
 
     :param file: of a named semaphore, such as `/dev/shm/sem.name`; made where there is none.
-    :raises OSError: when it cannot be opened or made, or is none.
+    :raises OSError: when it cannot be opened or made, is none or another user's, or was removed
+        as it was taken.
     """
-    memory = _opened(file)
+    memory, status = _opened(file)
     semaphore = (ctypes.c_char * _SIZE).from_buffer(memory)
     took = _LIBRARY.sem_trywait(ctypes.byref(semaphore)) == 0
     try:
         if took:
+            if not os.path.samestat(status, file.lstat()):
+                raise OSError(f'{file}: is another one now')
             yield True
     finally:
         if took:
@@ -42,7 +46,7 @@ def taken(file: Path) -> Iterator[bool]:
         yield False  # who looks who has it mapped shall not find this process
 
 
-def _opened(file: Path) -> mmap.mmap:
+def _opened(file: Path) -> tuple[mmap.mmap, os.stat_result]:
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         descriptor = os.open(file, flags)
@@ -50,9 +54,11 @@ def _opened(file: Path) -> mmap.mmap:
         _make(file)
         descriptor = os.open(file, flags)
     try:
-        return mmap.mmap(descriptor, _SIZE)
-    except ValueError as error:
-        raise OSError(f'{file}: expected a semaphore of {_SIZE} bytes: {error}') from error
+        status = os.fstat(descriptor)
+        if not (stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
+                and status.st_size >= _SIZE):
+            raise OSError(f"{file}: expected this user's semaphore of {_SIZE} bytes")
+        return mmap.mmap(descriptor, _SIZE), status
     finally:
         os.close(descriptor)
 
@@ -60,7 +66,8 @@ def _opened(file: Path) -> mmap.mmap:
 def _make(file: Path) -> None:
     """Make a semaphore that nobody has, as glibc does: whole, or not at all."""
     content = bytearray(_SIZE)
-    _LIBRARY.sem_init(ctypes.byref((ctypes.c_char * _SIZE).from_buffer(content)), 1, 1)
+    if _LIBRARY.sem_init(ctypes.byref((ctypes.c_char * _SIZE).from_buffer(content)), 1, 1):
+        raise OSError(f'{file}: a semaphore could not be made')
     with tempfile.NamedTemporaryFile(prefix=UNFINISHED, dir=file.parent) as unfinished:
         unfinished.write(content)
         unfinished.flush()
