@@ -13,6 +13,7 @@ import exchanging
 import numpy as np
 import pytest
 import shared_memory
+import starting_beside
 from processes import Process
 from processes import Processes
 from training_runs import simulator
@@ -82,3 +83,22 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
     action = np.zeros((8, 3), np.float32)
     for _ in range(100):
         np.testing.assert_array_equal(client.step(action)[0], world.step(action)[0])
+
+
+def test_who_starts_while_leftovers_are_removed_keeps_its_port(
+        processes: Processes, nightly: bool) -> None:
+    # In a /dev/shm of their own, among processes of their own: all participants of a machine try
+    # the same ports, and what one of them has mapped is not removed.
+    alone = (
+        'unshare', '--mount', '--pid', '--fork', '--kill-child', '--mount-proc',
+        'sh', '-c', 'mount -t tmpfs beside /dev/shm && exec "$@"', 'sh')
+    if processes.start(*alone, 'true').wait(10.0):
+        pytest.skip('mounts and process ids of its own need root')
+    rounds = 500 if nightly else 40
+    beside = processes.start(*alone, sys.executable, starting_beside.__file__, str(rounds))
+    status = beside.wait(1200.0 if nightly else 120.0)
+    lines = beside.output().splitlines()
+    lost = sum(line.startswith('lost') for line in lines)
+    print(f'{rounds} participants started while leftovers were removed: {lost} lost a port')
+    assert (status, lost) == (0, 0), beside.output()
+    assert f'done {rounds}' in lines
