@@ -441,7 +441,7 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
     client.connect()
     client.reset(0)
     simulator.signal(signal.SIGSTOP)
-    client.link._compared = False
+    client.link._compare_at = 0.0
 
     def differ(*_: object) -> bool:
         raise DefinitionsDiffer('reward')

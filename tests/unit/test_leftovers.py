@@ -30,6 +30,7 @@ GROUPS = {
     'port of an older Fast DDS': {
         'fastrtps_port41234', 'fastrtps_port41234_el', 'sem.fastrtps_port41234_mutex'},
     'profile of who was killed while it started': {'hoverslam_0a1b2c.xml'},
+    'semaphore of who was killed while it made it': {'hoverslam_semaphore_0a1b2c'},
 }
 
 

@@ -30,9 +30,9 @@ _START = 60.0
 _NAME = re.compile(r'(?:sem\.)?(fast(?:dds|rtps)_(?:[0-9a-f]{16}|port\d+))(_el|_sl|_mutex)?')
 _PORT = re.compile(r'fast(?:dds|rtps)_port(\d+)')
 _LOCKS = ('_el', '_sl')
-_OWN_PORTS = 32768
-"""from where nodes here draw their ports, each start others, see transport.py; below, participants
-take what is free"""
+OWN_PORTS = 32768
+"""from where nodes here draw their ports, each start others, see transport.py: few domains have
+theirs there. Below, participants take what is free"""
 _YOUNG = 2.0
 """s; a process that is just starting may not have locked or mapped yet what it made"""
 _BATCH = 64
@@ -150,7 +150,7 @@ def _is_shared(name: str) -> bool:
     Its semaphore stays: removed while somebody waits for it, it would protect nothing.
     """
     match = _PORT.fullmatch(name)
-    return match is not None and int(match[1]) < _OWN_PORTS
+    return match is not None and int(match[1]) < OWN_PORTS
 
 
 def _is_old(files: list[Path], young: float) -> bool:

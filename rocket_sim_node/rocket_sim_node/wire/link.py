@@ -2,6 +2,7 @@
 """The agent's end of the wire to one simulator: asks, re-sends, checks, and never waits."""
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -103,10 +104,9 @@ class Link:
         """whether the simulator may believe that it is ours"""
         self._flying = False
         """whether a step was taken since the last reset or restore was asked for"""
-        self._compared = False
-        """whether all topics had a far end as the definitions of messages were last compared; who
-        has answered is known mostly, but `episodes` may come later"""
-        self._compare_next = 0.0
+        self._compare_at = 0.0
+        """when the definitions of messages are to be compared again, s of the steady clock: at the
+        first step, then now and then, until all topics have a far end"""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
@@ -157,22 +157,20 @@ class Link:
         :raises ValueError: for a description that makes no sense, or by a node that was built from
             other definitions of the messages.
         """
-        self._compare_definitions()
+        self._compare_definitions(again=0.0)
         assert self.world is not None
         return messages.world_from_message(self.world)
 
-    def _compare_definitions(self) -> None:
-        self._compare_next = 0.0
-        self._compared = check_definitions(
+    def _compare_definitions(self, again: float) -> None:
+        known = check_definitions(
             self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
             [self._publisher.topic_name])
+        self._compare_at = math.inf if known else again
 
     def _compare_late(self) -> None:
-        """Compare again while a topic had no far end: at the first step, then now and then."""
         now = time.monotonic()
-        if not self._compared and now >= self._compare_next:
-            self._compare_definitions()
-            self._compare_next = now + _COMPARE_PERIOD
+        if now >= self._compare_at:
+            self._compare_definitions(again=now + _COMPARE_PERIOD)
 
     def adopt_spec(self) -> WorldSpec:
         """Take the shape of the world as last described.

@@ -29,6 +29,7 @@ from rclpy.logging import get_logger
 
 from rocket_sim_node.wire.dds_profile import check_profile
 from rocket_sim_node.wire.dds_profile import schema_path
+from rocket_sim_node.wire.leftovers import OWN_PORTS
 from rocket_sim_node.wire.leftovers import PROFILE
 from rocket_sim_node.wire.leftovers import SHARED_MEMORY
 
@@ -45,8 +46,6 @@ _DATA_OFFSET = 'HOVERSLAM_DATA_PORT_OFFSET'
 _FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
 _USUAL_OFFSET = 11
 """ports of a domain and of its data (RTPS 2.2, 9.6.1.1)"""
-_ABOVE = 32768
-"""where few domains have ports"""
 _LAST_PORT = 65535
 
 
@@ -207,7 +206,7 @@ def fresh_data_offset(domain: int) -> int:
     Drawn at random from some ten thousands; in the highest domains, which have fewer, the usual.
     """
     first = _FIRST_PORT + _PORTS_OF_DOMAIN * domain
-    low = max(_ABOVE - first, _PORTS_OF_DOMAIN)
+    low = max(OWN_PORTS - first, _PORTS_OF_DOMAIN)
     # Fast DDS counts up from there by two a participant, and goes on where a port is taken.
     count = (_LAST_PORT - _PORTS_OF_DOMAIN - first - low) // 2
     return low + 2 * secrets.randbelow(count) if count > 0 else _USUAL_OFFSET
