@@ -52,7 +52,8 @@ def blueprint(
     :param world: what is recorded.
     """
     look = scenery(world)
-    tabs = {'flight': _flight_tab(look.plots, unusual=unusual), 'log': _log_view()}
+    tabs: dict[str, rrb.Container | rrb.View] = {
+        'flight': _flight_tab(look.plots, unusual=unusual), 'log': _log_view()}
     if training:
         tabs['training'] = _training_tab()
     if unusual:

@@ -40,8 +40,9 @@ STYLES = {
 class Plot:
     """A plot of the rocket's entity: one field of its records, and its lines' names and colours.
 
-    `records` is :data:`SAMPLE` or :data:`UNUSUAL`. `lines` gives the values of a flight of n samples, one `(n,)` for each line. Where `rough` they
-    are stored with half precision, 0.05 %: what follows from other components need only be drawn.
+    `records` is :data:`SAMPLE` or :data:`UNUSUAL`. `lines` gives the values of a flight of n
+    samples, one `(n,)` for each line. Where `rough` they are stored with half precision, 0.05 %:
+    what follows from other components need only be drawn.
     """
 
     title: str

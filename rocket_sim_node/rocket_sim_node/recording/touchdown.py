@@ -64,6 +64,7 @@ def _may_be(flight: Flight) -> bool:
         return float(np.linalg.norm(flight.values[-1, FIELDS[name]]))
 
     return bool(
-        not flight.layout.legs and not flight.layout.heights and flight.mass[-1] > 0.0 <= flight.fuel[-1]
+        not flight.layout.legs and not flight.layout.heights
+        and flight.mass[-1] > 0.0 <= flight.fuel[-1]
         and last('linear_velocity') < _FASTEST and last('angular_velocity') < _FASTEST_SPIN
         and abs(last('orientation') - 1.0) < 1e-3 and last('position') < _FARTHEST)
