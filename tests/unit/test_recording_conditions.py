@@ -30,6 +30,8 @@ from rocket_sim_node.worlds.conditions import RANGES
 
 N = 40
 NOMINAL = conditions.settings('nominal')
+TOWARDS = {'rocket': 'towards 300° from x', 'rocket_planar': '0.25 along x'}
+"""Half a m/s^2, drawn 60 deg from x towards z, y up: towards -y, z up, of which none is planar."""
 
 
 def stage(world: str = 'rocket', names: tuple[str, ...] = DRAWN_NAMES) -> Stage:
@@ -91,7 +93,7 @@ def test_a_nominal_recording_has_nothing_of_conditions(tmp_path: Path) -> None:
 def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path) -> None:
     path = tmp_path / 'mix.rrd'
     samples = flight(
-        thrust_factor=0.96, action_delay=2, side_acceleration=0.5, side_direction=np.pi / 2)
+        thrust_factor=0.96, action_delay=2, side_acceleration=0.5, side_direction=np.pi / 3)
     record(path, stage(world), samples)
     viewer.verify(path)
     unusual = rows_of(path, scene.ROCKET, plots.UNUSUAL)
@@ -116,13 +118,12 @@ def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path)
     assert text.splitlines() == [
         '### Rocket 0, episode 0', '', '| condition | drawn | nominal |', '| --- | --- | --- |',
         '| thrust factor | 0.96 | 1 |', '| action delay | 2 steps | 0 steps |',
-        # A quarter turn from x towards z, y up, is one from x towards -y, z up.
-        '| side acceleration | 0.5 m/s^2, towards 270° from x | 0 m/s^2 |', '',
+        f'| side acceleration | 0.5 m/s^2, {TOWARDS[world]} | 0 m/s^2 |', '',
         'All else is nominal.']
     assert view_classes(path).count('TextDocument') == 1
     assert json.loads(read.trajectories(path)[0].summary['conditions']) == {
         'thrust_factor': 0.96, 'action_delay': 2, 'side_acceleration': 0.5,
-        'side_direction': np.pi / 2}
+        'side_direction': np.pi / 3}
 
 
 def test_nominal_flights_beside_others_stay_as_they_are(tmp_path: Path) -> None:
