@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.learning.features import KINDS
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
@@ -39,6 +40,10 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
+    features: str = setting(
+        'none', '', 'what actor and critic see beside the observation; descent: needed '
+        'deceleration, time to go, flare rate and what guidance weighs, worlds of rockets only',
+        choices=KINDS)
     log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
