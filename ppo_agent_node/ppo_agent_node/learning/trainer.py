@@ -105,7 +105,6 @@ class Trainer:
         self._ending = Ending(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
-        self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(spec, config)
         self._journal = Journal(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
@@ -273,12 +272,12 @@ class Trainer:
     def _reset_world(self) -> None:
         """Begin new episodes on the curriculum's level, and get them out of step."""
         config, pilot = self._config, without_noise(self._learner.policy)
-        settings = config.curriculum.reset_settings(self._state.curriculum.level)
+        level = self._state.curriculum.level
 
         def begin(group: int) -> Flight[bytes]:
             seed = streams.derived_seed(
                 config.run.seed, 'world', self._state.iteration, *later(group))
-            observation = yield Reset(seed, settings)
+            observation = yield Reset(seed, config.curriculum.reset_settings(level, group))
             yield from scatter(
                 self._spec, observation, pilot, config.ppo.scatter_steps,
                 np.random.default_rng(seed))
@@ -299,7 +298,8 @@ class Trainer:
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
         score, steps = fly_selection(
-            self._fly, self._spec, self._learner.policy, self._state.iteration, self._level,
+            self._fly, self._spec, self._learner.policy, self._state.iteration,
+            self._config.curriculum.selection_levels,
             self._config.run.selection_episodes, self._config.run.seed)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return
