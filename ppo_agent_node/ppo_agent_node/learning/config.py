@@ -101,13 +101,22 @@ class CurriculumConfig:
     curriculum_final_level: int = setting(
         7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
     curriculum_wide_level: int = setting(
-        0, '', 'level that every second group of rockets flies in place of the curriculum\'s, and '
+        0, '', "level that every second group of rockets flies in place of the curriculum's, and "
         'that selection flies as well, so that one policy masters both; needs num_groups of 2 or '
         'more; 0: none', 0, 8)
     curriculum_landing_rate: float = setting(
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
         64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
+    curriculum_start_reach: float = setting(
+        0.0, 'm', 'the reverse curriculum: first of all, roll-outs begin up to so high above '
+        "touchdown, the world's spawn_reach, then ever higher; 0: at the spawn height", 0.0, 1e4)
+    curriculum_reach_growth: float = setting(
+        1.2, '', 'by this factor, when the highest starts land', 1.000001, 1e4)
+    curriculum_reach_landing_rate: float = setting(
+        0.95, '', 'landing rate over the window that is enough for it', 0.0, 1.0)
+    curriculum_reach_hardest: float = setting(
+        0.2, '', 'part of the starts, the highest, that this rate is of', 1e-3, 1.0)
     curriculum_heading: float = setting(
         0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
         'spawn_heading; rocket_planar only', 0.0, 180.0)
@@ -245,6 +254,11 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
             f'world {spec.name!r} has {"" if levels else "no "}levels')
+    reach = config.curriculum.curriculum_start_reach
+    if reach and 'spawn_reach' not in spec.settings:
+        raise ValueError(
+            f'curriculum_start_reach: got {reach:g}, expected 0, as world {spec.name!r} has no '
+            'heights to start from')
     for name, value, unset in (
         ('curriculum_heading', config.curriculum.curriculum_heading, 0),
         ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading, UNSET),
