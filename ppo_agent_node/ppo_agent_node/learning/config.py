@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.learning.features import KINDS
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
@@ -39,6 +40,10 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
+    features: str = setting(
+        'none', '', 'what actor and critic see beside the observation; descent: needed '
+        'deceleration, time to go, flare rate and what guidance weighs, worlds of rockets only',
+        choices=KINDS)
     log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
@@ -98,6 +103,10 @@ class CurriculumConfig:
     curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
     curriculum_final_level: int = setting(
         7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
+    curriculum_wide_level: int = setting(
+        0, '', "level that every second group of rockets flies in place of the curriculum's, and "
+        'that selection flies as well, so that one policy masters both; needs num_groups of 2 or '
+        'more; 0: none', 0, 8)
     curriculum_landing_rate: float = setting(
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
@@ -115,8 +124,16 @@ class CurriculumConfig:
         0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
         'spawn_heading; rocket_planar only', 0.0, 180.0)
 
-    def reset_settings(self, level: int) -> dict[str, float]:
-        """Return what the world is reset with for roll-outs."""
+    @property
+    def selection_levels(self) -> tuple[int, ...]:
+        """Levels that a policy is selected by."""
+        wide = self.curriculum_wide_level
+        return (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
+
+    def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
+        """Return what the world of a group is reset with for roll-outs."""
+        if group % 2 and self.curriculum_wide_level:
+            level = self.curriculum_wide_level
         settings = level_setting(level)
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
@@ -215,6 +232,10 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'curriculum_start_level: got {levels.curriculum_start_level}, expected 1 to '
             f'curriculum_final_level, {levels.curriculum_final_level}, or both 0')
+    if levels.curriculum_wide_level and config.ppo.num_groups < 2:
+        raise ValueError(
+            f'num_groups: got {config.ppo.num_groups}, expected 2 or more with '
+            f'curriculum_wide_level {levels.curriculum_wide_level}')
     network = config.network
     for name in ('log_std_init', 'log_std_final'):
         if getattr(network, name) < network.log_std_floor:

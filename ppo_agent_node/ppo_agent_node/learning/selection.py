@@ -54,9 +54,9 @@ def fly_wave(
 
 def fly_selection(
     fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]], spec: WorldSpec,
-    policy: Policy, iteration: int, level: int, episodes: int, seed: int,
+    policy: Policy, iteration: int, levels: Sequence[int], episodes: int, seed: int,
 ) -> tuple[Score, int]:
-    """Fly at least so many episodes, equally many with each rocket.
+    """Fly at least so many episodes on each level, equally many with each rocket.
 
     :param fly: flies what it is given and yields the results, in order.
     :return: the score, and the rocket steps that it took.
@@ -64,7 +64,7 @@ def fly_selection(
     rockets = spec.num_envs
     waves = [
         functools.partial(fly_wave, without_noise(policy), level, seed, wave)
-        for wave in range(-(-episodes // rockets))]
+        for level in levels for wave in range(-(-episodes // rockets))]
     parts, lengths = zip(*fly(waves), strict=True)
     flown = Episodes.concatenate(list(parts))
     landed = int((flown.outcome == spec.outcomes.index('landed')).sum())

@@ -25,17 +25,14 @@ from ppo_agent_node.learning import rehearsal
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.cloning import CloneEpoch
-from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import check_world
 from ppo_agent_node.learning.curriculum import Curriculum
-from ppo_agent_node.learning.demonstrations import Demonstrations
-from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.ending import Ending
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import scatter
+from ppo_agent_node.learning.imitation import Imitation
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.journal import Progress
 from ppo_agent_node.learning.learner import Learner
@@ -105,11 +102,11 @@ class Trainer:
         check_world(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(spec, config.demonstration)
-        self._expert, self._stop_requested, self._say = expert, stop_requested, say
+        self._expert = expert if config.demonstration.demonstration_episodes else None
+        self._stop_requested, self._say = stop_requested, say
         self._ending = Ending(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
-        self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(spec, config)
         self._journal = Journal(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
@@ -188,41 +185,16 @@ class Trainer:
 
     def _imitate(self) -> None:
         """Clone the expert into the policy."""
-        if not self._config.demonstration.demonstration_episodes:
+        if self._expert is None:
             return
-        samples = self._demonstrate()
-        self._journal.begin('clone', self._config.clone.clone_epochs, unit='epochs')
-
-        def report(epoch: CloneEpoch) -> None:
-            numbers = asdict(epoch)
-            self._journal.entry(numbers.pop('epoch'), self._state.steps, **numbers)
-
-        with tensor_threads(self._config.run.threads):
-            clone(self._learner.policy, samples, self._config.clone, self._config.run.seed,
-                  report, self._poll_learning)
+        imitation = Imitation(
+            self._spec, self._config, self._expert, self._fly, self._journal,
+            self._poll_learning)
+        imitation.teach(self._learner.policy)
+        self._state = replace(self._state, steps=self._state.steps + imitation.steps)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
         self._tell_saved(self._folder.cloned, news=True)
-
-    def _demonstrate(self) -> Demonstrations:
-        config, rockets = self._config.demonstration, self._spec.num_envs
-        waves = -(-config.demonstration_episodes // rockets)
-        assert self._expert is not None
-        self._journal.begin('demonstrate', waves, unit='waves')
-        parts = []
-        flights = [
-            functools.partial(
-                fly_wave, self._spec, self._expert, config, self._level, self._config.run.seed,
-                wave)
-            for wave in range(waves)]
-        for wave, (samples, episodes) in enumerate(self._fly(flights)):
-            parts.append(samples)
-            self._state = replace(
-                self._state, steps=self._state.steps + int(episodes.length.max()) * rockets)
-            self._journal.entry(
-                wave + 1, self._state.steps, samples=len(samples.episode),
-                **scores.figures(episodes, self._spec.outcomes))
-        return Demonstrations.join(parts)
 
     def _begin_finetuning(self) -> None:
         """Score the clone, put the world at the first level and save: iteration 0.
@@ -324,14 +296,13 @@ class Trainer:
         """Begin new episodes as the curricula have them, and get them out of step."""
         config, pilot = self._config, without_noise(self._learner.policy)
         self._state = replace(self._state, reset_iteration=self._state.iteration)
-        settings = {
-            **config.curriculum.reset_settings(self._state.curriculum.level),
-            **self._state.reverse.reset_settings()}
+        level, reach = self._state.curriculum.level, self._state.reverse.reset_settings()
         # Those that begin at all heights are out of step by themselves.
         steps = config.ppo.scatter_steps if self._state.reverse.over else 0
 
         def begin(group: int) -> Flight[bytes]:
             seed = self._world_seed(group)
+            settings = {**config.curriculum.reset_settings(level, group), **reach}
             observation = yield Reset(seed, settings)
             yield from scatter(
                 self._spec, observation, pilot, steps, np.random.default_rng(seed))
@@ -352,7 +323,8 @@ class Trainer:
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
         score, steps = fly_selection(
-            self._fly, self._spec, self._learner.policy, self._state.iteration, self._level,
+            self._fly, self._spec, self._learner.policy, self._state.iteration,
+            self._config.curriculum.selection_levels,
             self._config.run.selection_episodes, self._config.run.seed)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return
