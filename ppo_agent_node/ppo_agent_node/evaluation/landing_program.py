@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from ppo_agent_node.evaluation.point_mass import F64
@@ -65,9 +66,11 @@ class LandingProgram:
         self._most_spent = vehicle.exhaust_speed * np.log(vehicle.mass / vehicle.dry_mass)
         self._solver: clarabel.DefaultSolver | None = None
 
-    def lengths(self, steps: int) -> F64:
+    def lengths(self, steps: int) -> NDArray[np.int64]:
         """Return how many steps each block has, `(K,)`, as equal as whole numbers can be."""
-        return np.diff(np.linspace(0, steps, self.blocks + 1).astype(np.int64))
+        ends = np.linspace(0, steps, self.blocks + 1).astype(np.int64)
+        lengths: NDArray[np.int64] = np.diff(ends)
+        return lengths
 
     def solve(
         self, position: F64, velocity: F64, steps: int, spent: F64, correction: F64,
@@ -123,8 +126,8 @@ class LandingProgram:
             velocity = np.where(flies[:, None], after[1], velocity)
             mass = np.where(flies, after[2], mass)
         spent = v.exhaust_speed * np.log(v.mass / mass)
-        flown: F64 = np.column_stack((position, velocity, spent))
-        return flown - linear
+        correction: F64 = np.column_stack((position, velocity, spent)) - linear
+        return correction
 
     def _mass(self, plan: Plan) -> F64:
         """Return the mass at the beginning of each block, `(K,)` kg."""
@@ -133,7 +136,7 @@ class LandingProgram:
 
     def _times(self, steps: int) -> tuple[F64, F64]:
         """Return the durations of blocks, s, and what an acceleration is worth in metres, s^2."""
-        count = self.lengths(steps) * self.vehicle.substeps
+        count = self.lengths(steps) * float(self.vehicle.substeps)
         dt = self.vehicle.dt / self.vehicle.substeps
         return count * dt, count * (count + 1) * (0.5 * dt**2)
 
@@ -149,7 +152,7 @@ class LandingProgram:
         _, slope = self._tangent(spent)
         one, block = np.ones(k), np.arange(k)
         end = k * _WIDTH
-        entries: list[tuple[F64, F64, F64]] = []
+        entries: list[tuple[NDArray[np.int64], NDArray[np.int64], F64]] = []
         height = 0
 
         def rows(count: int, *terms: tuple[int, F64, int]) -> None:
@@ -171,7 +174,7 @@ class LandingProgram:
             velocity = _VELOCITY + axis
             rows(k, (velocity, one, 0), (velocity, -one, 1), (axis, -time[0], 0))
         rows(k, (_W, one, 0), (_W, -one, 1), (_SIGMA, -time[0], 0))
-        entries.append((np.array([height + 1.0]), np.array([end]), -one[:1]))
+        entries.append((np.array([height + 1]), np.array([end]), -one[:1]))
         for column in range(_POSITION, _W):
             rows(1, (column, one, 0))
         # Inequalities: the bound of sigma, the lean, the ground, the fuel, the miss.
@@ -184,8 +187,9 @@ class LandingProgram:
         # Cones: |u| <= sigma.
         for place, column in enumerate((_SIGMA, 0, 1, 2)):
             entries.append((height + 4 * block + place, block * _WIDTH + column, -one))
-        row, column, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-        return sparse.coo_array((value, (row, column)), (height + 4 * k, end + 1)).tocsc()
+        row, place_in_row, value = (np.concatenate(part) for part in zip(*entries, strict=True))
+        shape = height + 4 * k, end + 1
+        return sparse.coo_array((value, (row, place_in_row)), shape).tocsc()
 
     def _bound(
         self, position: F64, velocity: F64, steps: int, spent: F64, correction: F64,

@@ -120,7 +120,7 @@ class LandingOptimiser:
             states.append(state)
         return Landing(
             steps=steps, fuel=float(self._vehicle.mass - state[2][0]),
-            time=np.arange(steps + 1) * self._vehicle.dt,
+            time=self._vehicle.dt * np.arange(steps + 1.0),
             position=np.concatenate([one[0] for one in states]),
             velocity=np.concatenate([one[1] for one in states]), thrust=thrust)
 
@@ -177,7 +177,7 @@ class _Search:
     def _straight_drop(self) -> tuple[int, float]:
         """Return the steps of a straight drop, and how far it falls in the fastest of them, m.
 
-        Without drag, and with the deceleration of the dry mass: too few steps rather than too many.
+        Without drag, and with the deceleration of the dry mass: rather too few steps.
         """
         v = self._program.vehicle
         braking = max(v.max_thrust / v.dry_mass - v.gravity, 0.1 * v.gravity)
