@@ -136,9 +136,10 @@ class LandingProgram:
 
     def _times(self, steps: int) -> tuple[F64, F64]:
         """Return the durations of blocks, s, and what an acceleration is worth in metres, s^2."""
-        count = self.lengths(steps) * float(self.vehicle.substeps)
+        count: F64 = (self.lengths(steps) * self.vehicle.substeps).astype(np.float64)
         dt = self.vehicle.dt / self.vehicle.substeps
-        return count * dt, count * (count + 1) * (0.5 * dt**2)
+        time: F64 = count * dt
+        return time, count * (count + 1) * (0.5 * dt**2)
 
     def _tangent(self, spent: F64) -> tuple[F64, F64]:
         """Return value at w = 0 and slope of the tangents to the bound of sigma, `(K,)`."""
