@@ -11,6 +11,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
@@ -40,6 +41,8 @@ class EvaluationParameters:
     episodes: int = setting(2000, '', 'shared evenly over the rockets', 1, 10_000_000)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
     seed: int = setting(20_000_000, '', 'where the spawns start', 0, 2**62)
+    optimum_sample: int = setting(
+        SAMPLE, '', 'first episodes whose least fuel and time are solved for; 0: none', 0, 100_000)
     output: str = setting('', '', 'folder for evaluation.json and plots/; empty: no files')
 
 
@@ -58,7 +61,7 @@ def evaluation(node: Node, executor: Executor) -> None:
         require_lockstep(client)
         summary = fly_and_write(
             SerialFleet(client), pilot, options.episodes, options.seed, options.level, output,
-            terminal.show, poll=terminal.tick, **facts)
+            terminal.show, poll=terminal.tick, optimum_sample=options.optimum_sample, **facts)
         terminal.say(metrics.table(summary))
         if output:
             terminal.say(f'evaluation.json and plots are in {output}')
