@@ -71,18 +71,26 @@ class EvaluationResult:
 
     @cached_property
     def settled(self) -> Standing | None:
-        """What became of touchdowns in world `rocket`; None in worlds that go on until rest."""
-        if self.spec.name != 'rocket':
+        """What became of touchdowns in world `rocket`; None in worlds that go on until rest.
+
+        None also where sensors are noisy: the last observation does not say how it touched down.
+        """
+        if self.spec.name != 'rocket' or self.settings.get('sensor_noise_high', 0) > 0:
             return None
         return after_touchdown(
-            self.final_observation, self.episodes.fuel_used, self.ground, self.settings)
+            self.final_observation, self.episodes.fuel_left, self.ground, self.settings)
+
+    @property
+    def dry(self) -> NDArray[np.bool_] | None:
+        """`(K,)` which rockets ended with an empty tank; None in worlds that burn no fuel."""
+        return self.episodes.fuel_left <= 0.0 if self.is_rocket else None
 
     @property
     def standing(self) -> NDArray[np.bool_] | None:
-        """`(K,)` which rockets stand in the end; None where rest is what landed means."""
-        if not self.is_rocket:
-            return None
-        return self.landed if self.settled is None else self.settled.standing
+        """`(K,)` which rockets stand in the end; None where that is not known."""
+        if self.spec.name == 'rocket_planar':
+            return self.landed
+        return None if self.settled is None else self.settled.standing
 
     def named(self, *names: str) -> NDArray[np.bool_]:
         """Return `(K,)` which episodes had one of these outcomes; unknown names match none."""
