@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node import settings as settings_module
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import outcome as outcomes
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
@@ -46,12 +47,13 @@ class RocketWorld(RocketFlight):
     in_plane = False
     """Whether rockets start within the x-y plane."""
 
-    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
         """Make the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
-        self._made_with = settings_module.build(self.settings_class, settings)
+        self._made_with = settings_module.build(
+            self.settings_class, conditions.flatten(settings))
         super().__init__(num_envs, self._made_with)
         self.episode_return = np.zeros(num_envs)
         self._none_finished = self._finished = self.capture(self._rows[:0])
@@ -61,12 +63,16 @@ class RocketWorld(RocketFlight):
             observation_names=OBSERVATION_NAMES, action_names=ACTION_NAMES,
             continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3,
             action_idle=(-1.0, 0.0, 0.0), action_count=0,
-            outcomes=outcomes.OUTCOMES, settings=settings_module.as_dict(self._made_with),
+            outcomes=outcomes.OUTCOMES, settings=settings_module.as_numbers(self._made_with),
         )
         self.reset(seed)
 
-    def reset(self, seed: int | None = None, **settings: float) -> F32:
-        """Begin new episodes of all rockets; see :class:`VectorEnv`."""
+    def reset(self, seed: int | None = None, **settings: Any) -> F32:
+        """Begin new episodes of all rockets; see :class:`VectorEnv`.
+
+        Conditions may be given as `conditions.flatten` takes them.
+        """
+        settings = conditions.flatten(settings)
         unknown = sorted(set(settings) - set(self.reset_settings))
         if unknown:
             raise ValueError(
@@ -255,7 +261,9 @@ class RocketWorld(RocketFlight):
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=speed, tilt=tilt, distance=distance,
-                fuel_used=self.settings.fuel - self.fuel[done],
+                fuel_used=self.settings.fuel - self.fuel[done], fuel_left=self.fuel[done],
+                hover_time=np.zeros(len(done)), ignitions=np.zeros(len(done), np.int64),
+                control_effort=np.zeros(len(done)),
             ),
         }
         self.episode[done] += 1

@@ -129,7 +129,8 @@ class RocketFlight:
             lateral_thrust=np.zeros(count), torque=captured[18:21].T,
             contact_force=captured[21:24].T, contact=captured[26:].T.astype(np.bool_),
             leg_angle=np.zeros((count, self.feet)), terrain=np.zeros((count, 0)), reward=reward,
-            outcome=outcome.astype(np.uint8),
+            outcome=outcome.astype(np.uint8), commanded_throttle=throttle,
+            disturbance=np.zeros((count, 3)), conditions=np.zeros((count, 0)),
         )
 
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:

@@ -56,7 +56,7 @@ class RocketPlanarWorld(RocketWorld):
     in_plane = True
     feet = 2
 
-    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
         """Make the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
