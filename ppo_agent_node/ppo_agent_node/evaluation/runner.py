@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ppo_agent_node.evaluation.bounds import StraightDropBound
 from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
@@ -120,7 +122,7 @@ def evaluate(
     episodes: int = 2000,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-    **reset_settings: float,
+    **reset_settings: Any,
 ) -> EvaluationResult:
     """Fly `episodes` episodes from a seed; equal arguments give equal results, bit for bit.
 
@@ -129,7 +131,8 @@ def evaluate(
 
     :param pilot: asked once a step; nothing is added to its actions.
     :param progress: told (episodes counted, of how many) whenever some were.
-    :param reset_settings: curriculum settings of the world, such as `level`.
+    :param reset_settings: settings of the world that a reset may change, such as `level`; for
+        rockets also `conditions`, the name of a set.
     :raises ValueError: for less than one episode, or what the world's reset refuses.
     :raises EnvironmentRestarted: the simulator was lost; call again for the same result.
     """
@@ -143,10 +146,12 @@ def evaluation_flight(
     episodes: int,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
-    **reset_settings: float,
+    **reset_settings: Any,
 ) -> Flight[EvaluationResult]:
     """Do what `evaluate` does, as a flight."""
     is_rocket = spec.name.startswith('rocket')
+    if is_rocket:
+        reset_settings = conditions.flatten(reset_settings)
     left = quotas(episodes, spec.num_envs)
     observation = yield Reset(seed, reset_settings)
     start = observation.copy()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ _REPORTS = 20
 def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
-    **extra: Any,
+    settings: Mapping[str, float] | None = None, **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
 
@@ -32,6 +33,7 @@ def fly_and_write(
     :param folder: where `evaluation.json`, `episodes.csv`, `plots/` and `report.html` go, the
         last two with what else the folder holds of a run; None: nowhere.
     :param poll: called before each step.
+    :param settings: what else the world is reset with, such as conditions.
     :param extra: facts to be kept with the figures.
     """
     start = time.monotonic()
@@ -53,7 +55,8 @@ def fly_and_write(
         report(Status(run=run, stage='evaluate', level=flown_level, message=message))
 
     (result,) = fleet.fly([functools.partial(
-        evaluation_flight, fleet.spec, pilot, episodes, seed, progress, **level_setting(level))],
+        evaluation_flight, fleet.spec, pilot, episodes, seed, progress,
+        **{**(settings or {}), **level_setting(level)})],
         poll=poll, report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
