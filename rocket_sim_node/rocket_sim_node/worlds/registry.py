@@ -15,7 +15,6 @@ from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
 from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
 from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
-from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
 
@@ -29,7 +28,7 @@ class _Entry:
 _MOST_ENVS = 1_000_000
 
 _WORLDS = {
-    'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
+    'rocket': _Entry(RocketWorld, RocketSettings, RocketWorld.reset_settings),
     'rocket_planar': _Entry(
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds.vehicle import FROM_LEVEL
@@ -43,7 +42,7 @@ LEVELS: dict[int, SpawnRange] = {
 }
 
 SPAWN_SETTINGS = ('spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin')
-CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS, *conditions.FLAT_NAMES)
+CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS)
 """Settings that a reset may change."""
 
 _MAX_ATTEMPTS = 1000
