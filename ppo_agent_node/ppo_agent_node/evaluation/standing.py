@@ -36,8 +36,8 @@ def after_touchdown(
 ) -> Standing:
     """Let the contact model take over from the ends of episodes.
 
-    :param observation: `(K, 15)` or more, the last of each episode. Float32 and without yaw, of which
-        neither matters to the model: it stands to 1e-5 m and leaves yaw out.
+    :param observation: `(K, 15)` or more, the last of each episode. Float32 and without yaw, of
+        which neither matters to the model: it stands to 1e-5 m and leaves yaw out.
     :param fuel: `(K,)` kg left in the tank.
     :param ground: `(K,)` which episodes ended on the ground.
     :param settings: of world `rocket`.

@@ -46,8 +46,8 @@ class EvaluationParameters:
         '', '', 'who flies the table, separated by commas: policy, expert, random, names of '
         'policies that ship, files; empty: pilot, and the expert')
     conditions: str = setting(
-        '', '', "set of conditions; empty: the simulator's own; all: the whole table of conditions "
-        'on levels 7 and 8', choices=('', *conditions.NAMES, ALL))
+        '', '', "set of conditions; empty: the simulator's own; all: the whole table of "
+        'conditions on levels 7 and 8', choices=('', *conditions.NAMES, ALL))
     episodes: int = setting(
         0, '', f'shared evenly over the rockets; 0: {_EPISODES}, or of a table '
         f'{conditions_table.EPISODES} a cell', 0, 10_000_000)

@@ -9,7 +9,6 @@ up vector and the wanted one.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,8 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 F64 = NDArray[np.float64]
 
+_SEEN = 15
+"""numbers of an observation that are looked at, the first"""
 _PACE_ITERATIONS = 4
 _LEAST_SPIN_UP = 1e-9
 """rad/s^2 that the RCS is thought to give, one without torque too"""
@@ -82,8 +83,10 @@ class ExpertPilot:
         """
         if not spec.continuous:
             raise ValueError(f'the expert steers continuously, but world {spec.name!r} does not')
-        names = {field.name for field in fields(RocketSettings)}
-        known = {name: value for name, value in spec.settings.items() if name in names}
+        infos = {info.name: info for info in settings_module.describe(RocketSettings)}
+        known = {
+            name: settings_module.from_number(infos[name], value)
+            for name, value in spec.settings.items() if name in infos}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
             raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
         self._feet = spec.settings
@@ -104,10 +107,10 @@ class ExpertPilot:
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`: throttle, RCS about X, RCS about Z, each in [-1, 1].
 
-        :param observation: `(N, 15)`, see the world `rocket`.
+        :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
         """
         v, gain = self.vehicle, self.settings
-        seen = observation.T.astype(np.float64)
+        seen = observation[:, :_SEEN].T.astype(np.float64)
         velocity = seen[3:6] * v.velocity_scale
         up = seen[6:9]
         spin = seen[9:12] * v.spin_scale

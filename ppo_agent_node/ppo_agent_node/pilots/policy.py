@@ -40,7 +40,7 @@ class PolicyPilot:
     def __call__(self, observation: F32) -> NDArray[Any]:
         """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
         if self._columns is not None:
-            # A copy: the same numbers in the same layout give the same bits as in the lesser world.
+            # Contiguous, as alone: another layout might be summed in another order.
             observation = np.ascontiguousarray(observation[:, self._columns])
         return self._fly(observation)
 

@@ -77,9 +77,10 @@ def conditions_figure(table: Mapping[str, Any]) -> Figure:
     more = max(0, len(table['pilots']) * len(table['levels']) - _FITTING)
     figure = Figure(figsize=(_WIDTH + 0.9 * more, _MARGIN + _ROW * count))
     # Labels of the rows stand at the left half only.
-    halves = figure.subfigures(1, len(_FIGURES), width_ratios=(1.35, 1.0), wspace=0.0)
-    for number, (half, shown) in enumerate(zip(halves, _FIGURES, strict=True)):
-        _half(half, table, shown, labelled=number == 0)
+    halves = figure.subfigures(
+        1, len(_FIGURES), width_ratios=(1.35, 1.0), wspace=0.0, squeeze=False)
+    for number, shown in enumerate(_FIGURES):
+        _half(halves[0, number], table, shown, labelled=number == 0)
     return figure
 
 
@@ -103,7 +104,7 @@ def _half(half: SubFigure, table: Mapping[str, Any], shown: _Figure, *, labelled
         ScalarMappable(norm, colours), ax=list(panels), orientation='horizontal', pad=0.02,
         aspect=32, ticks=shown.bounds, spacing='uniform')
     scale.ax.set_xticklabels([f'{bound:g}' for bound in shown.bounds], fontsize=8.5)
-    scale.outline.set_visible(False)  # type: ignore[operator]
+    scale.outline.set_visible(False)
 
 
 def _write(

@@ -152,10 +152,9 @@ CATALOGUE = {
         'Episodes in bins of equal number along each initial condition: where an interval lies '
         'below the grey band, the policy is weaker there than on the whole.')),
     'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
-        'Each row a condition, each column a pilot, all from the same starts: on the left how many '
-        'landed, on the right what an episode returned on average, failures included. Yellow is '
-        'good, blue is bad; a pilot that lands but hovers or wastes fuel is pale on the right '
-        'only.')),
+        'Each row is a condition, each column a pilot; all began from the same starts. On the '
+        'left how many landed, on the right the mean return, failures included. A pilot that '
+        'lands late, hard or off the centre is yellow on the left and darker on the right.')),
     'training': _Entry('Learning curves', TRAINING, _training, (
         'Mean return raw and smoothed, landing rate with its 95 % interval, and level, by '
         'iteration; the red dots are flights without noise on the final level, by which the best '

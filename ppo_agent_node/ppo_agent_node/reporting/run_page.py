@@ -54,7 +54,8 @@ def run_page(run: Run, pictures: Sequence[Picture]) -> str:
     title = f'{run.name}: {run.world or "run"}'
     return page.document(
         title, _headline(run), *_notes(run), *_evaluation(run, pictures),
-        *_conditions(run, pictures), *_section(TRAINING, pictures), *_settings(run), _files(run.path))
+        *_conditions(run, pictures), *_section(TRAINING, pictures), *_settings(run),
+        _files(run.path))
 
 
 def _headline(run: Run) -> Markup:
@@ -84,11 +85,15 @@ def _headline(run: Run) -> Markup:
 
 
 def _level(run: Run) -> str:
-    """Return the level in words, '' where there is none."""
-    level = (run.figures or {}).get('level')
+    """Return level and conditions in words, '' where there are none."""
+    figures = run.figures or {}
+    level = figures.get('level')
     if level is None:
         level = run.training.get('curriculum_final_level')
-    return f'level {level}' if level else ''
+    where = [f'level {level}'] if level else []
+    if figures.get('conditions') not in (None, 'nominal'):
+        where.append(f'conditions {figures["conditions"]}')
+    return ', '.join(where)
 
 
 def _notes(run: Run) -> list[Markup]:
