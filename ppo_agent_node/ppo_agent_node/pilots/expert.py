@@ -9,6 +9,7 @@ up vector and the wanted one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +84,8 @@ class ExpertPilot:
         """
         if not spec.continuous:
             raise ValueError(f'the expert steers continuously, but world {spec.name!r} does not')
-        infos = {info.name: info for info in settings_module.describe(RocketSettings)}
-        known = {
-            name: settings_module.from_number(infos[name], value)
-            for name, value in spec.settings.items() if name in infos}
+        names = {field.name for field in fields(RocketSettings)} - {'observation'}
+        known = {name: value for name, value in spec.settings.items() if name in names}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
             raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
         self._feet = spec.settings

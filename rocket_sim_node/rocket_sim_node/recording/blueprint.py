@@ -61,7 +61,8 @@ def blueprint(
     timeline = 'iteration' if tab == 'training' else 'sim_time'
     return UntimedBlueprint(
         rrb.Horizontal(
-            look.view(), rrb.Tabs(*tabs.values(), active_tab=list(tabs).index(tab)),
+            look.view(),
+            rrb.Tabs(*tabs.values(), active_tab=list(tabs).index(tab) if tab in tabs else 0),
             column_shares=[3, 2]),
         rrb.BlueprintPanel(state='collapsed'),
         rrb.SelectionPanel(state='collapsed'),

@@ -93,13 +93,18 @@ def text(flight: Flight, stage: Stage) -> str:
             continue
         info = _INFOS[name]
         unit = f' {info.unit}' if info.unit else ''
-        towards = ''
-        if direction := _DIRECTIONS.get(name):
-            # Drawn about the world's y, which points up: from x towards z, which is -y here.
-            towards = f', towards {-np.rad2deg(found.get(direction, 0.0)) % 360:.0f}° from x'
+        towards = _towards(name, value, found, stage) if name in _DIRECTIONS else ''
         lines.append(
             f'| {palette.words(name)} | {value:.4g}{unit}{towards} | {info.default:g}{unit} |')
     return '\n'.join([*lines, '', 'All else is nominal.'])
+
+
+def _towards(name: str, value: float, found: dict[str, float], stage: Stage) -> str:
+    direction = found.get(_DIRECTIONS[name], 0.0)
+    if stage.world == 'rocket_planar':  # which has no more of it
+        return f', {value * np.cos(direction):.3g} along x'
+    # It is drawn from x towards the world's z, y up; that is -y here.
+    return f', towards {-np.rad2deg(direction) % 360:.0f}° from x'
 
 
 def log_style(stream: rr.RecordingStream, stage: Stage, *, plotted: bool = True) -> None:
