@@ -23,6 +23,7 @@ from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import conditions
 
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
 
@@ -107,6 +108,13 @@ class CurriculumConfig:
         0, '', "level that every second group of rockets flies in place of the curriculum's, and "
         'that selection flies as well, so that one policy masters both; needs num_groups of 2 or '
         'more; 0: none', 0, 8)
+    conditions: str = setting(
+        '', '', 'set of conditions that all episodes of the run draw from; empty: as the '
+        'simulator was started', choices=('', *conditions.NAMES))
+    observation: str = setting(
+        'standard', '', 'what the policy sees of a rocket; extended: also its last commands and '
+        'accelerations, which the simulator has to be started with',
+        choices=('standard', 'extended'))
     curriculum_landing_rate: float = setting(
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
@@ -125,16 +133,22 @@ class CurriculumConfig:
         'spawn_heading; rocket_planar only', 0.0, 180.0)
 
     @property
-    def selection_levels(self) -> tuple[int, ...]:
-        """Levels that a policy is selected by."""
+    def selection_settings(self) -> tuple[dict[str, float], ...]:
+        """What the world is reset with to select a policy, one flight each."""
         wide = self.curriculum_wide_level
-        return (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
+        levels = (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
+        return tuple(self.task_settings(level) for level in levels)
+
+    def task_settings(self, level: int) -> dict[str, float]:
+        """Return what the world is reset with for a level under the run's conditions."""
+        drawn = conditions.settings(self.conditions) if self.conditions else {}
+        return {**drawn, **level_setting(level)}
 
     def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
         """Return what the world of a group is reset with for roll-outs."""
         if group % 2 and self.curriculum_wide_level:
             level = self.curriculum_wide_level
-        settings = level_setting(level)
+        settings = self.task_settings(level)
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
         return settings
@@ -257,6 +271,15 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
             f'world {spec.name!r} has {"" if levels else "no "}levels')
+    drawn = config.curriculum.conditions
+    if drawn and not set(conditions.FLAT_NAMES) <= set(spec.settings):
+        raise ValueError(
+            f'conditions: got {drawn!r}, expected none, as world {spec.name!r} has no conditions')
+    seen = 'extended' if 'command_1_throttle' in spec.observation_names else 'standard'
+    if 'observation' in spec.settings and config.curriculum.observation != seen:
+        raise ValueError(
+            f'observation: got {config.curriculum.observation!r}, but the simulator was started '
+            f'with observation:={seen}; expected the same of both')
     reach = config.curriculum.curriculum_start_reach
     if reach and 'spawn_reach' not in spec.settings:
         raise ValueError(

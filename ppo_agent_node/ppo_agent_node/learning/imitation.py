@@ -135,11 +135,10 @@ class Imitation:
 
     def _starts(self, waves: int) -> list[dict[str, float]]:
         """Return what each wave is reset with: so many as planned, then as many wider ones."""
-        config = self._config
-        final = config.curriculum.curriculum_final_level
-        plain = spawn_settings(config.demonstration, final)
-        wide = config.demonstration.demonstration_wide_level
-        return [plain] * waves + ([{'level': float(wide)}] * waves if wide else [])
+        curriculum, demonstration = self._config.curriculum, self._config.demonstration
+        final, wide = curriculum.curriculum_final_level, demonstration.demonstration_wide_level
+        plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}
+        return [plain] * waves + ([curriculum.task_settings(wide)] * waves if wide else [])
 
     def _count(self, episodes: Episodes) -> None:
         self.steps += int(episodes.length.max()) * self._spec.num_envs

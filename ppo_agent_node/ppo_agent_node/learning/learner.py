@@ -93,7 +93,7 @@ class Learner:
         if c.gamma_first < 0 or c.iterations < 2:
             return c.gamma
         part = (iteration - 1) / (c.iterations - 1)
-        return 1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part
+        return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
 
     def _values(self, observation: Tensor) -> Tensor:
         """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""

@@ -31,7 +31,8 @@ def try_starts(fly: Fly, config: Config) -> None:
         starts['curriculum_start_reach'] = {
             **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}
     if demonstration.demonstration_episodes:
-        starts['demonstrations'] = spawn_settings(demonstration, final)
+        starts['demonstrations'] = {
+            **curriculum.task_settings(final), **spawn_settings(demonstration, final)}
     for whose, settings in starts.items():
         try:
             list(fly([functools.partial(_begin, settings)]))

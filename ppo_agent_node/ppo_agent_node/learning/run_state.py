@@ -20,7 +20,9 @@ from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.selection import Score
+from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import conditions
 
 _FREE_TO_CHANGE = frozenset(
     {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
@@ -54,9 +56,18 @@ def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
     except metadata.PackageNotFoundError:
         version = 'not installed'
     return {
-        'version': version, 'world': spec.name, 'num_envs': spec.num_envs,
+        'version': version, 'world': spec.name, 'num_envs': spec.num_envs, **_launched(spec),
         'training': config.flat(), 'world_settings': spec.settings,
     }
+
+
+def _launched(spec: WorldSpec) -> dict[str, str]:
+    """Return what `train` has to give the simulator again when the run is resumed."""
+    if not spec.condition_names:
+        return {}
+    return {
+        'conditions': conditions.name_of(spec.settings),
+        'observation': worlds.settings_from(spec.name, spec.settings)['observation']}
 
 
 def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:

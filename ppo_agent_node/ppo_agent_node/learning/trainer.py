@@ -324,7 +324,7 @@ class Trainer:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
         score, steps = fly_selection(
             self._fly, self._spec, self._learner.policy, self._state.iteration,
-            self._config.curriculum.selection_levels,
+            self._config.curriculum.selection_settings,
             self._config.run.selection_episodes, self._config.run.seed)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return

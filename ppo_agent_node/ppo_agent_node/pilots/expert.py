@@ -26,6 +26,8 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 F64 = NDArray[np.float64]
 
+_SEEN = 15
+"""numbers of an observation that are looked at, the first"""
 _PACE_ITERATIONS = 4
 _LEAST_SPIN_UP = 1e-9
 """rad/s^2 that the RCS is thought to give, one without torque too"""
@@ -82,7 +84,7 @@ class ExpertPilot:
         """
         if not spec.continuous:
             raise ValueError(f'the expert steers continuously, but world {spec.name!r} does not')
-        names = {field.name for field in fields(RocketSettings)}
+        names = {field.name for field in fields(RocketSettings) if field.type != 'str'}
         known = {name: value for name, value in spec.settings.items() if name in names}
         if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
             raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
@@ -104,10 +106,10 @@ class ExpertPilot:
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`: throttle, RCS about X, RCS about Z, each in [-1, 1].
 
-        :param observation: `(N, 15)`, see the world `rocket`.
+        :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
         """
         v, gain = self.vehicle, self.settings
-        seen = observation.T.astype(np.float64)
+        seen = observation[:, :_SEEN].T.astype(np.float64)
         velocity = seen[3:6] * v.velocity_scale
         up = seen[6:9]
         spin = seen[9:12] * v.spin_scale

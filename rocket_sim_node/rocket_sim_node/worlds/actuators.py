@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.drawn_vehicle import DrawnVehicles
+from rocket_sim_node.worlds.vehicle import RocketSettings
 
 IDLE = (-1.0, 0.0, 0.0)
 """Engine off, no torque."""
@@ -53,21 +54,20 @@ class Engines:
         self.lit[rows] = False
         self.ignitions[rows] = 0
 
-    def follow(self, asked: F64, fuel: F64, vehicles: DrawnVehicles, ignitions: int) -> F64:
+    def follow(self, asked: F64, fuel: F64, vehicles: DrawnVehicles, s: RocketSettings) -> F64:
         """Advance by a step; return the throttle `(N,)` during it.
 
         An engine burns from when it is asked to until it is not, at its floor or above, and has
         to be lit anew after that. It follows exactly as a first-order system does.
 
-        :param asked: `(N,)` 0 to 1, 0 for off; is changed.
+        :param asked: `(N,)` 0 to 1; is changed.
         :param fuel: `(N,)` kg.
-        :param ignitions: how often an engine can be lit, 0 for any number.
         """
-        lit = asked > 0.0
+        lit = asked > s.throttle_cutoff
         lit &= fuel > 0.0
-        if ignitions:
-            lit &= self.lit | (self.ignitions < ignitions)
-            asked *= lit
+        if s.ignitions:
+            lit &= self.lit | (self.ignitions < s.ignitions)
+        asked *= lit
         self.ignitions += lit > self.lit
         self.lit = lit
         if vehicles.floored:

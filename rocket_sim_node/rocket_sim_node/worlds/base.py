@@ -24,7 +24,8 @@ class WorldSpec:
 
     Continuous actions are `(N, A)` float32 within `action_low` and `action_high`; discrete ones
     `(N,)` whole numbers from 0 to `action_count` - 1. `action_idle` is what a rocket flies when
-    nobody steers it: engine off, no torque (for a discrete world, one number).
+    nobody steers it: engine off, no torque (for a discrete world, one number). `condition_names`
+    are those of what is drawn for each episode, the columns of `Telemetry.conditions`.
     """
 
     name: str
@@ -39,6 +40,7 @@ class WorldSpec:
     action_count: int
     outcomes: tuple[str, ...]
     settings: dict[str, float]
+    condition_names: tuple[str, ...] = ()
 
     @property
     def observation_size(self) -> int:
@@ -160,12 +162,13 @@ class VectorEnv(Protocol):
         """The shape of the world."""
         ...
 
-    def reset(self, seed: int | None = None, **settings: float) -> F32:
+    def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes and return the first observation `(N, D)`.
 
         :param seed: where the random streams start; None begins the next episodes of the seed in
             force.
-        :param settings: curriculum settings, on top of those the world was made with, until the
+        :param settings: curriculum settings and, in worlds of rockets, conditions as
+            `conditions.flatten` takes them, on top of those the world was made with, until the
             next reset.
         :raises ValueError: for an unknown setting or one out of range; nothing changes.
         """

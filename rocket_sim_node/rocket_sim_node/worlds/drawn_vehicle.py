@@ -45,7 +45,8 @@ def draw(seed: int, row: Rows, episode: Rows, settings: RocketSettings) -> F64:
     drawn: F64 = low + (high - low) * part
     delay = DRAWN_NAMES.index('action_delay')
     drawn[delay] = np.floor(low[delay] + (high[delay] + 1 - low[delay]) * part[delay])
-    return np.minimum(drawn, high, out=drawn)
+    np.minimum(drawn, high, out=drawn)
+    return drawn
 
 
 class DrawnVehicles:

@@ -39,17 +39,18 @@ class FlightLog:
         self.effort += change
         self.commanded[:] = command[:, 0]
 
-    def note_flight(self, speed: F64, height: F64, throttle: F64) -> None:
-        """Count who hovers; m/s, m above touchdown height, and 0 to 1, `(N,)` each."""
+    def note_flight(self, speed: F64, height: F64, throttle: F64, ground: float) -> None:
+        """Count who hovers: m/s, m, and 0 to 1, `(N,)` each; touchdown is at `ground` m."""
         slow = speed < HOVER_SPEED
         if slow.any():
-            slow &= height > HOVER_HEIGHT
+            slow &= height > ground + HOVER_HEIGHT
             slow &= throttle > 0.0
             self.hover += slow
 
     def hover_time(self, rows: NDArray[np.integer], dt: float) -> F64:
         """Return how long rockets hovered, `(K,)` s."""
-        return self.hover[rows].astype(np.float64) * dt
+        time: F64 = self.hover[rows].astype(np.float64) * dt
+        return time
 
     def mean_effort(self, rows: NDArray[np.integer], length: NDArray[np.integer]) -> F64:
         """Return the control effort `(K,)` of a step, of episodes that took `length` steps."""

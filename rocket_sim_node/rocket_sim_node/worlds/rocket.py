@@ -62,6 +62,7 @@ class RocketWorld(RocketFlight):
             continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3,
             action_idle=IDLE, action_count=0,
             outcomes=outcomes.OUTCOMES, settings=settings_module.as_numbers(self._made_with),
+            condition_names=conditions.DRAWN_NAMES,
         )
         self.reset(seed)
 

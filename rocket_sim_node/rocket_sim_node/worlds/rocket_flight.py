@@ -107,8 +107,7 @@ class RocketFlight:
         s, v = self.settings, self.vehicles
         dt = s.dt / s.substeps
         throttle = (command[:, 0] + 1.0) * 0.5
-        throttle[throttle <= s.throttle_cutoff] = 0.0
-        throttle = self.engines.follow(throttle, self.fuel, v, s.ignitions)
+        throttle = self.engines.follow(throttle, self.fuel, v, s)
         self._torque[0] = command[:, 1] * v.rcs_torque
         self._torque[2] = command[:, 2] * v.rcs_torque
         spin_gain = self._torque * (dt / s.inertia)
@@ -116,7 +115,7 @@ class RocketFlight:
         if v.disturbed:
             self._disturbance[::2] = v.side + self.gust
         for _ in range(s.substeps):
-            throttle[self.fuel <= 0.0] = 0.0
+            throttle *= self.fuel > 0.0
             per_mass = dt / (self.fuel + v.dry_mass)
             speed = rotation.norm(self.velocity)
             impulse = rotation.up_vector(self.attitude)
@@ -137,7 +136,7 @@ class RocketFlight:
             self.spin += spin_gain
             self.spin[1] *= yaw_kept
             self.attitude = rotation.integrate(self.attitude, self.spin, dt)
-        self.log.note_flight(speed, self.position[1] - s.touchdown_height, throttle)
+        self.log.note_flight(speed, self.position[1], throttle, s.touchdown_height)
 
     def observe(self) -> F32:
         """Return the observation `(N, D)` of the present state."""
