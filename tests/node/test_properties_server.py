@@ -160,8 +160,9 @@ def test_any_action_is_flown_repeated_or_refused(bench: Bench, data: st.DataObje
 
 
 @given(ANY_U64, ANY_I64, st.lists(st.tuples(
-    st.one_of(st.sampled_from([
-        'level', 'spawn_height', 'spawn_speed', 'engine_lag_high', 'action_delay_high']), WIRE_TEXT),
+    st.one_of(
+        st.sampled_from(['level', 'spawn_speed', 'engine_lag_high', 'action_delay_high']),
+        WIRE_TEXT),
     st.one_of(st.floats(0, 9), ANY_FLOAT)), max_size=4))
 def test_any_reset_begins_anew_or_is_refused(
         bench: Bench, agent: int, seed: int, settings: list[tuple[str, float]]) -> None:
