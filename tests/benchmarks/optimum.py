@@ -65,17 +65,16 @@ def main() -> None:
             'blocks_cost_steps': float(np.nanmax(steps[:options.fine] - fine_steps)),
             'starts_per_cpu_second': options.starts / seconds}
         print(
-            f'level {level}, {options.starts} starts, seed {options.seed}: {one["solved"]} solved; '
-            f'least fuel {one["fuel_kg"]:.1f} kg, a straight drop {one["straight_drop_kg"]:.1f} kg '
-            f'({np.nanmin(fuel - drop):.1f} to {np.nanmax(fuel - drop):.1f} kg less); '
-            f'least time {one["steps"]:.1f} steps, ceiling of the return '
-            f'{one["return_ceiling"]:.3f}')
-        print(
-            f'  {BLOCKS} blocks against {options.blocks}, {options.fine} starts: '
-            f'{coarser.mean():.3f} kg more, at most {coarser.max():.3f} kg and '
-            f'{one["blocks_cost_steps"]:.0f} steps; flown again by the world it ends at most '
-            f'{1000 * miss.max():.2f} mm from the pad; '
-            f'{one["starts_per_cpu_second"]:.1f} starts per second of processor time', flush=True)
+            f'level {level}, seed {options.seed}: {one["solved"]} of {options.starts} solved\n'
+            f'  least fuel {one["fuel_kg"]:.1f} kg; straight drop {one["straight_drop_kg"]:.1f} '
+            f'kg, {np.nanmin(fuel - drop):.1f} to {np.nanmax(fuel - drop):.1f} kg less\n'
+            f'  least time {one["steps"]:.1f} steps, return at most {one["return_ceiling"]:.3f}\n'
+            f'  {BLOCKS} blocks cost {np.nanmean(coarser):.3f} kg, at most '
+            f'{np.nanmax(coarser):.3f} kg and {one["blocks_cost_steps"]:.0f} steps, against '
+            f'{options.blocks} ({options.fine} starts)\n'
+            f'  flown it ends at most {1000 * np.nanmax(miss):.2f} mm from the pad\n'
+            f'  {one["starts_per_cpu_second"]:.1f} starts per second of processor time',
+            flush=True)
     if options.output:
         write_json(options.output, figures)
 
