@@ -148,6 +148,7 @@ class _Search:
         self._program, self._position, self._velocity = program, position, velocity
         self._most = most_steps
         self._plans: dict[int, Plan | None] = {}
+        self._exact: dict[int, Plan] = {}
         self._last: Plan | None = None
 
     def least_steps(self) -> int | None:
@@ -167,13 +168,18 @@ class _Search:
             else:
                 before, short = short, steps
                 if plan is not None and np.isfinite(miss):
-                    drop = (miss - plan.miss) / (short - before)
+                    drop = max((miss - plan.miss) / (short - before), 0.1 * drop)
                 miss = np.nan if plan is None else plan.miss
             steps = (short + max(1, int(miss / drop)) if np.isfinite(miss)
                      else int(_GROWTH * short) + 1)
             if enough and steps >= enough:
                 steps = enough - 1 if steps == enough else (short + enough) // 2
             steps = min(steps, self._most)
+        # A step that was enough by a hair may not be once all corrections are exact.
+        while self.exact(enough).miss >= _LANDS:
+            enough += 1
+            if enough > self._most:
+                return None
         return enough
 
     def _straight_drop(self) -> tuple[int, float]:
@@ -228,12 +234,12 @@ class _Search:
         return self._plans[steps]
 
     def exact(self, steps: int) -> Plan:
-        """Return the plan for so many steps, repeated until nothing changes."""
-        self._last = self._plan(steps)
-        plan = self._solve(steps, _EXACT)
-        if plan is None:
-            raise RuntimeError(f'the plan of {steps} steps was lost')
-        return plan
+        """Return the plan for so many steps, which has one, repeated until nothing changes."""
+        if steps not in self._exact:
+            known = self._last = self._plan(steps)
+            assert known is not None
+            self._exact[steps] = self._solve(steps, _EXACT) or known
+        return self._exact[steps]
 
     def _solve(self, steps: int, tolerance: float) -> Plan | None:
         """Return a plan whose corrections change no more than that, m and m/s."""
