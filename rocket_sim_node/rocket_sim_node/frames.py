@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
+VECTORS = (
+    'position', 'linear_velocity', 'angular_velocity', 'torque', 'disturbance', 'contact_force')
+"""The quantities of a rocket's state that are vectors."""
+
 
 def vector_to_ros(vector: F64) -> F64:
     """Return vectors `(S, 3)`, y up, as vectors with z up."""

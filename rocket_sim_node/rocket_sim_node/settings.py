@@ -119,3 +119,20 @@ def build(cls: type[S], values: Mapping[str, object]) -> S:
 def as_dict(settings: object) -> dict[str, Any]:
     """Return all settings by name."""
     return dataclasses.asdict(settings)  # type: ignore[call-overload,no-any-return]
+
+
+def as_numbers(settings: object) -> dict[str, float]:
+    """Return all settings by name as numbers: of a choice, its place among the choices."""
+    choices = {info.name: info.choices for info in describe(type(settings))}
+    return {
+        name: choices[name].index(value) if choices[name] else value
+        for name, value in as_dict(settings).items()}
+
+
+def from_number(info: SettingInfo, value: Any) -> Any:
+    """Return what a number of `as_numbers` stands for; anything else as it is."""
+    if isinstance(info.default, bool) and value in (0, 1):
+        return bool(value)
+    if info.choices and not isinstance(value, str) and value in range(len(info.choices)):
+        return info.choices[int(value)]
+    return value

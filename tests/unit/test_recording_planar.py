@@ -66,6 +66,7 @@ def descend(episodes: int, n: int = 60, layout: Layout = LAYOUT, high: float = 9
             'angular_velocity': np.zeros((n, 3)), 'torque': np.zeros((n, 3)),
             'mass': np.full(n, 50.0 / 9.81), 'fuel': np.zeros(n),
             'throttle': np.where(k % 20 < 10, 1.0, 0.0), 'thrust': np.zeros(n),
+            'commanded_throttle': np.zeros(n), 'disturbance': np.zeros((n, 3)),
             'reward': np.ones(n), 'lateral_thrust': np.where(k < 30, 12.0, -12.0),
             'contact_force': force, 'contact': touching.astype(np.uint8),
             'leg_angle': leg_angle,
@@ -85,7 +86,7 @@ def one_flight(layout: Layout = LAYOUT) -> Flight:
 
 def test_own_fields_keep_their_places() -> None:
     flight = one_flight()
-    assert flight.values.shape == (60, LAYOUT.width) == (60, 26 + 2 + 2 + 11)
+    assert flight.values.shape == (60, LAYOUT.width) == (60, 30 + 2 + 2 + 11)
     assert flight.contact.sum(axis=0).tolist() == [10.0, 5.0]
     np.testing.assert_array_equal(flight.leg_angle, 0.2 * flight.contact)
     np.testing.assert_array_equal(flight.terrain[7], TERRAIN)

@@ -72,7 +72,7 @@ def test_lines_have_names_and_colours(tmp_path: Path, world: str) -> None:
             batch = chunk.to_record_batch()
             styles.update({
                 name: batch.column(name).to_pylist()[0][0] for name in batch.schema.names
-                if name in plots.STYLES.values()})
+                if name in plots.STYLES[plots.SAMPLE].values()})
     for plot in SCENERIES[world].plots:
         assert styles['Flight:names'][plot.name] == list(plot.names)
         assert styles['Flight:colors'][plot.name] == [

@@ -241,7 +241,7 @@ def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
         Settling.build('stands', *still, colour=np.zeros(4))
     flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
     wide = Settling.build('stands', *still, layout=Layout(legs=2))
-    with pytest.raises(ValueError, match=r'settling: samples are \(30,\) wide, expected \(26,\)'):
+    with pytest.raises(ValueError, match=r'settling: samples are \(34,\) wide, expected \(30,\)'):
         log_flight(None, flight, STAGE, Place(0), wide)  # type: ignore[arg-type]
 
 

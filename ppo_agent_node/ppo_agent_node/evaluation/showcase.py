@@ -56,7 +56,8 @@ def fly_and_record(world: str, path: Path) -> None:
     recorder = Recorder(
         Choice(), [FileSink(path, lambda *note: None)], lambda *note: None,
         settle=touchdown.follow)
-    recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
+    recorder.world(Stage.build(
+        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
     recorder.states(1, side_by_side.fly(simulated, pilot, SEED))
     recorder.close()
 

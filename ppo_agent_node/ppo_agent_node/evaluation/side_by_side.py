@@ -153,4 +153,6 @@ def compare(
     for key, name, title, pilot in who:
         flown = flights(fly(world, pilot, seed), spec.outcomes)
         sides.append(Side(key, name, title, flown))
-    return sides, Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings), remarks
+    stage = Stage.build(
+        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
+    return sides, stage, remarks

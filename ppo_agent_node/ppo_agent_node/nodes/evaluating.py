@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ _REPORTS = 20
 def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
-    optimum_sample: int = SAMPLE, **extra: Any,
+    optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
 
@@ -35,6 +36,7 @@ def fly_and_write(
         last two with what else the folder holds of a run; None: nowhere.
     :param poll: called before each step.
     :param optimum_sample: how many starts to solve for their optimum; 0: none.
+    :param settings: what else the world is reset with, such as conditions.
     :param extra: facts to be kept with the figures.
     """
     start = time.monotonic()
@@ -56,7 +58,8 @@ def fly_and_write(
         report(Status(run=run, stage='evaluate', level=flown_level, message=message))
 
     (result,) = fleet.fly([functools.partial(
-        evaluation_flight, fleet.spec, pilot, episodes, seed, progress, **level_setting(level))],
+        evaluation_flight, fleet.spec, pilot, episodes, seed, progress,
+        **{**(settings or {}), **level_setting(level)})],
         poll=poll, report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,

@@ -20,6 +20,12 @@ _SPREADS = (
     ('distance', "distance from the pad's centre", 'distance_m', 'm'),
     ('fuel_used_kg', 'fuel used', 'fuel_used_kg', 'kg'),
 )
+_QUALITY = (
+    ('hover_time', 'time spent hovering', 's'),
+    ('ignitions', 'ignitions', ''),
+    ('control_effort', 'change of the commands', 'a step'),
+)
+
 
 def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
     """Return the rows of the table; what a world does not have is left out."""
@@ -36,7 +42,11 @@ def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]
     deviation = figures.get('return_std')
     found.append((
         'mean return', f'{figures["mean_return"]:.2f}', f'{low:.2f} to {high:.2f}',
-        '' if deviation is None else f'standard deviation {deviation:.4g}'))
+        '; '.join(filter(None, (
+            '' if deviation is None else f'standard deviation {deviation:.4g}',
+            '' if figures.get('return_p05') is None else
+            f'5 % below {figures["return_p05"]:.2f}')))))
+    found += _returns_by_rate(figures) + _flying_quality(figures)
     at_rest = not str(figures['world']).startswith('rocket')
     for name, what, column, unit in _SPREADS:
         spread = figures.get(name) or {}
@@ -75,6 +85,34 @@ def _fuel_rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> lis
         found.append((
             'ceiling of the return, mean', f'{figures["return_ceiling"]:.2f}', '',
             '' if time is None else f'optimum {time:.2f} s, mean {solved}'))
+    return found
+
+
+def _returns_by_rate(figures: Mapping[str, Any]) -> list[Row]:
+    """Return the mean return of those that a rate counts, where it does not count all."""
+    counted = (
+        ('landing_rate', 'mean_return_landed', 'landed'),
+        ('standing_rate', 'mean_return_standing', 'standing'),
+        ('tanks_dry', 'mean_return_tanks_dry', 'with dry tanks'))
+    return [
+        (f'mean return, {which}', f'{figures[name]:.2f}', '', '')
+        for part, name, which in counted
+        if figures.get(name) is not None and figures.get(part) not in (None, 1.0)]
+
+
+def _flying_quality(figures: Mapping[str, Any]) -> list[Row]:
+    """Return the rows of what a landing rate hides."""
+    found: list[Row] = []
+    if figures.get('tanks_dry') is not None:
+        found.append(('ended with dry tanks', rate(figures['tanks_dry']),
+                      interval_of_rate(figures, 'tanks_dry'), ''))
+    for name, label, unit in _QUALITY:
+        spread = figures.get(name) or {}
+        if spread.get('mean') is not None:
+            found.append((
+                f'{label}, mean', f'{spread["mean"]:.4g} {unit}'.strip(), '',
+                '' if spread.get('p95') is None else
+                f'95 % at most {spread["p95"]:.4g} {unit}'.strip()))
     return found
 
 

@@ -91,7 +91,8 @@ class RecorderNode:
         self.count += 1
         with leaving_out(self._node, 'world'):
             spec = messages.world_from_message(message)
-            self._recorder.world(Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings))
+            self._recorder.world(Stage.build(
+                spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1

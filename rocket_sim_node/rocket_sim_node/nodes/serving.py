@@ -2,20 +2,28 @@
 """What node `simulator` does: it serves a world to an agent."""
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import World
 
 from rocket_sim_node import worlds
+from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire import qos
 from rocket_sim_node.wire.messages import MOST_ENVS
+from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.server import Server
 from rocket_sim_node.wire.server import ServerOptions
+from rocket_sim_node.worlds import conditions
 
+_ONE_OBSERVATION = SettingInfo(
+    'observation', 'standard', '', 'what pilots see', 0.0, math.inf, ('standard',))
+"""of worlds that have no other"""
 _MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
 
 
@@ -26,6 +34,9 @@ class SimulatorParameters:
     world: str = setting('rocket', '', 'which world', choices=worlds.names())
     num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ENVS)
     seed: int = setting(0, '', 'where the random streams start until a reset says', 0, 2**62)
+    conditions: str = setting(
+        'nominal', '', 'set of conditions, for worlds of rockets; settings of conditions that are '
+        'given beside it hold instead of its own', choices=conditions.NAMES)
     mode: str = setting(
         'lockstep', '', 'one step per action, or by the clock', choices=tuple(_MODES))
     realtime_factor: float = setting(
@@ -44,11 +55,30 @@ class SimulatorParameters:
         50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
 
 
+def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dict[str, Any]:
+    """Declare the settings of the world and return their values.
+
+    :raises ParameterError: for one out of range, and for what this world does not have.
+    """
+    infos = worlds.settings(options.world)
+    known = {info.name for info in infos}
+    if known.issuperset(conditions.FLAT_NAMES):
+        return parameters.declare_infos(infos, conditions.settings(options.conditions))
+    if options.conditions != 'nominal':
+        raise ParameterError(
+            f'parameter conditions: got {options.conditions!r}, expected nominal, as world '
+            f'{options.world!r} has no others')
+    # Launch files give it to any world.
+    values = parameters.declare_infos((*infos, _ONE_OBSERVATION))
+    del values[_ONE_OBSERVATION.name]
+    return values
+
+
 def simulate(node: Node, executor: Executor) -> None:
     """Serve a world until asked to stop."""
     parameters = Parameters(node)
     options = parameters.declare(SimulatorParameters)
-    settings = parameters.declare_infos(worlds.settings(options.world))
+    settings = _world_settings(parameters, options)
     parameters.finish()
     world = worlds.make(options.world, options.num_envs, options.seed, **settings)
     server = Server(node, world, ServerOptions(
@@ -58,5 +88,6 @@ def simulate(node: Node, executor: Executor) -> None:
         state_batch=options.state_batch))
     node.get_logger().info(
         f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
-        f'level {settings.get("level", "-")}: waiting for an agent')
+        f'level {settings.get("level", "-")}, {conditions.name_of(settings)} conditions: '
+        'waiting for an agent')
     server.serve(executor)

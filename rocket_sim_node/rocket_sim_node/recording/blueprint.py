@@ -13,7 +13,9 @@ from rerun.blueprint.encodings import ComponentSourceKind
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from rocket_sim_node.recording import scene
-from rocket_sim_node.recording.plots import SAMPLE
+from rocket_sim_node.recording.plots import COMMANDED
+from rocket_sim_node.recording.plots import DISTURBANCE
+from rocket_sim_node.recording.plots import ENGINE
 from rocket_sim_node.recording.plots import STYLES
 from rocket_sim_node.recording.plots import Plot
 from rocket_sim_node.recording.sceneries import scenery
@@ -22,7 +24,7 @@ from rocket_sim_node.recording.training_log import CURVES
 PLOT_BEHIND = 12.0
 PLOT_AHEAD = 3.0
 
-TABS = ('flight', 'log', 'training')
+TABS = ('flight', 'log', 'training', 'conditions')
 
 
 class UntimedBlueprint(rrb.Blueprint):
@@ -38,23 +40,30 @@ class UntimedBlueprint(rrb.Blueprint):
 
 
 def blueprint(
-    live: bool = False, training: bool = False, tab: str = 'flight', world: str = '',
+    live: bool = False, training: bool = False, unusual: bool = False, tab: str = 'flight',
+    world: str = '',
 ) -> UntimedBlueprint:
     """Return the layout of a recording.
 
     :param live: follow what arrives instead of playing from the start.
     :param training: with a tab for an agent that trains.
+    :param unusual: with one for conditions that are not nominal.
     :param tab: the one of :data:`TABS` in front.
     :param world: what is recorded.
     """
     look = scenery(world)
-    tabs: list[rrb.Container | rrb.View] = [_flight_tab(look.plots), _log_view()]
+    tabs: dict[str, rrb.Container | rrb.View] = {
+        'flight': _flight_tab(look.plots, unusual=unusual), 'log': _log_view()}
     if training:
-        tabs.append(_training_tab())
+        tabs['training'] = _training_tab()
+    if unusual:
+        tabs['conditions'] = _conditions_tab()
     timeline = 'iteration' if tab == 'training' else 'sim_time'
     return UntimedBlueprint(
         rrb.Horizontal(
-            look.view(), rrb.Tabs(*tabs, active_tab=TABS.index(tab)), column_shares=[3, 2]),
+            look.view(),
+            rrb.Tabs(*tabs.values(), active_tab=list(tabs).index(tab) if tab in tabs else 0),
+            column_shares=[3, 2]),
         rrb.BlueprintPanel(state='collapsed'),
         rrb.SelectionPanel(state='collapsed'),
         rrb.TimePanel(
@@ -76,13 +85,14 @@ def without_origin(view: rrb.View) -> rrb.View:
     return view
 
 
-def _flight_tab(plots: tuple[Plot, ...]) -> rrb.Vertical:
-    """Return the plots of a flight, some seconds around the cursor."""
+def _flight_tab(plots: tuple[Plot, ...], *, unusual: bool) -> rrb.Vertical:
+    """Return the plots of a flight, some seconds around the cursor.
+
+    :param unusual: with the throttle as it was commanded below that which was flown.
+    """
     shares = [3, *[2] * (len(plots) - 1)]
     views = [
-        without_origin(rrb.TimeSeriesView(
-            name=plot.title, contents=[scene.ROCKET], axis_x=around_cursor(),
-            overrides={scene.ROCKET: lines(plot)}))
+        _plot_view(plot.title, *([COMMANDED] if unusual and plot is ENGINE else []), plot)
         for plot in plots]
     phase = without_origin(rrb.StateTimelineView(name='Phase', contents=[scene.PHASE]))
     # It has a time axis like the plots, but its constructor has no argument for it.
@@ -91,12 +101,26 @@ def _flight_tab(plots: tuple[Plot, ...]) -> rrb.Vertical:
         *views, phase, name='Flight', row_shares=[*shares, sum(shares) * 2 / 15])
 
 
+def _plot_view(title: str, *plots: Plot) -> rrb.View:
+    """Return a view of plots, the last one in front."""
+    return without_origin(rrb.TimeSeriesView(
+        name=title, contents=[scene.ROCKET], axis_x=around_cursor(),
+        overrides={scene.ROCKET: [lines(plot) for plot in plots]}))
+
+
+def _conditions_tab() -> rrb.Vertical:
+    """Return what was drawn for a flight, and what disturbs it."""
+    return rrb.Vertical(
+        without_origin(rrb.TextDocumentView(name='Drawn', contents=[scene.CONDITIONS])),
+        _plot_view(DISTURBANCE.title, DISTURBANCE), name='Conditions', row_shares=[3, 2])
+
+
 def lines(plot: Plot, *, styled: bool = True) -> rrb.Visualizer:
-    """Return what draws the samples' field of a plot as lines.
+    """Return what draws the records' field of a plot as lines.
 
     :param styled: as :func:`plots.log_styles` says for each plot, otherwise as the entity does.
     """
-    sources = {'Scalars:scalars': SAMPLE, **(STYLES if styled else {})}
+    sources = {'Scalars:scalars': plot.records, **(STYLES[plot.records] if styled else {})}
     return rr.SeriesLines().visualizer(mappings=[
         VisualizerComponentMapping(
             target, ComponentSourceKind.SourceComponent, source_component=component,

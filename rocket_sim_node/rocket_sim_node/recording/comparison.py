@@ -20,6 +20,8 @@ from rerun.chunk import RrdReader
 from rocket_sim_node.recording import comparison_layout as layout
 from rocket_sim_node.recording import comparison_plots
 from rocket_sim_node.recording.comparison_table import results
+from rocket_sim_node.recording.conditions_log import log_style
+from rocket_sim_node.recording.conditions_log import unusual
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight_log import log_flight
 from rocket_sim_node.recording.place import Place
@@ -113,6 +115,8 @@ def log_comparison(
     look = comparison_plots.look(stage)
     for side in sides:
         look.static(_below(stream, side), stage)
+        if any(unusual(flight.values, flight.layout, stage) for flight in side.flights):
+            log_style(_below(stream, side), stage, plotted=False)
     comparison_plots.log_styles(stream, sides)
     settled = [settle(side.flights, stage) for side in sides]
     for number, flights in enumerate(zip(*(side.flights for side in sides), strict=True)):

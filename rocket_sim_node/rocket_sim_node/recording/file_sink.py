@@ -300,4 +300,4 @@ def _is(file: int, path: Path) -> bool:
 
 
 def _layout(look: Look) -> rrb.Blueprint:
-    return blueprint(training=look.training, world=look.world)
+    return blueprint(training=look.training, unusual=look.unusual, world=look.world)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import json
+from collections.abc import Sequence
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
@@ -13,6 +15,9 @@ from rocket_sim_node.recording import palette
 from rocket_sim_node.recording import plots
 from rocket_sim_node.recording import scene
 from rocket_sim_node.recording.camera import log_camera
+from rocket_sim_node.recording.conditions_log import drawn
+from rocket_sim_node.recording.conditions_log import log_conditions
+from rocket_sim_node.recording.conditions_log import unusual
 from rocket_sim_node.recording.effects import every
 from rocket_sim_node.recording.effects import to_body
 from rocket_sim_node.recording.flight import Flight
@@ -20,6 +25,7 @@ from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.palette import words
 from rocket_sim_node.recording.place import Place
 from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording.plots import Plot
 from rocket_sim_node.recording.sceneries import Scenery
 from rocket_sim_node.recording.sceneries import scenery
 from rocket_sim_node.recording.stage import Stage
@@ -58,10 +64,14 @@ def log_flight(
             f'{flight.values.shape[1:]}')
     look = look or scenery(stage.world)
     whole = flight.followed_by(settling)
-    _rocket(stream, whole, stage, place, look)
+    strange = unusual(flight.values, flight.layout, stage)
+    recorded = (look.recorded, plots.UNUSUALS) if strange else (look.recorded,)
+    _rocket(stream, whole, stage, place, look, recorded)
     log_camera(stream, whole, stage, place, look.camera)
     for effect in look.effects:
         effect(stream, whole, stage, place)
+    if strange:
+        log_conditions(stream, whole, stage, place)
     _trail(stream, whole, stage, place, look)
     _phases(stream, flight, settling, stage, place, look)
     _landing(stream, flight, settling, stage, place, look)
@@ -69,8 +79,12 @@ def log_flight(
 
 def _rocket(
     stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, look: Scenery,
+    recorded: Sequence[tuple[Plot, ...]],
 ) -> None:
-    """Pose, arrows and plots: one row a step and one more, empty, to end the lines."""
+    """Pose, arrows and plots: one row a step and one more, empty, to end the lines.
+
+    :param recorded: what is plotted, by the kind of its records.
+    """
     n = len(flight)
     rows = np.append(np.arange(n), n - 1)
     position, quaternion = flight.position[rows], flight.orientation[rows]
@@ -87,7 +101,7 @@ def _rocket(
                 quaternion=quaternion.astype(np.float32)),
             *rr.Arrows3D.columns(
                 vectors=arrows.reshape(-1, 3).astype(np.float32)).partition([count] * (n + 1)),
-            *plots.columns(look.recorded, flight, stage),
+            *(column for kind in recorded for column in plots.columns(kind, flight, stage)),
         ])
 
 
@@ -212,5 +226,6 @@ def _summary(
         'dt': stage.dt, 'arrow': look.velocity * stage.unit,
         'settled': 0 if settling is None else len(settling.values),
         'verdict': '' if settling is None else settling.verdict,
+        'conditions': json.dumps(drawn(flight, stage)),
     }
     return pa.array([record])

@@ -228,4 +228,4 @@ class LiveSink:
 
 
 def _layout(look: Look) -> rr.blueprint.Blueprint:
-    return blueprint(live=True, training=look.training, world=look.world)
+    return blueprint(live=True, training=look.training, unusual=look.unusual, world=look.world)

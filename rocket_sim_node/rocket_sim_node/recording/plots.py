@@ -25,16 +25,24 @@ _MOST = np.finfo(np.float16).max
 SAMPLE = 'Flight:sample'
 """the component of a rocket's entity that holds all that is plotted of it, a record in each row;
 one of its own for each plot would cost 4 bytes a row more, and its place in the file's index"""
-STYLES = {'SeriesLines:names': 'Flight:names', 'SeriesLines:colors': 'Flight:colors'}
-"""where the viewer finds what the lines are called and look like, with the fields of a sample"""
+UNUSUAL = 'Flight:unusual'
+"""the same of flights whose conditions are not nominal, beside their samples"""
+STYLES = {
+    SAMPLE: {'SeriesLines:names': 'Flight:names', 'SeriesLines:colors': 'Flight:colors'},
+    UNUSUAL: {
+        'SeriesLines:names': 'Flight:unusual_names', 'SeriesLines:colors': 'Flight:unusual_colors',
+    },
+}
+"""where the viewer finds what the lines are called and look like, with the fields of a record"""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of the rocket's entity: one field of its samples, and its lines' names and colours.
+    """A plot of the rocket's entity: one field of its records, and its lines' names and colours.
 
-    `lines` gives the values of a flight of n samples, one `(n,)` for each line. Where `rough` they
-    are stored with half precision, 0.05 %: what follows from other components need only be drawn.
+    `records` is :data:`SAMPLE` or :data:`UNUSUAL`. `lines` gives the values of a flight of n
+    samples, one `(n,)` for each line. Where `rough` they are stored with half precision, 0.05 %:
+    what follows from other components need only be drawn.
     """
 
     title: str
@@ -43,6 +51,7 @@ class Plot:
     colours: tuple[Colour, ...]
     lines: Callable[[Flight, Stage], tuple[F64, ...]]
     rough: bool = False
+    records: str = SAMPLE
 
     def table(self, flight: Flight, stage: Stage) -> NDArray[np.float32] | NDArray[np.float16]:
         """Return the values of n samples as `(n + 1, lines)`; the last row is a gap."""
@@ -53,7 +62,7 @@ class Plot:
 
     @property
     def selector(self) -> str:
-        """What picks the values of its lines from a sample, in the viewer's words."""
+        """What picks the values of its lines from a record, in the viewer's words."""
         return f'.{self.name}[]'
 
 
@@ -104,6 +113,15 @@ REWARD = Plot(
     _reward)
 CONTACT = Plot(
     'Force of the ground (weights)', 'contact', ('force',), (palette.VERMILION,), _contact)
+COMMANDED = Plot(
+    'Commanded throttle (%)', 'commanded', ('commanded',), (palette.GREY,),
+    lambda flight, _: (100.0 * flight.commanded_throttle,), rough=True, records=UNUSUAL)
+DISTURBANCE = Plot(
+    'Wind and gusts (m/s²)', 'disturbance', ('along x', 'along y'), (palette.SKY, palette.ORANGE),
+    lambda flight, _: (flight.disturbance[:, 0], flight.disturbance[:, 1]), rough=True,
+    records=UNUSUAL)
+UNUSUALS = (COMMANDED, DISTURBANCE)
+"""The fields of an unusual flight's records."""
 
 
 def _records(fields: Mapping[str, tuple[pa.Array, int]]) -> pa.StructArray:
@@ -116,22 +134,36 @@ def _records(fields: Mapping[str, tuple[pa.Array, int]]) -> pa.StructArray:
 def columns(
     plots: tuple[Plot, ...], flight: Flight, stage: Stage,
 ) -> list[rr.ComponentColumn]:
-    """Return n samples as a column of n + 1 rows; the last is a gap in the lines of the plots."""
+    """Return n samples as a column of n + 1 rows; the last is a gap in the lines of the plots.
+
+    :param plots: all those of one kind of records.
+    """
     tables = {plot.name: plot.table(flight, stage) for plot in plots}
     # As Arrow's arrays: Rerun would make a Python list of each number of NumPy's.
-    samples = _records({
+    records = _records({
         name: (pa.array(table.ravel()), table.shape[1]) for name, table in tables.items()})
-    return list(rr.DynamicArchetype.columns('Flight', components={'sample': samples}))
+    return list(rr.DynamicArchetype.columns('Flight', components={
+        _field(plots[0].records): records}))
+
+
+def _field(component: str) -> str:
+    return component.removeprefix('Flight:')
 
 
 def log_styles(stream: rr.RecordingStream, entity: str, plots: tuple[Plot, ...]) -> None:
-    """Log how the lines of all plots look; it costs a third of what it would in the layout."""
+    """Log how the lines of all plots look; it costs a third of what it would in the layout.
+
+    :param plots: all those of one kind of records.
+    """
+    styles = STYLES[plots[0].records]
     colours = {
         plot.name: pa.array([rr.encodings.Rgba32(c).rgba for c in plot.colours], pa.uint32())
         for plot in plots}
     stream.log(
         entity, rr.SeriesLines.from_fields(widths=[2.0]),
         rr.DynamicArchetype('Flight', components={
-            'names': _records({p.name: (pa.array(p.names), len(p.names)) for p in plots}),
-            'colors': _records({name: (c, len(c)) for name, c in colours.items()})}),
+            _field(styles['SeriesLines:names']): _records({
+                p.name: (pa.array(p.names), len(p.names)) for p in plots}),
+            _field(styles['SeriesLines:colors']): _records({
+                name: (c, len(c)) for name, c in colours.items()})}),
         static=True)

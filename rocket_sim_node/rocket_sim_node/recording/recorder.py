@@ -12,6 +12,7 @@ from contextlib import ExitStack
 import numpy as np
 
 from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.recording.conditions_log import unusual
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import FlightBuffer
 from rocket_sim_node.recording.follower import Follower
@@ -64,6 +65,7 @@ class Recorder:
         self._session = 0
         self._over = False
         self._early: list[tuple[int, Samples]] = []
+        self._unusual = False
         self._training: TrainingRecorder | None = None
         self._reel = Reel(choice, sinks, note, settle)
         self._live = any(sink.live for sink in sinks)
@@ -102,7 +104,7 @@ class Recorder:
         A new session ends all flights that were under way. Samples may overtake the description
         of their world on the wire: they wait for it.
 
-        :raises ValueError: when they have not the legs that their world has.
+        :raises ValueError: when they have not the legs or conditions that their world has.
         """
         if self._stage is None:
             self._early = [*self._early, (session, samples)][-EARLY:]
@@ -111,6 +113,9 @@ class Recorder:
         if legs and samples.layout.legs != legs:
             raise ValueError(f'contact: for {samples.layout.legs} legs, expected {legs}, as world '
                              f'{self._stage.world!r} has')
+        if not self._unusual and unusual(samples.values, samples.layout, self._stage):
+            self._unusual = True
+            self._begin(self._stage)
         if session != self._session:
             self._let_go()
             self._session = session
@@ -188,9 +193,9 @@ class Recorder:
 
     def _begin(self, stage: Stage) -> None:
         """Log what stands at the head of the recording of a world."""
-        training = self._training is not None
+        look = Look(stage.world, self._training is not None, self._unusual)
         for sink in self._sinks:
-            sink.begin(head(stage, training, sink.live), Look(stage.world, training))
+            sink.begin(head(stage, look, sink.live), look)
 
     def _put(self, put: Put) -> None:
         for sink in self._sinks:

@@ -29,7 +29,7 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     """Write the recording in `source` to `target`, under the same identity.
 
     A file as it was recorded has some chunks for each flight; joined, it is smaller and opens
-    quicker. It gets the tab for training when there was one.
+    quicker. It gets the tabs for training and conditions when there was any.
 
     :param tab: the one in front.
     :raises OSError: when `source` cannot be read or `target` not be written.
@@ -37,11 +37,12 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     with _os_error('not a readable recording', source):
         reader = opened(source)
         store = joined(reader)
-        trained = any(
-            path.startswith(scene.TRAINING) for path in store.schema().entity_paths())
+        paths = store.schema().entity_paths()
+        trained = any(path.startswith(scene.TRAINING) for path in paths)
         world = _world(reader)
     with _os_error('could not be written', target):
-        save(reader, store, target, blueprint(training=trained, tab=tab, world=world))
+        save(reader, store, target, blueprint(
+            training=trained, unusual=scene.CONDITIONS in paths, tab=tab, world=world))
 
 
 def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:

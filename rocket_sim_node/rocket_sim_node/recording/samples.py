@@ -19,42 +19,49 @@ FIELDS = {
     'linear_velocity': slice(8, 11), 'angular_velocity': slice(11, 14), 'torque': slice(14, 17),
     'mass': slice(17, 18), 'fuel': slice(18, 19), 'throttle': slice(19, 20),
     'thrust': slice(20, 21), 'reward': slice(21, 22), 'lateral_thrust': slice(22, 23),
-    'contact_force': slice(23, 26),
+    'contact_force': slice(23, 26), 'commanded_throttle': slice(26, 27),
+    'disturbance': slice(27, 30),
 }
 """Where the quantities of every world lie in a row of numbers."""
 
-WIDTH = 26
-"""Numbers in a row of a world that has neither legs nor terrain."""
+WIDTH = 30
+"""Numbers in a row of a world that has neither legs nor terrain nor conditions."""
 
 _MOST_EACH = 1024
-"""legs, or heights of terrain, that a world may have: a flight keeps them for each of its steps"""
+"""legs, heights of terrain or conditions of a world: a flight keeps them for each of its steps"""
 
-OWN_FIELDS = ('contact', 'leg_angle', 'terrain')
+OWN_FIELDS = ('contact', 'leg_angle', 'terrain', 'conditions')
 """Quantities that follow those of :data:`FIELDS`, as wide as the world has them."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the quantities of a world with L legs and H heights of terrain lie in a row."""
+    """Where the quantities of a world lie in a row.
+
+    It has L legs, H heights of terrain and C conditions that are drawn for each episode.
+    """
 
     legs: int = 0
     heights: int = 0
+    conditions: int = 0
 
     @property
     def width(self) -> int:
         """Numbers in a row."""
-        return WIDTH + 2 * self.legs + self.heights
+        return WIDTH + 2 * self.legs + self.heights + self.conditions
 
     def place(self, name: str) -> slice:
         """Return the columns of a quantity of :data:`FIELDS` or :data:`OWN_FIELDS`."""
         if name in FIELDS:
             return FIELDS[name]
-        first = WIDTH + self.legs * OWN_FIELDS.index(name)
-        return slice(first, first + (self.heights if name == 'terrain' else self.legs))
+        widths = self.legs, self.legs, self.heights, self.conditions
+        index = OWN_FIELDS.index(name)
+        first = WIDTH + sum(widths[:index])
+        return slice(first, first + widths[index])
 
 
 NO_LAYOUT = Layout()
-"""That of a world with neither."""
+"""That of a world with none of them."""
 
 
 def _per_sample(name: str, values: NDArray[Any], count: int) -> int:
@@ -98,7 +105,7 @@ class Samples:
         none = np.empty(0)
         layout = Layout(*(
             _per_sample(name, quantities.get(name, none), count)
-            for name in ('contact', 'terrain')))
+            for name in ('contact', 'terrain', 'conditions')))
         values = np.empty((count, layout.width))
         for name in (*FIELDS, *OWN_FIELDS):
             place = layout.place(name)

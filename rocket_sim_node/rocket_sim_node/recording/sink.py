@@ -23,6 +23,7 @@ class Look:
 
     world: str = ''
     training: bool = False
+    unusual: bool = False
 
 
 class Sink(Protocol):

@@ -23,7 +23,8 @@ class Stage:
     """A world as its recordings show it; SI units.
 
     `fuel` is 0 where none is burnt; `stance` is how far the feet stand from the axis, as seen in
-    a planar world, and `field_half_width` how far the terrain reaches.
+    a planar world, and `field_half_width` how far the terrain reaches. `condition_names` names
+    what is drawn for each episode, in the order of the samples' `conditions`.
     """
 
     world: str
@@ -36,12 +37,14 @@ class Stage:
     max_torque: float = 2e6
     stance: float = 6.7
     field_half_width: float = 10.0
+    condition_names: tuple[str, ...] = ()
     settings: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
     """all that the world says of itself"""
 
     @classmethod
     def build(
         cls, world: str, dt: float, outcomes: tuple[str, ...], settings: Mapping[str, float],
+        condition_names: tuple[str, ...] = (),
     ) -> Stage:
         """Take from a world's settings what is known here; the rest keeps its default."""
         known = {**UNSAID.get(world, {}), **settings}
@@ -58,7 +61,7 @@ class Stage:
             max_torque=value('rcs_torque', cls.max_torque),
             stance=value('stance', cls.stance),
             field_half_width=value('field_half_width', cls.field_half_width),
-            settings=dict(settings),
+            condition_names=condition_names, settings=dict(settings),
         )
 
     @property

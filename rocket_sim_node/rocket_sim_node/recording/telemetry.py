@@ -14,8 +14,6 @@ from rocket_sim_node.recording.samples import OWN_FIELDS
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.worlds.base import Telemetry
 
-_VECTORS = ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force')
-
 
 def joined(parts: Sequence[tuple[int, Telemetry]]) -> Samples:
     """Return telemetry of several steps as samples, in that order.
@@ -26,7 +24,7 @@ def joined(parts: Sequence[tuple[int, Telemetry]]) -> Samples:
         values = np.concatenate([getattr(part, name) for _, part in parts])
         if name == 'orientation':
             return frames.quaternion_to_ros(values)
-        return frames.vector_to_ros(values) if name in _VECTORS else values
+        return frames.vector_to_ros(values) if name in frames.VECTORS else values
 
     return Samples.build(
         np.concatenate([np.full(len(part.row), step) for step, part in parts]),

@@ -10,7 +10,7 @@ from rocket_sim_node import frames
 from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import NO_LAYOUT
+from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.worlds.outcome import LANDED
 from rocket_sim_node.worlds.outcome import OFF_PAD
@@ -37,7 +37,8 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
         if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)]
     if not chosen:
         return ends
-    last = Flight(0, 0, 0, '', np.stack([flights[place].values[-1] for place in chosen]))
+    last = Flight(0, 0, 0, '', np.stack([
+        flights[place].values[-1, :WIDTH] for place in chosen]))
     settled = settle(
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
         frames.vector_from_ros(last.linear_velocity),
@@ -50,7 +51,7 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
         count = int(course.length[lane]) - 1
         ends[place] = Settling.build(
             names[lane], frames.vector_to_ros(course.position[own]),
-            frames.quaternion_to_ros(course.orientation[own]),
+            frames.quaternion_to_ros(course.orientation[own]), flights[place].layout,
             linear_velocity=frames.vector_to_ros(course.linear_velocity[own]),
             angular_velocity=frames.vector_to_ros(course.angular_velocity[own]),
             fuel=np.full(count, last.fuel[lane]), mass=np.full(count, last.mass[lane]))
@@ -63,6 +64,7 @@ def _may_be(flight: Flight) -> bool:
         return float(np.linalg.norm(flight.values[-1, FIELDS[name]]))
 
     return bool(
-        flight.layout == NO_LAYOUT and flight.mass[-1] > 0.0 <= flight.fuel[-1]
+        not flight.layout.legs and not flight.layout.heights
+        and flight.mass[-1] > 0.0 <= flight.fuel[-1]
         and last('linear_velocity') < _FASTEST and last('angular_velocity') < _FASTEST_SPIN
         and abs(last('orientation') - 1.0) < 1e-3 and last('position') < _FARTHEST)

@@ -74,7 +74,7 @@ class Client:
         self.waiter.wait(lambda: self.link.world is not None, 'a description')
         return self.link.adopt_spec()
 
-    def reset(self, seed: int | None = None, **settings: float) -> F32:
+    def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes; see :class:`VectorEnv`.
 
         A simulator that is slow to answer is asked again, and without a seed each time begins the

@@ -45,7 +45,7 @@ def samples_from_message(message: msg.RocketState) -> Samples:
         messages.from_sequence(message.outcome, 'u1'),
         contact=messages.from_sequence(message.contact, 'u1'),
         **{name: messages.from_sequence(getattr(message, name), 'f8')
-           for name in (*FIELDS, 'leg_angle', 'terrain')})
+           for name in (*FIELDS, 'leg_angle', 'terrain', 'conditions')})
     good = np.abs(samples.values) < _BEYOND_ALL
     if not good.all():
         name = next(name for name in (*FIELDS, *OWN_FIELDS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import asdict
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ from rocket_sim_node.wire.inbox import Mailbox
 from rocket_sim_node.wire.latest_answers import LatestAnswers
 from rocket_sim_node.wire.steady import STEADY
 from rocket_sim_node.wire.waiting import Silence
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.actions import commanded
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.flight import Command
@@ -357,12 +359,23 @@ class Link:
                 check_seed(command.seed)
             return srv.Reset.Request(
                 agent=self.agent, seed=-1 if command.seed is None else int(command.seed),
-                settings=messages.settings_to_message(dict(command.settings)))
+                settings=messages.settings_to_message(self._flat(command.settings)))
         if isinstance(command, Restore):
             request = srv.Restore.Request(agent=self.agent)
             request.state = messages.to_sequence(np.frombuffer(command.state, np.uint8), 'u1')
             return request
         return srv.Snapshot.Request(agent=self.agent, session=self.session, step=self.step)
+
+    def _flat(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a reset sets, as numbers by name.
+
+        :raises ValueError: for conditions that do not exist, or that this world does not have.
+        """
+        if 'conditions' in settings and not self.spec.condition_names:
+            raise ValueError(
+                f'conditions: got {settings["conditions"]!r:.200}, expected none, as world '
+                f'{self.spec.name!r} has no conditions')
+        return conditions.flatten(settings)
 
     def _judge(self, command: Command, response: Any, now: float) -> bool:
         """Take a good answer; try again later when the simulator is busy."""

@@ -27,6 +27,7 @@ MOST_ENVS = 16_384
 actions, 12 B, into a socket of the 208 KiB that Linux comes with; with twice as many an exchange
 takes seconds, or for ever. More rockets fly in more simulators."""
 _MOST_NAMES = 4096
+_MOST_CONDITIONS = 1024
 _LEAST_DT, _MOST_DT = 1e-5, 60.0
 _CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
 
@@ -67,7 +68,8 @@ def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> Wor
         action_kind=World.CONTINUOUS if spec.continuous else World.DISCRETE,
         action_low=list(spec.action_low), action_high=list(spec.action_high),
         action_idle=list(spec.action_idle), action_count=int(spec.action_count),
-        outcomes=list(spec.outcomes), settings=settings_to_message(spec.settings),
+        outcomes=list(spec.outcomes), condition_names=list(spec.condition_names),
+        settings=settings_to_message(spec.settings),
     )
 
 
@@ -83,7 +85,8 @@ def world_from_message(message: World) -> WorldSpec:
         continuous=message.action_kind == World.CONTINUOUS,
         action_low=tuple(message.action_low), action_high=tuple(message.action_high),
         action_idle=tuple(message.action_idle), action_count=message.action_count,
-        outcomes=tuple(message.outcomes), settings=settings_from_message(message.settings),
+        outcomes=tuple(message.outcomes), condition_names=tuple(message.condition_names),
+        settings=settings_from_message(message.settings),
     )
     for name, value, good, expected in _description_checks(message, spec):
         if not good:
@@ -98,15 +101,16 @@ def _description_checks(
     yield 'num_envs', spec.num_envs, 1 <= spec.num_envs <= MOST_ENVS, f'1 to {MOST_ENVS}'
     yield 'dt', spec.dt, _LEAST_DT <= spec.dt <= _MOST_DT, f'{_LEAST_DT:g} to {_MOST_DT:g} s'
     yield 'mode', message.mode, message.mode in (World.LOCKSTEP, World.REALTIME), '0 or 1'
-    for name, most in (('observation_names', _MOST_NAMES), ('action_names', _MOST_NAMES),
-                       ('outcomes', RocketState.NONE)):
+    for name, least, most in (
+            ('observation_names', 1, _MOST_NAMES), ('action_names', 1, _MOST_NAMES),
+            ('outcomes', 1, RocketState.NONE), ('condition_names', 0, _MOST_CONDITIONS)):
         names = getattr(spec, name)
-        yield (f'number of {name}', len(names), 1 <= len(names) <= most, f'1 to {most}')
+        yield (f'number of {name}', len(names), least <= len(names) <= most, f'{least} to {most}')
         yield name, names, len(set(names)) == len(names), 'each once'
     for name, words in (
             ('world', [spec.name]), ('observation_names', spec.observation_names),
             ('action_names', spec.action_names), ('outcomes', spec.outcomes),
-            ('settings', list(spec.settings))):
+            ('condition_names', spec.condition_names), ('settings', list(spec.settings))):
         # They come to logs and terminals.
         yield name, words, all(map(str.isprintable, words)), 'printable characters'
     yield ('action_kind', message.action_kind,
@@ -157,7 +161,8 @@ def action_from_message(message: Any, spec: WorldSpec) -> NDArray[Any]:
 _EPISODE_KINDS = {
     'row': np.int64, 'episode': np.int64, 'episode_return': np.float64, 'length': np.int64,
     'outcome': np.uint8, 'touchdown_speed': np.float64, 'tilt': np.float64,
-    'distance': np.float64, 'fuel_used': np.float64,
+    'distance': np.float64, 'fuel_used': np.float64, 'fuel_left': np.float64,
+    'hover_time': np.float64, 'ignitions': np.int64, 'control_effort': np.float64,
 }
 
 
@@ -177,12 +182,12 @@ def state_to_message(
 ) -> RocketState:
     """Return telemetry `(S,)` of the steps `(S,)` that it is of as one message, z up."""
     message = RocketState(session=session, step=to_sequence(step, 'u8'))
-    for name in ('position', 'linear_velocity', 'angular_velocity', 'torque', 'contact_force'):
+    for name in frames.VECTORS:
         setattr(message, name, to_sequence(
             frames.vector_to_ros(getattr(telemetry, name)), 'f8'))
     message.orientation = to_sequence(frames.quaternion_to_ros(telemetry.orientation), 'f8')
-    for name in ('time', 'mass', 'fuel', 'throttle', 'thrust', 'lateral_thrust', 'reward',
-                 'leg_angle', 'terrain'):
+    for name in ('time', 'mass', 'fuel', 'throttle', 'commanded_throttle', 'thrust',
+                 'lateral_thrust', 'reward', 'leg_angle', 'terrain', 'conditions'):
         setattr(message, name, to_sequence(getattr(telemetry, name), 'f8'))
     message.row = to_sequence(telemetry.row, 'u4')
     message.episode = to_sequence(telemetry.episode, 'u8')

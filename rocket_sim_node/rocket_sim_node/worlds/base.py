@@ -24,7 +24,8 @@ class WorldSpec:
 
     Continuous actions are `(N, A)` float32 within `action_low` and `action_high`; discrete ones
     `(N,)` whole numbers from 0 to `action_count` - 1. `action_idle` is what a rocket flies when
-    nobody steers it: engine off, no torque (for a discrete world, one number).
+    nobody steers it: engine off, no torque (for a discrete world, one number). `condition_names`
+    are those of what is drawn for each episode, the columns of `Telemetry.conditions`.
     """
 
     name: str
@@ -39,6 +40,7 @@ class WorldSpec:
     action_count: int
     outcomes: tuple[str, ...]
     settings: dict[str, float]
+    condition_names: tuple[str, ...] = ()
 
     @property
     def observation_size(self) -> int:
@@ -59,6 +61,12 @@ class Episodes:
     step, which for a touchdown of `rocket` is the first step at or below touchdown height. In
     `rocket_planar`, where it may stand for a while, speed and tilt of a touchdown are those at
     first contact.
+
+    `fuel_used` and `fuel_left` are kg. `hover_time` (s) is the time with the engine on, more than
+    1 m above touchdown height and slower than 2 m/s; `ignitions` counts how often the engine went
+    from off to on; `control_effort` is the mean over the steps of the sum of the throttle's
+    change (0 to 1) and the absolute values of both RCS commands, as commanded. `lunar_lander`
+    has no tanks and none of these: all five are 0 there.
     """
 
     row: NDArray[np.int64]
@@ -70,6 +78,10 @@ class Episodes:
     tilt: F64
     distance: F64
     fuel_used: F64
+    fuel_left: F64
+    hover_time: F64
+    ignitions: NDArray[np.int64]
+    control_effort: F64
 
     def __len__(self) -> int:
         """Return K."""
@@ -90,6 +102,7 @@ _I64 = np.zeros(0, np.int64)
 _F64 = np.zeros(0)
 NO_EPISODES = Episodes(
     _I64, _I64, _F64, _I64, np.zeros(0, np.uint8), _F64, _F64, _F64, _F64,
+    _F64, _F64, _I64, _F64,
 )
 
 
@@ -99,7 +112,9 @@ class Telemetry:
 
     Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w; `contact` and `leg_angle`
     are `(S, L)`, L = 0 in worlds without legs; `terrain` is `(S, H)`, H = 0 where the ground is
-    flat; the rest is `(S,)`.
+    flat; the rest is `(S,)`. `commanded_throttle`, 0 to 1, is what was asked for at this step;
+    `disturbance` m/s^2 is side acceleration plus gust; `conditions` `(S, C)` are the values drawn
+    for the episode, in the order of `conditions.DRAWN_NAMES`, C = 0 in worlds without conditions.
     """
 
     row: NDArray[np.int64]
@@ -121,6 +136,9 @@ class Telemetry:
     terrain: F64
     reward: F64
     outcome: NDArray[np.uint8]
+    commanded_throttle: F64
+    disturbance: F64
+    conditions: F64
 
     def take(self, index: NDArray[Any] | slice) -> Telemetry:
         """Return the chosen samples."""
@@ -144,12 +162,13 @@ class VectorEnv(Protocol):
         """The shape of the world."""
         ...
 
-    def reset(self, seed: int | None = None, **settings: float) -> F32:
+    def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes and return the first observation `(N, D)`.
 
         :param seed: where the random streams start; None begins the next episodes of the seed in
             force.
-        :param settings: curriculum settings, on top of those the world was made with, until the
+        :param settings: curriculum settings and, in worlds of rockets, conditions as
+            `conditions.flatten` takes them, on top of those the world was made with, until the
             next reset.
         :raises ValueError: for an unknown setting or one out of range; nothing changes.
         """

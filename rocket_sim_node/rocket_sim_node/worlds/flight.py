@@ -43,7 +43,7 @@ class Reset:
     """Begin new episodes; answered with the observation `(N, D)`, as by `VectorEnv.reset`."""
 
     seed: int | None = None
-    settings: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,8 @@ class LunarLanderWorld:
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
                 tilt=lunar_view.tilt(self._lanes.pose[done, 0]), distance=np.abs(x),
-                fuel_used=np.zeros(len(done)),
+                fuel_used=(none := np.zeros(len(done))), fuel_left=none, hover_time=none,
+                ignitions=none.astype(np.int64), control_effort=none,
             ),
         }
         self.episode[done] += 1

@@ -102,5 +102,6 @@ def telemetry(captured: F64, engines: Engines) -> Telemetry:
         contact=captured[22:24].T.astype(np.bool_),
         leg_angle=np.abs(pose[:, 5::3] - hull[:, 2:]) - vehicle.LEG_INNER,
         terrain=captured[24:].T - vehicle.PAD_GROUND, reward=captured[19],
-        outcome=captured[OUTCOME].astype(np.uint8),
+        outcome=captured[OUTCOME].astype(np.uint8), commanded_throttle=main,
+        disturbance=np.zeros((len(flat), 3)), conditions=np.zeros((len(flat), 0)),
     )

@@ -98,6 +98,25 @@ def uniform(
     return numbers(keys(seed, row, episode, attempt), draws)
 
 
+def normal(
+    key: NDArray[np.uint64], draws: int, first: NDArray[np.integer] | int = 0,
+) -> NDArray[np.float64]:
+    """Return standard normal numbers of streams, `(draws, K)`.
+
+    By Box and Muller, 'A note on the generation of random normal deviates', Annals of
+    Mathematical Statistics 29, 1958: of two uniform numbers, two normal ones.
+
+    :param key: `(K,)`, as `keys` returns them.
+    :param first: how many calls with as many draws to pass over, one for all streams or `(K,)`.
+    """
+    pairs = (draws + 1) // 2
+    unit = numbers(key, 2 * pairs, 2 * pairs * np.asarray(first))
+    # Halves rather than every second row: NumPy's loops over strides may round differently.
+    radius = np.sqrt(-2.0 * np.log((1.0 - unit[:pairs]) * 0.5))
+    angle = np.pi * unit[pairs:]
+    return np.concatenate((radius * np.cos(angle), radius * np.sin(angle)))[:draws]
+
+
 class DrawnAhead:
     """What the next few episodes of each rocket begin with, drawn many at a time.
 

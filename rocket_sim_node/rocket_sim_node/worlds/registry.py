@@ -15,7 +15,6 @@ from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
 from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
 from rocket_sim_node.worlds.rocket import RocketWorld
 from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
-from rocket_sim_node.worlds.spawn import CURRICULUM_SETTINGS
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
 
@@ -29,7 +28,7 @@ class _Entry:
 _MOST_ENVS = 1_000_000
 
 _WORLDS = {
-    'rocket': _Entry(RocketWorld, RocketSettings, CURRICULUM_SETTINGS),
+    'rocket': _Entry(RocketWorld, RocketSettings, RocketWorld.reset_settings),
     'rocket_planar': _Entry(
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),
@@ -59,14 +58,13 @@ def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of `values` that can be set in a world, for `make`.
 
     Worlds say more of themselves than can be set, and on the wire all of it is a number: what is
-    1.0 there may be a switch here. `make` checks the rest.
+    1.0 there may be a switch here, or a choice. `make` checks the rest.
 
     :raises ValueError: for an unknown world.
     """
     return {
-        info.name: bool(value) if isinstance(info.default, bool) and value in (0, 1) else value
-        for info in settings(name) if info.name in values
-        for value in [values[info.name]]}
+        info.name: settings_module.from_number(info, values[info.name])
+        for info in settings(name) if info.name in values}
 
 
 def reset_settings(name: str) -> tuple[str, ...]:
@@ -77,12 +75,13 @@ def reset_settings(name: str) -> tuple[str, ...]:
     return _entry(name).reset_settings
 
 
-def make(name: str, num_envs: int = 1, seed: int = 0, **values: float) -> SimulatedWorld:
+def make(name: str, num_envs: int = 1, seed: int = 0, **values: Any) -> SimulatedWorld:
     """Make a world of `num_envs` rockets.
 
     :param name: one of `names()`.
     :param seed: where the random streams start, 0 to 2**63 - 1.
-    :param values: settings by name, the rest by default; see `settings(name)`.
+    :param values: settings by name, the rest by default; see `settings(name)`. Worlds of rockets
+        take conditions as `conditions.flatten` does.
     :raises ValueError: for an unknown world or setting, or a value out of range.
     """
     entry = _entry(name)

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node import settings as settings_module
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import outcome as outcomes
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds import spawn
 from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.actuators import IDLE
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import NO_EPISODES
@@ -22,9 +24,9 @@ from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.rocket_flight import ACTION_NAMES
-from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
 from rocket_sim_node.worlds.rocket_flight import OUTCOME
 from rocket_sim_node.worlds.rocket_flight import RocketFlight
+from rocket_sim_node.worlds.rocket_flight import observation_names
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
 _UNIT = 1e-6
@@ -41,32 +43,35 @@ class RocketWorld(RocketFlight):
     name = 'rocket'
     settings_class: type[RocketSettings] = RocketSettings
     settings: RocketSettings
-    reset_settings: tuple[str, ...] = spawn.CURRICULUM_SETTINGS
+    reset_settings: tuple[str, ...] = (*spawn.CURRICULUM_SETTINGS, *conditions.FLAT_NAMES)
     """Settings that a reset may change."""
-    in_plane = False
-    """Whether rockets start within the x-y plane."""
 
-    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
         """Make the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
-        self._made_with = settings_module.build(self.settings_class, settings)
-        super().__init__(num_envs, self._made_with)
+        self._made_with = settings_module.build(
+            self.settings_class, conditions.flatten(settings))
+        super().__init__(num_envs, self._made_with, seed)
         self.episode_return = np.zeros(num_envs)
         self._none_finished = self._finished = self.capture(self._rows[:0])
-        self._seed = seed
         self.spec = WorldSpec(
             name=self.name, num_envs=num_envs, dt=self.settings.dt,
-            observation_names=OBSERVATION_NAMES, action_names=ACTION_NAMES,
+            observation_names=observation_names(self.settings), action_names=ACTION_NAMES,
             continuous=True, action_low=(-1.0,) * 3, action_high=(1.0,) * 3,
-            action_idle=(-1.0, 0.0, 0.0), action_count=0,
-            outcomes=outcomes.OUTCOMES, settings=settings_module.as_dict(self._made_with),
+            action_idle=IDLE, action_count=0,
+            outcomes=outcomes.OUTCOMES, settings=settings_module.as_numbers(self._made_with),
+            condition_names=conditions.DRAWN_NAMES,
         )
         self.reset(seed)
 
-    def reset(self, seed: int | None = None, **settings: float) -> F32:
-        """Begin new episodes of all rockets; see :class:`VectorEnv`."""
+    def reset(self, seed: int | None = None, **settings: Any) -> F32:
+        """Begin new episodes of all rockets; see :class:`VectorEnv`.
+
+        Conditions may be given as `conditions.flatten` takes them.
+        """
+        settings = conditions.flatten(settings)
         unknown = sorted(set(settings) - set(self.reset_settings))
         if unknown:
             raise ValueError(
@@ -82,9 +87,8 @@ class RocketWorld(RocketFlight):
             else (seed, np.zeros_like(self.episode)))
         first = spawn.draw(
             new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
-        self._use(checked)
-        self._seed, self.episode = new_seed, episode
-        self._store_spawns()
+        self._use(checked, new_seed)
+        self.episode = episode
         self._begin(self._rows, first)
         self._reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
@@ -93,8 +97,15 @@ class RocketWorld(RocketFlight):
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all rockets by `dt`; see :class:`VectorEnv`."""
         command = checked_action(self.spec, action)
-        self._advance(command)
+        self.log.note_command(command)
+        before = self.velocity.copy() if self.extended else None
+        self._advance(self.line.push(command, self.vehicles))
         self.age += 1
+        if self.vehicles.gusty:
+            self.gust[:] = self.vehicles.next_gust(self.gust, self.age)
+        if before is not None:
+            self.accelerations[1:] = self.accelerations[:-1]
+            self.accelerations[0] = (self.velocity - before) / self.settings.dt
         up = rotation.up_vector(self.attitude)
         observation = self._observe(self._all, up)
         done = self._ended(up[1])
@@ -131,33 +142,41 @@ class RocketWorld(RocketFlight):
     def restore(self, state: bytes) -> F32:
         """Put all rockets back into a snapshot and return their observation."""
         ours = self._state_arrays()
-        arrays = snapshots.unpack(self.spec, state, like=ours)
-        self._check_state(arrays)
+        arrays = snapshots.unpack(self.spec, state, like=ours, any_length=('commands',))
         snapshots.check_settings(self.spec, arrays.pop('settings'))
         values = dict(zip(self.reset_settings, arrays.pop('curriculum').tolist(), strict=True))
         try:
             settings = settings_module.build(
                 self.settings_class, {**settings_module.as_dict(self._made_with), **values})
-            self._use(settings)
         except (TypeError, ValueError) as error:
             raise ValueError(f'snapshot: {error}') from error
-        self._seed = int(arrays.pop('seed')[0])
-        self._load_state(arrays, ours)
-        self._throttle[:] = 0
+        self._check_state(arrays, settings)
+        try:
+            self._use(settings, int(arrays.pop('seed')[0]))
+        except ValueError as error:
+            raise ValueError(f'snapshot: {error}') from error
+        self._load_state(arrays, self._state_arrays())
+        self.vehicles.begin(self._rows, self.episode)
+        self._disturbance[::2] = self.vehicles.side + self.gust
         self._torque[:] = 0
         self._touching[:] = False
         self._contact_force[:] = 0
         self._reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
-        self._store_spawns()
         return self.observe()
 
-    def _check_state(self, arrays: snapshots.Arrays) -> None:
-        """Check values of a snapshot that no world can have.
+    def _check_state(self, arrays: snapshots.Arrays, settings: RocketSettings) -> None:
+        """Check values of a snapshot that no world with these settings can have.
 
         :raises ValueError: naming the array.
         """
-        snapshots.check_counts(arrays, 'seed', 'age', 'episode')
+        snapshots.check_counts(arrays, 'seed', 'age', 'episode', 'ignitions', 'hover')
+        snapshots.check_range(arrays, -1.0, 1.0, 'commands', 'commanded')
+        snapshots.check_range(arrays, 0.0, 1.0, 'throttle')
+        length = self._line_length(settings)
+        if len(arrays['commands']) != length:
+            raise ValueError(
+                f"snapshot: commands has {len(arrays['commands'])} steps, expected {length}")
         if (arrays['fuel'] < 0).any():
             raise ValueError('snapshot: fuel has a value below 0')
         if (np.abs(rotation.norm(arrays['attitude']) - 1.0) > _UNIT).any():
@@ -173,41 +192,51 @@ class RocketWorld(RocketFlight):
         return {
             'position': self.position, 'velocity': self.velocity, 'attitude': self.attitude,
             'spin': self.spin, 'fuel': self.fuel, 'age': self.age, 'episode': self.episode,
-            'episode_return': self.episode_return,
+            'episode_return': self.episode_return, 'gust': self.gust,
+            'throttle': self.engines.throttle, 'lit': self.engines.lit,
+            'ignitions': self.engines.ignitions, 'hover': self.log.hover,
+            'effort': self.log.effort, 'commanded': self.log.commanded,
+            'commands': self.line.commands, 'accelerations': self.accelerations,
             'seed': np.array([self._seed], np.int64),
             'settings': np.array(list(self.spec.settings.values()), np.float64),
             'curriculum': np.array(
                 [getattr(self.settings, name) for name in self.reset_settings], np.float64),
         }
 
-    def _use(self, settings: RocketSettings) -> None:
-        """Put settings into force.
+    def _use(self, settings: RocketSettings, seed: int) -> None:
+        """Put settings and a seed into force; episodes have to begin, or be loaded, after it.
 
         :raises ValueError: when none can be spawned by them; then nothing has changed.
         """
-        self._spawn_range = spawn.spawn_range(settings)
-        super()._use(settings)
+        spawn_range = spawn.spawn_range(settings)
+        super()._use(settings, seed)
+        self._spawns = spawn.SpawnStore(
+            seed, len(self._rows), spawn_range, settings, self.in_plane)
         self._max_age = outcomes.step_limit(settings, settings.dt)
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
 
-    def _store_spawns(self) -> None:
-        """Forget the starts drawn ahead: another seed or range is in force."""
-        self._spawns = spawn.SpawnStore(
-            self._seed, self.spec.num_envs, self._spawn_range, self.settings, self.in_plane)
-
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
         """Put the given rockets into their first states."""
+        self.vehicles.begin(rows, self.episode[rows])
         self.position[:, rows] = first.position
         self.velocity[:, rows] = first.velocity
         self.attitude[:, rows] = first.attitude
         self.spin[:, rows] = first.spin
-        self.fuel[rows] = self.settings.fuel
+        self.fuel[rows] = self.vehicles.fuel[rows]
+        self.line.begin(rows)
+        self.engines.begin(rows)
+        self.log.begin(rows)
         self.age[rows] = 0
         self.episode_return[rows] = 0.0
-        self._throttle[rows] = 0.0
         self._torque[:, rows] = 0.0
         self._touching[rows] = False
         self._contact_force[:, rows] = 0.0
+        if self.vehicles.gusty:
+            self.gust[:, rows] = self.vehicles.first_gust(rows)
+        if self.vehicles.disturbed:
+            self._disturbance[::2, rows] = self.vehicles.side[:, rows] + self.gust[:, rows]
+        if self.extended:
+            self.accelerations[:, :, rows] = 0.0
 
     def _ended(self, up_y: F64) -> NDArray[np.int64]:
         """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
@@ -240,7 +269,7 @@ class RocketWorld(RocketFlight):
         """Pay and report the episodes that ended, and begin their rockets' next ones.
 
         :param up: `(3, K)` up vectors of those rockets.
-        :param observation: `(N, 15)`; the rows that finished get their new first observation.
+        :param observation: `(N, D)`; the rows that finished get their new first observation.
         :param reward: `(N,)`, to which the ends are added.
         """
         outcome, speed, tilt, distance = self._judge(done, up)
@@ -255,7 +284,10 @@ class RocketWorld(RocketFlight):
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=speed, tilt=tilt, distance=distance,
-                fuel_used=self.settings.fuel - self.fuel[done],
+                fuel_used=self.vehicles.fuel[done] - self.fuel[done], fuel_left=self.fuel[done],
+                hover_time=self.log.hover_time(done, self.settings.dt),
+                ignitions=self.engines.ignitions[done],
+                control_effort=self.log.mean_effort(done, self.age[done]),
             ),
         }
         self.episode[done] += 1

@@ -28,13 +28,14 @@ from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds import spawn
+from rocket_sim_node.worlds.actuators import IDLE
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.planar_contact import PlanarContact
 from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
 from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket_flight import TURNED
 
-_IDLE = (-1.0, 0.0, 0.0)
 _IN_FLIGHT = -1
 _PREFIX = 'contact_'
 _OUT_OF_PLANE = {
@@ -52,11 +53,11 @@ class RocketPlanarWorld(RocketWorld):
     name = 'rocket_planar'
     settings_class = PlanarSettings
     settings: PlanarSettings
-    reset_settings = (*spawn.CURRICULUM_SETTINGS, 'spawn_heading')
+    reset_settings = (*RocketWorld.reset_settings, 'spawn_heading')
     in_plane = True
     feet = 2
 
-    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
         """Make the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
@@ -85,8 +86,8 @@ class RocketPlanarWorld(RocketWorld):
             self._struck[touched] = False
             self._contact_speed[touched] = self._contact_tilt[touched] = 0.0
 
-    def _use(self, settings: PlanarSettings) -> None:  # type: ignore[override]
-        """Put settings into force.
+    def _use(self, settings: PlanarSettings, seed: int) -> None:  # type: ignore[override]
+        """Put settings and a seed into force; episodes have to begin, or be loaded, after it.
 
         :raises ValueError: when no landing or no flight would be possible.
         """
@@ -103,7 +104,7 @@ class RocketPlanarWorld(RocketWorld):
             raise ValueError(
                 f"setting 'spawn_height': got {settings.spawn_height}, expected more than "
                 f'{reach:.3f} m, where foot or hull could touch')
-        super()._use(settings)
+        super()._use(settings, seed)
 
     # The pilot's axes
 
@@ -117,13 +118,15 @@ class RocketPlanarWorld(RocketWorld):
         self._heading[:, rows] = np.cos(angle), np.sin(angle)
 
     def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
-        """Return the observation `(K, 15)` of the chosen rockets, in the pilots' axes."""
+        """Return the observation `(K, D)` of the chosen rockets, in the pilots' axes."""
         observation = super()._observe(rows, up)
         if self.settings.spawn_heading:
             cos, sin = self._heading[:, rows]
-            along, across = observation[:, 0::3].copy(), observation[:, 2::3]
-            observation[:, 0::3] = cos[:, None] * along + sin[:, None] * across
-            observation[:, 2::3] = cos[:, None] * across - sin[:, None] * along
+            for columns in TURNED:
+                vectors = observation[:, columns]
+                along, across = vectors[:, 0::3].copy(), vectors[:, 2::3]
+                vectors[:, 0::3] = cos[:, None] * along + sin[:, None] * across
+                vectors[:, 2::3] = cos[:, None] * across - sin[:, None] * along
         return observation
 
     # Stepping
@@ -137,7 +140,7 @@ class RocketPlanarWorld(RocketWorld):
         command[:, 1] = 0.0
         if landing.size:
             if s.engine_cutoff:
-                command[landing] = _IDLE
+                command[landing] = IDLE
             before = self._motion(landing)
         super()._advance(command)
         began = self._touch_down()
@@ -179,7 +182,8 @@ class RocketPlanarWorld(RocketWorld):
         if not rows.size:
             return False
         pose = np.stack((*self.position[:2, rows], np.arctan2(-up[0], up[1])), axis=1)
-        self.contact.begin(rows, pose, self._motion(rows), s.dry_mass + self.fuel[rows])
+        self.contact.begin(rows, pose, self._motion(rows),
+                           self.vehicles.dry_mass[rows] + self.fuel[rows])
         return True
 
     def _follow(self, rows: NDArray[np.int64], pose: F64, velocity: F64) -> None:
@@ -243,10 +247,13 @@ class RocketPlanarWorld(RocketWorld):
             'contact_speed': self._contact_speed, 'contact_tilt': self._contact_tilt,
             **{_PREFIX + name: array for name, array in self.contact.arrays().items()}}
 
-    def _check_state(self, arrays: snapshots.Arrays) -> None:
-        """Check values of a snapshot that no world can have."""
-        super()._check_state(arrays)
-        s = self.settings
+    def _check_state(  # type: ignore[override]
+        self, arrays: snapshots.Arrays, settings: PlanarSettings,
+    ) -> None:
+        """Check values of a snapshot that no world with these settings can have."""
+        super()._check_state(arrays, settings)
+        s = settings
+        fuel = s.fuel * s.fuel_factor_high
         steps_down = arrays['steps_down']
         if (steps_down < _IN_FLIGHT).any():
             raise ValueError(f'snapshot: steps_down has a value below {_IN_FLIGHT}')
@@ -263,13 +270,15 @@ class RocketPlanarWorld(RocketWorld):
         for name, place in _OUT_OF_PLANE.items():
             if arrays[name][place].any():
                 raise ValueError(f'snapshot: {name} has a value out of the plane')
-        if (arrays['fuel'] > s.fuel).any():
-            raise ValueError(f'snapshot: fuel has a value above {s.fuel:g} kg')
-        mass = arrays['contact_mass']
-        if ((mass < s.dry_mass) | (mass > s.dry_mass + s.fuel)).any():
+        if (arrays['fuel'] > fuel).any():
+            raise ValueError(f'snapshot: fuel has a value above {fuel:g} kg')
+        # Of rockets in flight it is that of an earlier touchdown, under other conditions perhaps.
+        mass, present = arrays['contact_mass'], arrays['contact_present']
+        lightest = s.dry_mass * s.dry_mass_factor_low
+        heaviest = s.dry_mass * s.dry_mass_factor_high + fuel
+        if ((mass <= 0) | (present & ((mass < lightest) | (mass > heaviest)))).any():
             raise ValueError(
-                f'snapshot: contact_mass has a value outside {s.dry_mass:g} to '
-                f'{s.dry_mass + s.fuel:g} kg')
+                f'snapshot: contact_mass has a value outside {lightest:g} to {heaviest:g} kg')
         if (np.abs(arrays['contact_start_x']) > s.range_limit + s.stance + 1000.0).any():
             raise ValueError('snapshot: contact_start_x has a value outside the field')
         self.contact.check({

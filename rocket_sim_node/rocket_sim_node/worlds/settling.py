@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -122,9 +121,10 @@ def settle(
     :param trajectory: whether to return all moments.
     :raises ValueError: for a setting out of range.
     """
-    known = {field.name for field in fields(PlanarSettings)} - {'engine_cutoff'}
-    s = settings_module.build(
-        PlanarSettings, {name: value for name, value in settings.items() if name in known})
+    s = settings_module.build(PlanarSettings, {
+        info.name: settings_module.from_number(info, settings[info.name])
+        for info in settings_module.describe(PlanarSettings)
+        if info.name in settings and info.name != 'engine_cutoff'})
     plane = LandingPlane(position, orientation, velocity)
     feet = np.array(planar_vehicle.feet(s))
     corners = np.array([*feet, *planar_vehicle.hull(s)])

@@ -36,10 +36,13 @@ def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
     return buffer.getvalue()
 
 
-def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
+def unpack(
+    spec: WorldSpec, state: bytes, like: Arrays, any_length: tuple[str, ...] = (),
+) -> Arrays:
     """Return the arrays in a snapshot, checked against those of a world of the same kind.
 
     :param like: arrays of the names, shapes and kinds that are expected.
+    :param any_length: those of them that may be of another length than expected.
     :raises ValueError: when the bytes are damaged, of another world or size, or not finite.
     """
     try:
@@ -53,7 +56,10 @@ def unpack(spec: WorldSpec, state: bytes, like: Arrays) -> Arrays:
         raise ValueError(f'snapshot: holds {sorted(arrays)}, expected {sorted(like)}')
     for name, expected in like.items():
         array = arrays[name]
-        if array.shape != expected.shape or array.dtype != expected.dtype:
+        shape = expected.shape
+        if name in any_length and array.ndim:
+            shape = (len(array), *shape[1:])
+        if array.shape != shape or array.dtype != expected.dtype:
             raise ValueError(
                 f'snapshot: {name} is {array.dtype} of shape {array.shape}, '
                 f'expected {expected.dtype} of shape {expected.shape}'
@@ -75,6 +81,16 @@ def check_counts(arrays: Arrays, *names: str) -> None:
             raise ValueError(f'snapshot: {name} has a value below 0')
         if name != 'seed' and (arrays[name] > _MOST).any():
             raise ValueError(f'snapshot: {name} has a value beyond {_MOST}')
+
+
+def check_range(arrays: Arrays, low: float, high: float, *names: str) -> None:
+    """Check numbers that are within bounds in every world.
+
+    :raises ValueError: naming the array.
+    """
+    for name in names:
+        if ((arrays[name] < low) | (arrays[name] > high)).any():
+            raise ValueError(f'snapshot: {name} has a value outside {low:g} to {high:g}')
 
 
 def _arrays(state: bytes) -> Arrays:

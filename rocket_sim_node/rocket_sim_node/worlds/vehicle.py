@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.conditions import ConditionSettings
 
 FROM_LEVEL = -1.0
 """Value of a `spawn_*` setting that leaves the choice to `level`."""
@@ -45,6 +46,9 @@ class TaskSettings:
         '-1: by level', -1, 1e3)
     spawn_spin: float = setting(
         FROM_LEVEL, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', -1, 100.0)
+    spawn_reach: float = setting(
+        0.0, 'm', 'episodes begin at heights up to it above touchdown, uniform, with angle, '
+        'position, speed and spin in proportion; 0: all at spawn_height', 0.0, 1e4)
     touchdown_height: float = setting(5.2, 'm', 'height of the origin when it stands', 0.0, 1e4)
     landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 1e-6, 1e3)
     landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 1e-6, 180.0)
@@ -69,8 +73,12 @@ class ObservationSettings:
     velocity_scale: float = setting(20.0, 'm/s', 'velocity that reads 1', 1e-6, 1e6)
     spin_scale: float = setting(10.0, 'rad/s', 'angular velocity that reads 1', 1e-6, 1e6)
     observation_limit: float = setting(5.0, '', 'observations are clipped to it', 1e-6, 1e6)
+    observation: str = setting(
+        'standard', '', '15 numbers, or extended by the last 5 actions and 2 accelerations',
+        choices=('standard', 'extended'))
+    acceleration_scale: float = setting(20.0, 'm/s^2', 'acceleration that reads 1', 1e-6, 1e6)
 
 
 @dataclass(frozen=True)
-class RocketSettings(ObservationSettings, TaskSettings, VehicleSettings):
+class RocketSettings(ConditionSettings, ObservationSettings, TaskSettings, VehicleSettings):
     """All settings of world `rocket`."""
