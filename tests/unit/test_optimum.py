@@ -168,9 +168,16 @@ def test_one_start_after_another_gives_the_same_as_each_alone() -> None:
 
 
 @pytest.mark.parametrize('change', [
-    {'gravity': 0.0}, {'max_thrust': 0.0}, {'fuel': 0.0}, {'throttle_floor': 0.6}], ids=str)
+    {'gravity': 0.0}, {'max_thrust': 0.0}, {'fuel': 0.0}], ids=str)
 def test_vehicles_of_another_kind_are_refused_by_name(change: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=f'{next(iter(change))}: got '):
+        LandingOptimiser({**SETTINGS, **change})
+
+
+@pytest.mark.parametrize('change', [
+    {'throttle_floor_low': 0.6, 'throttle_floor_high': 0.6}, {'engine_lag_high': 0.2}], ids=str)
+def test_conditions_that_are_not_nominal_are_refused(change: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match='conditions: got custom, expected nominal'):
         LandingOptimiser({**SETTINGS, **change})
 
 

@@ -17,7 +17,6 @@ from ppo_agent_node.evaluation.metrics import table
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.optimum import LandingOptimiser
 from ppo_agent_node.evaluation.optimum_sample import OptimumSample
-from ppo_agent_node.evaluation.optimum_sample import nominal
 from ppo_agent_node.evaluation.optimum_sample import return_ceiling
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.optimum_sample import starts
@@ -26,7 +25,7 @@ from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting.optimum_picture import optimum_figure
 from ppo_agent_node.reporting.report import write_report
 from rocket_sim_node import worlds
-from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds import conditions
 
 SIZE = 4
 
@@ -186,16 +185,10 @@ def test_a_clipped_observation_tells_no_start(result: EvaluationResult) -> None:
     assert clipped.figures(result)['optimum_sample'] == 1
 
 
-def test_conditions_are_nominal_unless_a_setting_beside_the_vehicle_differs(
-        monkeypatch: pytest.MonkeyPatch, result: EvaluationResult) -> None:
-    settings = dict(result.settings)
-    assert nominal('rocket', settings)
-    assert nominal('rocket_planar', {**settings, 'dry_mass': 23e3, 'spawn_heading': 90.0})
-    wind = SettingInfo('wind', 0.0, 'm/s', 'wind', 0.0, 10.0, ())
-    known = worlds.settings('rocket')
-    monkeypatch.setattr(worlds, 'settings', lambda name: (*known, wind))
-    assert nominal('rocket', settings)
-    assert nominal('rocket', {**settings, 'wind': 0.0})
-    assert not nominal('rocket', {**settings, 'wind': 3.0})
-    windy = dataclasses.replace(result, reset_settings={'wind': 3.0})
-    assert none_because(solve_sample(windy), windy) == 'the conditions are not nominal'
+def test_conditions_that_are_not_nominal_have_no_optimum(result: EvaluationResult) -> None:
+    for values, name in (
+            (conditions.flatten({'side_acceleration': 0.5}), 'custom'),
+            (conditions.settings('mix'), 'mix'), (conditions.settings('hoverslam'), 'hoverslam')):
+        other = dataclasses.replace(result, reset_settings=values)
+        assert none_because(solve_sample(other), other) == (
+            f'conditions: got {name}, expected nominal')

@@ -24,6 +24,7 @@ from ppo_agent_node.evaluation.landing_program import LandingProgram
 from ppo_agent_node.evaluation.landing_program import Plan
 from ppo_agent_node.evaluation.point_mass import F64
 from ppo_agent_node.evaluation.point_mass import PointMass
+from rocket_sim_node.worlds import conditions
 
 BLOCKS = 60
 _LANDS = 1e-5
@@ -71,17 +72,17 @@ class LandingOptimiser:
 
         :param settings: of a rocket world, by name, as in `WorldSpec.settings`.
         :param blocks: in how many parts, as equal as steps allow, a flight holds its thrust.
-        :raises ValueError: for a vehicle without weight, thrust or fuel, or with a throttle that
-            cannot be closed.
+        :raises ValueError: for a vehicle without weight, thrust or fuel, or one that does not
+            fly by the nominal model: with a throttle that cannot be closed it would be another
+            problem, not a convex one.
         :raises KeyError: when a constant is missing.
         """
         for name in ('gravity', 'max_thrust', 'fuel'):
             if not settings[name] > 0:
                 raise ValueError(f'{name}: got {settings[name]}, expected more than 0')
-        if settings.get('throttle_floor', 0.0):
+        if conditions.name_of(settings) != 'nominal':
             raise ValueError(
-                f'throttle_floor: got {settings["throttle_floor"]}, expected 0: the least of an '
-                'engine that cannot be throttled to nothing is no convex problem')
+                f'conditions: got {conditions.name_of(settings)}, expected nominal')
         self._vehicle = PointMass.of(settings)
         self._program = LandingProgram(self._vehicle, blocks, settings['tilt_limit'])
         self._ground = np.array([0.0, settings['touchdown_height'], 0.0])
@@ -107,10 +108,12 @@ class LandingOptimiser:
         if least_steps is None:
             return None
         best_steps = search.least_fuel(least_steps)
-        plans = {steps: search.exact(steps) for steps in (least_steps, best_steps)}
-        landings = {steps: self._fly(position, velocity, plan, steps)
-                    for steps, plan in plans.items()}
-        return Optimum(least_fuel=landings[best_steps], least_time=landings[least_steps])
+        quick, cheap = search.exact(least_steps), search.exact(best_steps)
+        if quick is None or cheap is None:
+            return None
+        return Optimum(
+            least_fuel=self._fly(position, velocity, cheap, best_steps),
+            least_time=self._fly(position, velocity, quick, least_steps))
 
     def _fly(self, position: F64, velocity: F64, plan: Plan, steps: int) -> Landing:
         """Return what the plan's thrust does to the world's point mass."""
@@ -148,7 +151,7 @@ class _Search:
         self._program, self._position, self._velocity = program, position, velocity
         self._most = most_steps
         self._plans: dict[int, Plan | None] = {}
-        self._exact: dict[int, Plan] = {}
+        self._exact: dict[int, Plan | None] = {}
         self._last: Plan | None = None
 
     def least_steps(self) -> int | None:
@@ -176,11 +179,12 @@ class _Search:
                 steps = enough - 1 if steps == enough else (short + enough) // 2
             steps = min(steps, self._most)
         # A step that was enough by a hair may not be once all corrections are exact.
-        while self.exact(enough).miss >= _LANDS:
+        while enough <= self._most:
+            exact = self.exact(enough)
+            if exact is not None and exact.miss < _LANDS:
+                return enough
             enough += 1
-            if enough > self._most:
-                return None
-        return enough
+        return None
 
     def _straight_drop(self) -> tuple[int, float]:
         """Return the steps of a straight drop, and how far it falls in the fastest of them, m.
@@ -233,11 +237,11 @@ class _Search:
             self._plans[steps] = self._solve(steps, _SETTLED)
         return self._plans[steps]
 
-    def exact(self, steps: int) -> Plan:
-        """Return the plan for so many steps, which has one, repeated until nothing changes."""
+    def exact(self, steps: int) -> Plan | None:
+        """Return the plan for so many steps, repeated until nothing changes."""
         if steps not in self._exact:
-            known = self._last = self._plan(steps)
-            assert known is not None
+            known = self._plan(steps)
+            self._last = known or self._last
             self._exact[steps] = self._solve(steps, _EXACT) or known
         return self._exact[steps]
 
