@@ -2,6 +2,7 @@
 """Conditions as settings: sets, names, ranges and what is drawn from them."""
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,19 @@ def test_conditions_are_drawn_independently() -> None:
     values = np.array([v for v in drawn('harsh').values() if v.std()])
     off = np.abs(np.corrcoef(values) - np.eye(len(values)))
     assert off.max() < 5 / np.sqrt(N)
+
+
+def test_the_page_about_worlds_says_the_same() -> None:
+    """Its table, condition by condition."""
+    page = (Path(__file__).parents[2] / 'docs' / 'worlds.md').read_text()
+    assert '| condition | nominal | mix | harsh | hoverslam |' in page
+    for condition in (*conditions.RANGES, 'ignitions'):
+        line = next(line for line in page.splitlines() if line.startswith(f'| `{condition}`'))
+        for cell, name in zip(line.split('|')[2:6], conditions.NAMES, strict=True):
+            flat = conditions.settings(name)
+            low, high = (
+                flat.get(condition + end, flat.get(condition)) for end in ('_low', '_high'))
+            assert cell.strip() == (f'{low:g}' if low == high else f'{low:g} to {high:g}')
 
 
 def test_draws_are_a_function_of_seed_row_and_episode() -> None:
