@@ -53,7 +53,8 @@ class Careless:
 def test_only_landed_episodes_are_kept_whole_and_from_their_beginning() -> None:
     world = worlds.make('rocket', num_envs=12, seed=3, level=7)
     pilot = Careless(world)
-    samples, episodes = fly(world, fly_wave(world.spec, pilot, CALM, 7, 5, 0))
+    samples, episodes = fly(world, fly_wave(
+        world.spec, pilot, CALM, spawn_settings(CALM, 7), 5, 0))
     landed = episodes.outcome == 0
     assert len(episodes) == 12
     assert 0 < landed.sum() < 12
@@ -74,9 +75,12 @@ def test_noise_is_flown_and_not_learnt() -> None:
     noisy = dataclasses.replace(CALM, demonstration_noise=0.05)
     world = worlds.make('rocket', num_envs=6, seed=3, level=1)
     expert = ExpertPilot(world.spec, braking_share=0.8)
-    samples, episodes = fly(world, fly_wave(world.spec, expert, noisy, 1, 5, 0))
-    calm, _ = fly(world, fly_wave(world.spec, expert, CALM, 1, 5, 0))
-    again, _ = fly(world, fly_wave(world.spec, expert, noisy, 1, 5, 0))
+    samples, episodes = fly(world, fly_wave(
+        world.spec, expert, noisy, spawn_settings(noisy, 1), 5, 0))
+    calm, _ = fly(world, fly_wave(
+        world.spec, expert, CALM, spawn_settings(CALM, 1), 5, 0))
+    again, _ = fly(world, fly_wave(
+        world.spec, expert, noisy, spawn_settings(noisy, 1), 5, 0))
     assert len(episodes) == 6
     np.testing.assert_allclose(samples.action, expert(samples.observation.numpy()), atol=1e-6)
     assert not torch.equal(samples.observation[200], calm.observation[200])
@@ -183,7 +187,8 @@ def test_what_is_said_after_touchdown_is_not_learnt() -> None:
     """In `rocket_planar` the contact switch cuts the engine; in `rocket` all is flown."""
     world = worlds.make('rocket_planar', 12, seed=1)
     pilot = ExpertPilot(world.spec)
-    samples, episodes = fly(world, fly_wave(world.spec, pilot, CALM, 7, 5, 0))
+    samples, episodes = fly(world, fly_wave(
+        world.spec, pilot, CALM, spawn_settings(CALM, 7), 5, 0))
     assert (episodes.outcome == 0).all()
     assert not touching(samples.observation.numpy(), world.spec.settings).any()
     # All of the flight is there, and of the 26 steps or more on the ground none.

@@ -67,6 +67,7 @@ def clone(
     seed: int,
     report: Callable[[CloneEpoch], None],
     poll: Callable[[], None] = lambda: None,
+    refit: bool = True,
 ) -> float:
     """Train the policy and leave it with the weights of its best epoch.
 
@@ -76,6 +77,8 @@ def clone(
 
     :param report: called after each epoch.
     :param poll: called before each minibatch; may raise to end half-way, the policy unchanged.
+    :param refit: whether the policy's normaliser takes its numbers from these demonstrations; a
+        policy that has learnt already would have to learn anew.
     :return: the least validation loss.
     :raises NothingLanded: when there are no demonstrations.
     """
@@ -86,7 +89,8 @@ def clone(
         streams.generator(seed, 'clone split'))
     # The optimiser keeps the parameters of its network in memory of its own.
     student = copy.deepcopy(policy)
-    student.normaliser.fit(demonstrations.observation[training])
+    if refit:
+        student.normaliser.fit(demonstrations.observation[training])
     optimiser = FlatAdam([list(student.network.parameters())], epsilon=1e-8)
     network = Backpropagation(student.network, optimiser.gradient_of, config.clone_batch_size)
     minibatches = Minibatches(
@@ -109,7 +113,8 @@ def clone(
             poll()
             optimiser.gradient.zero_()
             for observation, action in pieces:
-                loss, error = student.imitation(network.forward(observation), action)
+                loss, error = student.imitation(
+                    network.forward(observation), action, config.clone_huber_delta)
                 network.backward(error)
                 total += loss
             optimiser.step([learning_rate()], math.inf, stop - start)
@@ -117,7 +122,8 @@ def clone(
         training_loss = float(total) / len(training)
         loss_now = training_loss
         if len(validation):
-            loss_now = _validation_loss(student, demonstrations, validation)
+            loss_now = _validation_loss(
+                student, demonstrations, validation, config.clone_huber_delta)
         if loss_now < least:
             least, best_epoch = loss_now, epoch
             best_weights = copy.deepcopy(student.state_dict())
@@ -128,9 +134,12 @@ def clone(
     return least
 
 
-def _validation_loss(policy: Policy, demonstrations: Demonstrations, index: Tensor) -> float:
+def _validation_loss(
+    policy: Policy, demonstrations: Demonstrations, index: Tensor, huber_delta: float,
+) -> float:
     total = torch.zeros(())
     for part in index.split(8192):
         total += policy.imitation(
-            policy.output(demonstrations.observation[part]).T, demonstrations.action[part])[0]
+            policy.output(demonstrations.observation[part]).T, demonstrations.action[part],
+            huber_delta)[0]
     return float(total) / len(index)

@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.learning.features import KINDS
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import CloneConfig
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
@@ -22,6 +23,7 @@ from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import conditions
 
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
 
@@ -39,6 +41,10 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
+    features: str = setting(
+        'none', '', 'what actor and critic see beside the observation; descent: needed '
+        'deceleration, time to go, flare rate and what guidance weighs, worlds of rockets only',
+        choices=KINDS)
     log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
@@ -95,17 +101,51 @@ class CurriculumConfig:
     curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
     curriculum_final_level: int = setting(
         7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
+    curriculum_wide_level: int = setting(
+        0, '', "level that every second group of rockets flies in place of the curriculum's, and "
+        'that selection flies as well, so that one policy masters both; needs num_groups of 2 or '
+        'more; 0: none', 0, 8)
+    conditions: str = setting(
+        '', '', 'set of conditions that all episodes of the run draw from; empty: as the '
+        'simulator was started', choices=('', *conditions.NAMES))
+    observation: str = setting(
+        'standard', '', 'what the policy sees of a rocket; extended: also its last commands and '
+        'accelerations, which the simulator has to be started with',
+        choices=('standard', 'extended'))
     curriculum_landing_rate: float = setting(
         0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
     curriculum_window: int = setting(
         64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
+    curriculum_start_reach: float = setting(
+        0.0, 'm', 'the reverse curriculum: first of all, roll-outs begin up to so high above '
+        "touchdown, the world's spawn_reach, then ever higher; 0: at the spawn height", 0.0, 1e4)
+    curriculum_reach_growth: float = setting(
+        1.2, '', 'by this factor, when the highest starts land', 1.000001, 1e4)
+    curriculum_reach_landing_rate: float = setting(
+        0.95, '', 'landing rate over the window that is enough for it', 0.0, 1.0)
+    curriculum_reach_hardest: float = setting(
+        0.2, '', 'part of the starts, the highest, that this rate is of', 1e-3, 1.0)
     curriculum_heading: float = setting(
         0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
         'spawn_heading; rocket_planar only', 0.0, 180.0)
 
-    def reset_settings(self, level: int) -> dict[str, float]:
-        """Return what the world is reset with for roll-outs."""
-        settings = level_setting(level)
+    @property
+    def selection_settings(self) -> tuple[dict[str, float], ...]:
+        """What the world is reset with to select a policy, one flight each."""
+        wide = self.curriculum_wide_level
+        levels = (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
+        return tuple(self.task_settings(level) for level in levels)
+
+    def task_settings(self, level: int) -> dict[str, float]:
+        """Return what the world is reset with for a level under the run's conditions."""
+        drawn = conditions.settings(self.conditions) if self.conditions else {}
+        return {**drawn, **level_setting(level)}
+
+    def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
+        """Return what the world of a group is reset with for roll-outs."""
+        if group % 2 and self.curriculum_wide_level:
+            level = self.curriculum_wide_level
+        settings = self.task_settings(level)
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
         return settings
@@ -203,6 +243,10 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'curriculum_start_level: got {levels.curriculum_start_level}, expected 1 to '
             f'curriculum_final_level, {levels.curriculum_final_level}, or both 0')
+    if levels.curriculum_wide_level and config.ppo.num_groups < 2:
+        raise ValueError(
+            f'num_groups: got {config.ppo.num_groups}, expected 2 or more with '
+            f'curriculum_wide_level {levels.curriculum_wide_level}')
     network = config.network
     for name in ('log_std_init', 'log_std_final'):
         if getattr(network, name) < network.log_std_floor:
@@ -224,6 +268,20 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
             f'world {spec.name!r} has {"" if levels else "no "}levels')
+    drawn = config.curriculum.conditions
+    if drawn and not set(conditions.FLAT_NAMES) <= set(spec.settings):
+        raise ValueError(
+            f'conditions: got {drawn!r}, expected none, as world {spec.name!r} has no conditions')
+    seen = 'extended' if 'command_1_throttle' in spec.observation_names else 'standard'
+    if 'observation' in spec.settings and config.curriculum.observation != seen:
+        raise ValueError(
+            f'observation: got {config.curriculum.observation!r}, but the simulator was started '
+            f'with observation:={seen}; expected the same of both')
+    reach = config.curriculum.curriculum_start_reach
+    if reach and 'spawn_reach' not in spec.settings:
+        raise ValueError(
+            f'curriculum_start_reach: got {reach:g}, expected 0, as world {spec.name!r} has no '
+            'heights to start from')
     for name, value, unset in (
         ('curriculum_heading', config.curriculum.curriculum_heading, 0),
         ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading, UNSET),

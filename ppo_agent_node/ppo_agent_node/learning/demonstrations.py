@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations: what the expert saw and did in the episodes that it landed."""
+"""Demonstrations: what was seen, and what the expert did about it or would have done."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -32,14 +32,14 @@ _TOUCH = 1e-5
 
 
 class Demonstrations(NamedTuple):
-    """Samples of landed episodes, episode after episode."""
+    """Samples of episodes, episode after episode."""
 
     observation: Tensor
     """`(S, D)`"""
     action: Tensor
     """`(S, *action_shape)`, what the expert wanted, within the action's bounds"""
     episode: Tensor
-    """`(S,)` which of the landed episodes, from 0, ascending"""
+    """`(S,)` which of the episodes that were kept, from 0, ascending"""
 
     @classmethod
     def join(cls, parts: list[Demonstrations]) -> Demonstrations:
@@ -101,13 +101,15 @@ def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
 
 
 def fly_wave(
-    spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, level: int, seed: int, wave: int,
+    spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, settings: Mapping[str, float],
+    seed: int, wave: int,
 ) -> Flight[tuple[Demonstrations, Episodes]]:
     """Let the expert fly one episode with each rocket and keep those that landed.
 
     Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
     injection for robust imitation learning', 2017); what is kept is what the expert wanted.
 
+    :param settings: what the world is reset with.
     :return: the samples of landed episodes, and all episodes.
     """
     noise = np.random.default_rng(streams.derived_seed(seed, 'demonstration noise', wave))
@@ -119,21 +121,42 @@ def fly_wave(
         return wanted.astype(np.float32)
 
     observation = yield Reset(
-        streams.derived_seed(seed, 'demonstrations', wave), spawn_settings(config, level))
+        streams.derived_seed(seed, 'demonstrations', wave), settings)
     steps = yield from fly_once(observation, expert, disturb)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     landed = np.zeros(spec.num_envs, np.bool_)
     landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
-    # Rocket after rocket: (N, T) before flattening.
-    kept = np.stack([step.flying & landed for step in steps], axis=1)
+    return _samples(spec, steps, landed), episodes
+
+
+def fly_clone(
+    spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
+) -> Flight[tuple[Demonstrations, Episodes]]:
+    """Let a clone fly one episode with each rocket while the expert says what it would do.
+
+    All episodes are kept, whatever became of them: where the clone fails is where it has to learn.
+
+    :param settings: what the world is reset with.
+    :return: what the clone saw with what the expert wanted, and the episodes.
+    """
+    observation = yield Reset(seed, settings)
+    steps = yield from fly_once(observation, pilot)
+    steps = [step._replace(action=expert(step.observation)) for step in steps]
+    episodes = Episodes.concatenate([step.episodes for step in steps])
+    return _samples(spec, steps, np.ones(spec.num_envs, np.bool_)), episodes
+
+
+def _samples(spec: WorldSpec, steps: Sequence[Step], chosen: Bools) -> Demonstrations:
+    """Return the samples of chosen rockets `(N,)`, rocket after rocket."""
+    # (N, T) before flattening.
+    kept = np.stack([step.flying & chosen for step in steps], axis=1)
     kept &= steered(steps, spec.settings)
     action = np.stack([step.action for step in steps], axis=1)[kept]
     if spec.continuous:
         action = np.clip(action, spec.action_low, spec.action_high, dtype=np.float32)
     else:
         action = action.astype(np.int64)
-    samples = Demonstrations(
+    return Demonstrations(
         torch.from_numpy(np.stack([step.observation for step in steps], axis=1)[kept]),
         torch.from_numpy(action),
-        torch.from_numpy((np.cumsum(landed) - 1)[np.nonzero(kept)[0]]))
-    return samples, episodes
+        torch.from_numpy((np.cumsum(chosen) - 1)[np.nonzero(kept)[0]]))

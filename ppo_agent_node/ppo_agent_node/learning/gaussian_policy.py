@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch import nn
 
+from ppo_agent_node.learning.features import DescentFeatures
 from ppo_agent_node.learning.networks import Normaliser
 from ppo_agent_node.learning.networks import Perceptron
 from ppo_agent_node.learning.networks import mlp
@@ -36,6 +37,7 @@ class GaussianPolicy(Policy):
         log_std_final: float = 2.0,
         log_std_floor: float = -20.0,
         activation: str = 'tanh',
+        features: DescentFeatures | None = None,
     ) -> None:
         """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
 
@@ -46,9 +48,9 @@ class GaussianPolicy(Policy):
         super().__init__()
         self.action_shape = (action_size,)
         self.action_dtype = torch.float32
-        self.normaliser = Normaliser(observation_size)
+        self.normaliser = Normaliser(observation_size, features)
         self.mean = mlp(
-            (observation_size, *hidden_sizes, action_size), 0.01, generator, activation)
+            (self.normaliser.size, *hidden_sizes, action_size), 0.01, generator, activation)
         self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
         self.log_std_init, self.log_std_final = log_std_init, log_std_final
         self.log_std_floor = log_std_floor
@@ -96,14 +98,24 @@ class GaussianPolicy(Policy):
         """Return the means `(N, A)`."""
         return self.output(observation)
 
-    def imitation(self, output: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    def imitation(
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0,
+    ) -> tuple[Tensor, Tensor]:
         """Return the squared error, mean over the entries of an action, and its gradient.
+
+        With a `huber_delta` d it is Huber's loss, 2 d |e| - d^2 beyond d (Huber, 'Robust
+        estimation of a location parameter', 1964): where a pilot switches from one bound to the
+        other an error of one step is large, and would drown the small ones that decide a landing.
 
         To overshoot an action that is at its bound is no error: the world clips it.
         """
         wanted = action.T
         error = (output - wanted).masked_fill_(
             (wanted >= 1) & (output > 1) | (wanted <= -1) & (output < -1), 0.0)
+        if huber_delta:
+            near = error.clamp(-huber_delta, huber_delta)
+            loss = (near * (2 * error - near)).sum() / len(output)
+            return loss, near * (2 / len(output))
         return error.square().sum() / len(output), error * (2 / len(output))
 
     @torch.no_grad()

@@ -37,6 +37,12 @@ class DemonstrationConfig:
     demonstration_spawn_heading: float = setting(
         float(UNSET), 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; "
         '-1: not turned', UNSET, 180.0)
+    demonstration_wide_level: int = setting(
+        0, '', 'level that as many further episodes are flown on, so that one policy flies both; '
+        '0: none', 0, 8)
+    dagger_rounds: int = setting(
+        0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
+        'cloning is repeated on all samples', 0, 1000)
     teacher_braking_share: float = setting(
         0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
     teacher_flare_rate: float = setting(
@@ -62,9 +68,16 @@ class DemonstrationConfig:
 class CloneConfig:
     """Behavioural cloning of the demonstrations."""
 
-    clone_epochs: int = setting(12, '', 'passes over the demonstrations, at most', 1, 10_000)
+    clone_epochs: int = setting(
+        12, '', 'passes over the demonstrations, at most; with DAgger those of the last round',
+        1, 10_000)
+    dagger_epochs: int = setting(
+        4, '', 'passes before each round of DAgger, at most', 1, 10_000)
     clone_batch_size: int = setting(1024, '', 'samples in a minibatch', 1, 1_000_000)
     clone_learning_rate: float = setting(2e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
+    clone_huber_delta: float = setting(
+        0.0, '', 'errors of an action count squared up to it and linearly beyond; 0: all squared',
+        0.0, 2.0)
     clone_validation_fraction: float = setting(
         0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
     clone_patience: int = setting(

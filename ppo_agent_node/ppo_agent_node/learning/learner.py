@@ -16,6 +16,7 @@ from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.adam import FlatAdam
 from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.features import make_features
 from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.ppo import Diagnostics
@@ -51,14 +52,16 @@ class Learner:
     def __init__(self, spec: WorldSpec, config: Config) -> None:
         """Make both networks, which depend on the seed alone.
 
-        :raises ValueError: when the device of the settings is not there.
+        :raises ValueError: when the device of the settings is not there, or for features that the
+            world's observations do not allow.
         """
         network, self._seed = config.network, config.run.seed
         self._ppo, self.device = config.ppo, find_device(config.run.device)
         self.policy = make_policy(spec, network, streams.generator(self._seed, 'policy'))
         self.critic = Critic(
             spec.observation_size, network.hidden_sizes,
-            streams.generator(self._seed, 'critic'), network.activation)
+            streams.generator(self._seed, 'critic'), network.activation,
+            make_features(network.features, spec.observation_names, spec.settings))
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width

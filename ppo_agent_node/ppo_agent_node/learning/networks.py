@@ -12,6 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from ppo_agent_node.learning.dense import dense
+from ppo_agent_node.learning.features import DescentFeatures
 
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
 
@@ -85,30 +86,38 @@ class Normaliser(nn.Module):
     """Brings observations into a range that a network resolves well, by fixed numbers.
 
     Entries with a `width` are bent first, asinh(x / width): linear within the width and
-    logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. Then all get mean
-    0 and standard deviation 1.
+    logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. The features, if
+    any, are appended. Then all get mean 0 and standard deviation 1.
     """
 
     width: Tensor
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, size: int) -> None:
-        """Make one that changes nothing."""
+    def __init__(self, size: int, features: DescentFeatures | None = None) -> None:
+        """Make one that changes nothing of D = `size` numbers, and appends F features."""
         super().__init__()
+        self.features = features
+        self.size = size + (features.count if features else 0)
+        """D + F, numbers that come out"""
         self.register_buffer('width', torch.zeros(size))
-        self.register_buffer('mean', torch.zeros(size))
-        self.register_buffer('scale', torch.ones(size))
+        self.register_buffer('mean', torch.zeros(self.size))
+        self.register_buffer('scale', torch.ones(self.size))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Return the observations `(..., D)`, normalised."""
+        """Return observations `(..., D)` and their features, normalised, `(..., D + F)`."""
         return (self._bend(observation) - self.mean) * self.scale
 
     def _bend(self, observation: Tensor) -> Tensor:
         # The others are left alone, not computed and thrown away: asinh is slow.
         bends = self.width.nonzero()[:, 0]
         bent = torch.asinh(observation[..., bends] / self.width[bends])
-        return observation.index_copy(-1, bends, bent)
+        return self._append(observation, observation.index_copy(-1, bends, bent))
+
+    def _append(self, observation: Tensor, bent: Tensor) -> Tensor:
+        if self.features is None:
+            return bent
+        return torch.cat((bent, self.features(observation)), -1)
 
     def fit(self, observation: Tensor, least: float = 1e-3) -> None:
         """Take mean and deviation from samples `(S, D)`; deviations below `least` count as it."""
@@ -129,7 +138,7 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
     replacement by others.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
-    mean, scale = normaliser.mean, normaliser.scale
+    mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
     outputs = network.without_gradients()
 
     @torch.no_grad()
@@ -137,7 +146,10 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
         x = observation.clone() if bends else observation
         for k, width in bends:
             x[..., k].div_(width).asinh_()
-        x = x.sub_(mean) if bends else x - mean
+        if features is not None:
+            x = torch.cat((x, features(observation)), -1).sub_(mean)
+        else:
+            x = x.sub_(mean) if bends else x - mean
         x.mul_(scale)
         return outputs(x)
 
@@ -153,11 +165,12 @@ class Critic(nn.Module):
         hidden_sizes: Sequence[int],
         generator: torch.Generator,
         activation: str = 'tanh',
+        features: DescentFeatures | None = None,
     ) -> None:
-        """Make a critic D -> hidden_sizes -> 1."""
+        """Make a critic D -> hidden_sizes -> 1, which may see features as well."""
         super().__init__()
-        self.normaliser = Normaliser(observation_size)
-        self.value = mlp((observation_size, *hidden_sizes, 1), 1.0, generator, activation)
+        self.normaliser = Normaliser(observation_size, features)
+        self.value = mlp((self.normaliser.size, *hidden_sizes, 1), 1.0, generator, activation)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return the values `(N,)` of observations `(N, D)`."""

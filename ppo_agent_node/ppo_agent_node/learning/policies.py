@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ppo_agent_node.learning.categorical_policy import CategoricalPolicy as CategoricalPolicy
 from ppo_agent_node.learning.config import NetworkConfig
+from ppo_agent_node.learning.features import make_features
 from ppo_agent_node.learning.gaussian_policy import GaussianPolicy as GaussianPolicy
 from ppo_agent_node.learning.policy import Policy as Policy
 from rocket_sim_node.worlds import WorldSpec
@@ -30,7 +31,9 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
 def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Generator) -> Policy:
     """Return a policy for a world's kind of action.
 
-    :param network: its shape; what it says of the deviation is for continuous actions only.
+    :param network: its shape; what it says of the deviation and of features is for continuous
+        actions only.
+    :raises ValueError: for features that the world's observations do not allow.
     """
     if not spec.continuous:
         return CategoricalPolicy(
@@ -38,4 +41,5 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
             network.activation)
     return GaussianPolicy(
         spec.observation_size, spec.action_size, network.hidden_sizes, generator,
-        network.log_std_init, network.log_std_final, network.log_std_floor, network.activation)
+        network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
+        make_features(network.features, spec.observation_names, spec.settings))

@@ -84,9 +84,12 @@ class Policy(nn.Module):
         """Return the likeliest actions `(N, *action_shape)`."""
         raise NotImplementedError
 
-    def imitation(self, output: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    def imitation(
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0,
+    ) -> tuple[Tensor, Tensor]:
         """Return the loss of outputs `(K, S)` that shall imitate actions `(S, *action_shape)`.
 
+        :param huber_delta: errors of continuous actions count linearly beyond it; 0: nowhere.
         :return: its sum over the samples, and its gradient by the outputs `(K, S)`.
         """
         raise NotImplementedError

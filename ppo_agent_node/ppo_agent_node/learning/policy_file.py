@@ -37,7 +37,8 @@ def save_policy(
         'world': spec.name, 'observation_names': spec.observation_names,
         'action_names': spec.action_names, 'continuous': spec.continuous,
         'action_count': spec.action_count, 'hidden_sizes': network.hidden_sizes,
-        'activation': network.activation, 'world_settings': spec.settings, 'seed': seed,
+        'activation': network.activation, 'features': network.features,
+        'world_settings': spec.settings, 'seed': seed,
         'training': training,
     })
 
@@ -117,10 +118,11 @@ def _short(value: object) -> str:
 
 
 def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:
-    """Return the shape of the network; files of before there was a choice hold tanh."""
+    """Return the shape of the network; older files name neither activation nor features."""
     try:
         return settings.build(NetworkConfig, {
             'hidden_sizes': content.get('hidden_sizes'),
-            'activation': content.get('activation', 'tanh')})
+            'activation': content.get('activation', 'tanh'),
+            'features': content.get('features', 'none')})
     except (ValueError, TypeError) as error:
         raise ValueError(f'{path}: {error}') from error

@@ -27,8 +27,12 @@ def try_starts(fly: Fly, config: Config) -> None:
     first, final = curriculum.curriculum_start_level, curriculum.curriculum_final_level
     starts = {f'curriculum, level {level}': curriculum.reset_settings(level)
               for level in (first, final)}
+    if curriculum.curriculum_start_reach:
+        starts['curriculum_start_reach'] = {
+            **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}
     if demonstration.demonstration_episodes:
-        starts['demonstrations'] = spawn_settings(demonstration, final)
+        starts['demonstrations'] = {
+            **curriculum.task_settings(final), **spawn_settings(demonstration, final)}
     for whose, settings in starts.items():
         try:
             list(fly([functools.partial(_begin, settings)]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
+from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from torch import Tensor
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
 from ppo_agent_node.learning.curriculum import Curriculum
+from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.learning.sealed_file import Sealed
 from ppo_agent_node.learning.selection import Score
 from rocket_sim_node import worlds
@@ -33,6 +35,7 @@ class RunState:
     """Where a run is. Random numbers need no state: see streams."""
 
     curriculum: Curriculum
+    reverse: ReverseCurriculum
     iteration: int = 0
     """of fine-tuning, done"""
     steps: int = 0
@@ -42,6 +45,8 @@ class RunState:
     lines: int = 0
     """of the log, written"""
     best: Score | None = None
+    reset_iteration: int = 0
+    """after which the world was last reset"""
 
 
 def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
@@ -71,6 +76,8 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
         'iteration': state.iteration, 'steps': state.steps, 'episodes': state.episodes,
         'lines': state.lines,
         'level': state.curriculum.level, 'recent': [int(x) for x in state.curriculum.recent],
+        'reach': state.reverse.reach, 'recent_hardest': [int(x) for x in state.reverse.recent],
+        'reset_iteration': state.reset_iteration,
         'best': asdict(state.best) if state.best else None,
         'description': description(spec, config),
     }
@@ -109,10 +116,22 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
         return RunState(
             Curriculum(
                 config.curriculum, _count(found, 'level'), tuple(map(bool, found['recent']))),
+            _reverse(found, spec, config),
             _count(found, 'iteration'), _count(found, 'steps'), _count(found, 'episodes'),
-            _count(found, 'lines'), Score(**found['best']) if found['best'] else None)
+            _count(found, 'lines'), Score(**found['best']) if found['best'] else None,
+            _count({'reset_iteration': 0, **found}, 'reset_iteration'))
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
+
+
+def _reverse(found: dict[str, Any], spec: WorldSpec, config: Config) -> ReverseCurriculum:
+    begun = ReverseCurriculum.begin(config.curriculum, spec)
+    if 'reach' not in found:  # from before there was a reverse curriculum
+        return begun
+    reach = found['reach']
+    if not isinstance(reach, float | int) or not 0 <= reach <= begun.full_reach:
+        raise ValueError(f'reach: got {reach!r:.200}, expected 0 to {begun.full_reach:g} m')
+    return replace(begun, reach=reach, recent=tuple(map(bool, found['recent_hardest'])))
 
 
 def _count(found: dict[str, Any], name: str) -> int:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from collections.abc import Iterable
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import level_setting
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.policies import Policy
@@ -39,7 +39,7 @@ class Score:
 
 
 def fly_wave(
-    pilot: Pilot, level: int, seed: int, wave: int,
+    pilot: Pilot, settings: Mapping[str, float], seed: int, wave: int,
 ) -> Flight[tuple[Episodes, int]]:
     """Fly one episode with each rocket; return them, and the steps that it took.
 
@@ -47,24 +47,26 @@ def fly_wave(
     same ones and their difference is less noisy than either; the final evaluation has others.
     """
     observation = yield Reset(
-        streams.derived_seed(seed, 'selection', wave), level_setting(level))
+        streams.derived_seed(seed, 'selection', wave), settings)
     steps = yield from fly_once(observation, pilot)
     return Episodes.concatenate([step.episodes for step in steps]), len(steps)
 
 
 def fly_selection(
     fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]], spec: WorldSpec,
-    policy: Policy, iteration: int, level: int, episodes: int, seed: int,
+    policy: Policy, iteration: int, starts: Sequence[Mapping[str, float]],
+    episodes: int, seed: int,
 ) -> tuple[Score, int]:
-    """Fly at least so many episodes, equally many with each rocket.
+    """Fly at least so many episodes from each kind of starts, equally many with each rocket.
 
+    :param starts: what the world is reset with.
     :param fly: flies what it is given and yields the results, in order.
     :return: the score, and the rocket steps that it took.
     """
     rockets = spec.num_envs
     waves = [
-        functools.partial(fly_wave, without_noise(policy), level, seed, wave)
-        for wave in range(-(-episodes // rockets))]
+        functools.partial(fly_wave, without_noise(policy), settings, seed, wave)
+        for settings in starts for wave in range(-(-episodes // rockets))]
     parts, lengths = zip(*fly(waves), strict=True)
     flown = Episodes.concatenate(list(parts))
     landed = int((flown.outcome == spec.outcomes.index('landed')).sum())

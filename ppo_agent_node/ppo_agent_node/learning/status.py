@@ -28,6 +28,7 @@ class Status:
     remaining: float = NAN
     steps_per_second: float = NAN
     level: int = 0
+    reach: float = NAN
     landing_rate: float = NAN
     landing_rate_low: float = NAN
     landing_rate_high: float = NAN

@@ -25,22 +25,20 @@ from ppo_agent_node.learning import rehearsal
 from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.cloning import CloneEpoch
-from ppo_agent_node.learning.cloning import clone
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import check_world
 from ppo_agent_node.learning.curriculum import Curriculum
-from ppo_agent_node.learning.demonstrations import Demonstrations
-from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.ending import Ending
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import scatter
+from ppo_agent_node.learning.imitation import Imitation
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.journal import Progress
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import without_noise
 from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.learning.rollout import Ended
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.rollout import in_order
@@ -54,6 +52,7 @@ from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.threads import tensor_threads
 from rocket_sim_node import free_memory
 from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
@@ -103,16 +102,18 @@ class Trainer:
         check_world(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(spec, config.demonstration)
-        self._expert, self._stop_requested, self._say = expert, stop_requested, say
+        self._expert = expert if config.demonstration.demonstration_episodes else None
+        self._stop_requested, self._say = stop_requested, say
         self._ending = Ending(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = scores.ScoreLines(config.run.training_episodes)
-        self._level = config.curriculum.curriculum_final_level
         self._learner = Learner(spec, config)
         self._journal = Journal(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._journal.keep(stages=(*imitation, 'finetune'))
-        self._state = RunState(Curriculum.begin(config.curriculum))
+        self._state = RunState(
+            Curriculum.begin(config.curriculum),
+            ReverseCurriculum.begin(config.curriculum, spec))
         groups = config.ppo.num_groups
         self._rollout = Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy, groups)
@@ -184,41 +185,16 @@ class Trainer:
 
     def _imitate(self) -> None:
         """Clone the expert into the policy."""
-        if not self._config.demonstration.demonstration_episodes:
+        if self._expert is None:
             return
-        samples = self._demonstrate()
-        self._journal.begin('clone', self._config.clone.clone_epochs, unit='epochs')
-
-        def report(epoch: CloneEpoch) -> None:
-            numbers = asdict(epoch)
-            self._journal.entry(numbers.pop('epoch'), self._state.steps, **numbers)
-
-        with tensor_threads(self._config.run.threads):
-            clone(self._learner.policy, samples, self._config.clone, self._config.run.seed,
-                  report, self._poll_learning)
+        imitation = Imitation(
+            self._spec, self._config, self._expert, self._fly, self._journal,
+            self._poll_learning)
+        imitation.teach(self._learner.policy)
+        self._state = replace(self._state, steps=self._state.steps + imitation.steps)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._save_policy(self._folder.cloned, stage='clone')
         self._tell_saved(self._folder.cloned, news=True)
-
-    def _demonstrate(self) -> Demonstrations:
-        config, rockets = self._config.demonstration, self._spec.num_envs
-        waves = -(-config.demonstration_episodes // rockets)
-        assert self._expert is not None
-        self._journal.begin('demonstrate', waves, unit='waves')
-        parts = []
-        flights = [
-            functools.partial(
-                fly_wave, self._spec, self._expert, config, self._level, self._config.run.seed,
-                wave)
-            for wave in range(waves)]
-        for wave, (samples, episodes) in enumerate(self._fly(flights)):
-            parts.append(samples)
-            self._state = replace(
-                self._state, steps=self._state.steps + int(episodes.length.max()) * rockets)
-            self._journal.entry(
-                wave + 1, self._state.steps, samples=len(samples.episode),
-                **scores.figures(episodes, self._spec.outcomes))
-        return Demonstrations.join(parts)
 
     def _begin_finetuning(self) -> None:
         """Score the clone, put the world at the first level and save: iteration 0.
@@ -231,6 +207,7 @@ class Trainer:
         numbers: dict[str, Any] = {}
         if self._config.demonstration.demonstration_episodes or self._done():
             best, numbers = self._select()
+        numbers |= self._state.reverse.figures()
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 
     def _begin_stage_finetune(self) -> None:
@@ -259,8 +236,7 @@ class Trainer:
 
     def _iterate(self) -> None:
         """Fly a roll-out, learn from it, and see what follows."""
-        iteration, before = self._state.iteration + 1, self._state.curriculum
-        began = self._state.steps
+        iteration, state = self._state.iteration + 1, self._state
         rollout, policy = self._rollout, self._learner.policy
 
         def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
@@ -276,13 +252,22 @@ class Trainer:
             diagnostics, learning_rate = self._learner.learn(
                 iteration, rollout, self._poll_learning)
         outcomes = self._spec.outcomes
-        curriculum = before.advance(scores.landed(episodes, outcomes))
+        curriculum, reverse = state.curriculum, state.reverse
+        if reverse.over:
+            curriculum = curriculum.advance(scores.landed(episodes, outcomes))
+        else:
+            reverse = reverse.advance(scores.landed(self._hardest(flown), outcomes))
         self._state = replace(
-            self._state, iteration=iteration, curriculum=curriculum,
-            steps=began + rollout.reward.numel(), episodes=self._state.episodes + len(episodes))
+            state, iteration=iteration, curriculum=curriculum, reverse=reverse,
+            steps=state.steps + rollout.reward.numel(),
+            episodes=state.episodes + len(episodes))
         message = ''
-        if curriculum.level != before.level:
-            message = f'level {before.level} -> {curriculum.level}'
+        if curriculum.level != state.curriculum.level:
+            message = f'level {state.curriculum.level} -> {curriculum.level}'
+        elif reverse.reach != state.reverse.reach:
+            message = (f'the whole task, level {curriculum.level}' if reverse.over else
+                       f'reach {state.reverse.reach:.2f} -> {reverse.reach:.2f} m')
+        if message:
             self._reset_world()
         best: Score | None = None
         numbers: dict[str, Any] = {}
@@ -293,29 +278,41 @@ class Trainer:
             for line in self._score_lines.add(numbers['scores']):
                 self._say(line)
         self._finish_iteration(
-            best, message, level=before.level, learning_rate=learning_rate,
-            **scores.figures(episodes, outcomes), **asdict(diagnostics), **policy.diagnostics(),
-            **numbers)
+            best, message, level=state.curriculum.level, learning_rate=learning_rate,
+            **state.reverse.figures(), **scores.figures(episodes, outcomes),
+            **asdict(diagnostics), **policy.diagnostics(), **numbers)
+
+    def _hardest(self, flown: Sequence[tuple[list[Ended], bytes]]) -> Episodes:
+        """Return the episodes that began highest, of all that ended in a roll-out."""
+        return in_order([
+            self._state.reverse.hardest(ended, self._world_seed(group))
+            for group, (ended, _) in enumerate(flown)])
+
+    def _world_seed(self, group: int) -> int:
+        return streams.derived_seed(
+            self._config.run.seed, 'world', self._state.reset_iteration, *later(group))
 
     def _reset_world(self) -> None:
-        """Begin new episodes on the curriculum's level, and get them out of step."""
+        """Begin new episodes as the curricula have them, and get them out of step."""
         config, pilot = self._config, without_noise(self._learner.policy)
-        settings = config.curriculum.reset_settings(self._state.curriculum.level)
+        self._state = replace(self._state, reset_iteration=self._state.iteration)
+        level, reach = self._state.curriculum.level, self._state.reverse.reset_settings()
+        # Those that begin at all heights are out of step by themselves.
+        steps = config.ppo.scatter_steps if self._state.reverse.over else 0
 
         def begin(group: int) -> Flight[bytes]:
-            seed = streams.derived_seed(
-                config.run.seed, 'world', self._state.iteration, *later(group))
+            seed = self._world_seed(group)
+            settings = {**config.curriculum.reset_settings(level, group), **reach}
             observation = yield Reset(seed, settings)
             yield from scatter(
-                self._spec, observation, pilot, config.ppo.scatter_steps,
-                np.random.default_rng(seed))
+                self._spec, observation, pilot, steps, np.random.default_rng(seed))
             state: bytes = yield Snapshot()
             return state
 
         self._worlds = list(self._fly([
             functools.partial(begin, group) for group in range(len(self._worlds))]))
         self._state = replace(self._state, steps=self._state.steps + (
-            config.ppo.scatter_steps * self._spec.num_envs * len(self._worlds)))
+            steps * self._spec.num_envs * len(self._worlds)))
 
     def _selects(self) -> bool:
         """Tell whether the policy is due for a flight without noise, and worth one."""
@@ -326,7 +323,8 @@ class Trainer:
     def _select(self) -> tuple[Score | None, dict[str, Any]]:
         """Fly the policy without noise; return its score if it is the best, and numbers."""
         score, steps = fly_selection(
-            self._fly, self._spec, self._learner.policy, self._state.iteration, self._level,
+            self._fly, self._spec, self._learner.policy, self._state.iteration,
+            self._config.curriculum.selection_settings,
             self._config.run.selection_episodes, self._config.run.seed)
         best = self._state.best
         better = best is None or score.mean_return > best.mean_return

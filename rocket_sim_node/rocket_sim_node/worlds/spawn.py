@@ -42,13 +42,15 @@ LEVELS: dict[int, SpawnRange] = {
 }
 
 SPAWN_SETTINGS = ('spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin')
-CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS)
+CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS, 'spawn_reach')
 """Settings that a reset may change."""
 
 _MAX_ATTEMPTS = 1000
 _WIDEST = 4
 _OUT_OF_PLANE = [1, 4, 5, 6, 8]
 """Of the ten numbers of a draw: position z, velocity z, spin x and y, pitch."""
+_HEIGHTS = 2**33
+"""Which of an episode's random streams draws its height below `spawn_reach`."""
 
 
 class Spawn(NamedTuple):
@@ -98,7 +100,31 @@ def spawn_range(task: TaskSettings) -> SpawnRange:
             f'touchdown_height, {task.touchdown_height} m, to height_limit, '
             f'{task.height_limit} m'
         )
+    if task.spawn_reach > full_reach(task):
+        raise ValueError(
+            f"setting 'spawn_reach': got {task.spawn_reach}, expected at most spawn_height less "
+            f'touchdown_height, {full_reach(task):g} m')
     return merged
+
+
+def full_reach(task: TaskSettings) -> float:
+    """Return the largest `spawn_reach`, m: the drop of the whole task."""
+    return task.spawn_height - task.touchdown_height
+
+
+def reach_share(
+    seed: int, row: NDArray[np.integer], episode: NDArray[np.integer],
+) -> F64:
+    """Return at what part of `spawn_reach` episodes begin, `(K,)`, uniform in (0, 1].
+
+    It does not depend on the reach. So a learner, which knows the seed of its reset, can tell the
+    hard starts from the easy ones whatever the observations show of them.
+
+    :param row: `(K,)` rockets.
+    :param episode: `(K,)` their episodes.
+    """
+    share: F64 = 0.5 - 0.5 * random_streams.uniform(seed, row, episode, 1, _HEIGHTS)[0]
+    return share
 
 
 def draw(
@@ -111,7 +137,8 @@ def draw(
 ) -> Spawn:
     """Draw the first states of episodes, each from its own random stream.
 
-    An attitude beyond the tilt limit is drawn again, so that no episode starts terminated.
+    An attitude beyond the tilt limit is drawn again, so that no episode starts terminated. Starts
+    below `spawn_height`, see `spawn_reach`, are in proportion to their height above touchdown.
 
     :param row: `(K,)` rockets.
     :param episode: `(K,)` their episodes.
@@ -128,7 +155,15 @@ def draw(
                          unit[4] * ranges.speed))
     spin = unit[5:8] * ranges.spin
     angles = unit[8:10]
-    half_width = np.deg2rad(ranges.angle)
+    half_width = np.full(len(row), np.deg2rad(ranges.angle))
+    if task.spawn_reach:
+        height = task.spawn_reach * reach_share(seed, row, episode)
+        part = height / full_reach(task)
+        position *= part
+        position[1] = task.touchdown_height + height
+        velocity *= part
+        spin *= part
+        half_width *= part
     attitude = rotation.from_pitch_roll(angles[0] * half_width, angles[1] * half_width)
     cos_limit = np.cos(np.deg2rad(task.tilt_limit))
     for attempt in range(1, _MAX_ATTEMPTS):
@@ -139,7 +174,7 @@ def draw(
         if in_plane:
             angles[0] = 0.0
         attitude[:, again] = rotation.from_pitch_roll(
-            angles[0] * half_width, angles[1] * half_width)
+            angles[0] * half_width[again], angles[1] * half_width[again])
     raise ValueError(
         f"setting 'spawn_angle': no attitude within tilt_limit, {task.tilt_limit} deg, "
         f'in {_MAX_ATTEMPTS} draws of plus or minus {ranges.angle} deg'

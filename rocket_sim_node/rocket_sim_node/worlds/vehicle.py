@@ -46,6 +46,9 @@ class TaskSettings:
         '-1: by level', -1, 1e3)
     spawn_spin: float = setting(
         FROM_LEVEL, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', -1, 100.0)
+    spawn_reach: float = setting(
+        0.0, 'm', 'episodes begin at heights up to it above touchdown, uniform, with angle, '
+        'position, speed and spin in proportion; 0: all at spawn_height', 0.0, 1e4)
     touchdown_height: float = setting(5.2, 'm', 'height of the origin when it stands', 0.0, 1e4)
     landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 1e-6, 1e3)
     landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 1e-6, 180.0)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Features of a descent: numbers that a network would have to work out from an observation.
+
+A landing is decided by quotients: the deceleration that is still needed is v^2 / 2h, the flare
+has a constant v / h, and guidance to the pad weighs distance by 1 / t^2 and drift by 1 / t, with
+t the time to go (Klumpp, 'Apollo lunar descent guidance', Automatica 10, 1974). Perceptrons
+approximate quotients badly, and over four decades of height worse. All features are compressed by
+asinh, linear near zero and logarithmic beyond, so that millimetres and hundreds of metres are
+both resolved.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+
+KINDS = ('none', 'descent')
+
+_NEEDED = (
+    'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
+    'spin_x', 'spin_z', 'pad_y',
+)
+_LEAST_HEIGHT = 0.01
+"""m added to a height before it divides"""
+_WIDTHS = (
+    0.02, 0.2, 0.2,    # m: height, x, z
+    0.02, 0.05, 0.05,  # m/s: speed downwards, along x and z
+    0.01, 0.01,        # up vector x, z
+    0.05, 0.05,        # rad/s: spin x, z
+    1.0, 1.0, 1.0,     # g needed, s to go, 1/s flare rate
+    0.1, 0.1, 0.1, 0.1,  # g: distance / t^2 and drift / t, along x and z
+)
+"""within which a feature is linear"""
+
+
+class DescentFeatures(nn.Module):
+    """Computes the features of observations of a rocket: heights, rates and what they imply.
+
+    The scales of the world are kept with the weights, so that a policy file explains itself.
+    """
+
+    count = len(_WIDTHS)
+    """How many features there are."""
+    scale: Tensor
+    width: Tensor
+
+    def __init__(self, names: Sequence[str], settings: Mapping[str, float]) -> None:
+        """Take the columns and scales of a world.
+
+        :param names: of the D numbers of an observation.
+        :param settings: of the world.
+        :raises ValueError: for a world whose observations are not those of a rocket.
+        """
+        super().__init__()
+        missing = sorted(set(_NEEDED) - set(names))
+        if missing:
+            raise ValueError(
+                f"features: got 'descent', expected 'none' for a world that does not observe "
+                f'{", ".join(missing)}')
+        self._columns = [names.index(name) for name in _NEEDED]
+        position, velocity = settings['position_scale'], settings['velocity_scale']
+        spin, gravity = settings['spin_scale'], max(settings['gravity'], 1e-6)
+        # In the order of _NEEDED: metres, metres a second, 1, radians a second; then gravity.
+        self.register_buffer('scale', torch.tensor(
+            [position] * 2 + [velocity] * 3 + [1.0] * 2 + [spin] * 2 + [-position, gravity]))
+        self.register_buffer('width', torch.tensor(_WIDTHS)[:, None])
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the features `(..., F)` of observations `(..., D)`."""
+        flat = observation.reshape(-1, observation.shape[-1])
+        seen = flat[:, self._columns].T * self.scale[:-1, None]
+        x, z, drift_x, climb, drift_z, up_x, up_z, spin_x, spin_z, height = seen
+        gravity = self.scale[-1]
+        above = height.clamp_min(0.0) + _LEAST_HEIGHT
+        fall = -climb
+        time = 2 * above / (fall.clamp_min(0.0) + (0.5 * gravity * above).sqrt())
+        per_time = 1 / (gravity * time)
+        features = torch.stack((
+            height, x, z, fall, drift_x, drift_z, up_x, up_z, spin_x, spin_z,
+            fall * fall.abs() / (2 * gravity * above), time, fall / above,
+            x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time))
+        return features.div_(self.width).asinh_().T.reshape(*observation.shape[:-1], self.count)
+
+
+def make_features(
+    kind: str, names: Sequence[str], settings: Mapping[str, float],
+) -> DescentFeatures | None:
+    """Return what computes the features of a kind, None for none.
+
+    :raises ValueError: for a world that lacks what they are computed from.
+    """
+    return DescentFeatures(names, settings) if kind == 'descent' else None

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How high episodes begin: the state machine, and which episodes it looks at."""
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ppo_agent_node.learning.config import CurriculumConfig
+from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import spawn
+
+CONFIG = CurriculumConfig(
+    curriculum_start_reach=0.4, curriculum_reach_growth=1.2, curriculum_reach_hardest=0.2,
+    curriculum_reach_landing_rate=0.95, curriculum_window=20)
+
+
+def begun(spawn_height: float = 200.0, **changes: Any) -> ReverseCurriculum:
+    env = worlds.make('rocket', spawn_height=spawn_height)
+    return ReverseCurriculum.begin(dataclasses.replace(CONFIG, **changes), env.spec)
+
+
+def test_it_begins_next_to_the_ground_and_knows_nothing() -> None:
+    now = begun()
+    assert (now.reach, now.full_reach, now.recent) == (0.4, pytest.approx(194.8), ())
+    assert math.isnan(now.landing_rate) and not now.over
+    assert now.reset_settings() == {'spawn_reach': 0.4}
+    assert now.figures() == {'reach': 0.4}
+
+
+def test_none_is_over_before_it_begins() -> None:
+    """And says nothing; worlds without heights need have none."""
+    for name in ('rocket', 'lunar_lander'):
+        now = ReverseCurriculum.begin(CurriculumConfig(), worlds.make(name).spec)
+        assert now.over and now.reset_settings() == now.figures() == {}
+        assert now.advance([True] * 100) == now
+
+
+def test_a_window_at_the_rate_grows_and_empties() -> None:
+    grown = begun().advance([True] * 19 + [False])
+    assert (grown.reach, grown.recent) == (0.4 * 1.2, ())
+    for landed in ([True] * 19, [True] * 18 + [False] * 2):
+        kept = begun().advance(landed)
+        assert kept.reach == 0.4 and kept.recent == tuple(landed)
+    assert begun().advance([False] * 100).advance([True] * 19).reach > 0.4
+
+
+def test_it_grows_to_the_whole_task_and_there_is_over() -> None:
+    """From 0.4 m by 1.2 to 194.8 m: 34 steps, as ln(194.8 / 0.4) / ln 1.2 = 33.9; then one more."""
+    now, reaches = begun(), []
+    while not now.over:
+        reaches.append(now.reach)
+        now = now.advance([True] * 50)
+    assert len(reaches) == 1 + math.ceil(math.log(194.8 / 0.4) / math.log(1.2)) == 35
+    assert reaches[:-1] == pytest.approx([0.4 * 1.2**k for k in range(34)])
+    assert reaches[-1] == now.full_reach
+    assert now.reset_settings() == {} and now.figures() == {'reach': now.full_reach}
+    assert now.advance([False] * 100) == now
+
+
+def test_a_first_reach_beyond_the_drop_is_refused() -> None:
+    with pytest.raises(ValueError, match='curriculum_start_reach: got 5, .*4.8 m'):
+        begun(10.0, curriculum_start_reach=5.0)
+
+
+def test_the_hardest_are_those_that_began_highest() -> None:
+    """Whatever ended, and when: of 256 rockets' first episodes those in the top fifth of heights."""
+    env = worlds.make('rocket', 256)
+    env.reset(seed=6, spawn_reach=3.0)
+    height = env.position[1] - 5.2
+    fall, ended = np.tile(np.float32([-1, 0, 0]), (256, 1)), []
+    for step in range(50):
+        ended.append((step, env.step(fall)[4]['episodes']))
+    hardest = begun().hardest(ended, 6)
+    assert [step for step, _ in hardest] == list(range(50))
+    found = Episodes.concatenate([episodes for _, episodes in hardest])
+    first = found.take(found.episode == 0)
+    assert set(first.row) == set(np.flatnonzero(height > 0.8 * 3.0)) != set()
+    assert (spawn.reach_share(6, found.row, found.episode) > 0.8).all()
+    everyone = Episodes.concatenate([e for _, e in begun(curriculum_reach_hardest=1.0).hardest(
+        ended, 6)])
+    assert len(everyone) == sum(len(episodes) for _, episodes in ended)
