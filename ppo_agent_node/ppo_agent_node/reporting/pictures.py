@@ -107,7 +107,7 @@ def _starts(run: Run) -> Figure | None:
 
 
 def _conditions(run: Run) -> Figure | None:
-    return conditions_pictures.conditions_figure(run.conditions) if run.conditions else None
+    return conditions_pictures.heat_maps(run.conditions) if run.conditions else None
 
 
 def _cloning(run: Run) -> Figure | None:
