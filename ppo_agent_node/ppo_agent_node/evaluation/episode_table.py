@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.evaluation.optimum_sample import OptimumSample
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.starts import initial_conditions
 from rocket_sim_node.worlds.base import F64
 
 START = 'start_'
 """Names of columns with initial conditions begin like this; which there are, the world says."""
+OPTIMUM = ('optimum_fuel_kg', 'optimum_steps')
+"""Least fuel and least length, of the sample of episodes that was solved; not in every table."""
 _DIGITS = '.10g'
 
 
@@ -65,8 +68,11 @@ class EpisodeTable:
         return {name: values for name, values in self.numbers.items() if name.startswith(START)}
 
 
-def from_result(result: EvaluationResult) -> EpisodeTable:
-    """Return the episodes of an evaluation as a table."""
+def from_result(result: EvaluationResult, optimum: OptimumSample | None = None) -> EpisodeTable:
+    """Return the episodes of an evaluation as a table.
+
+    :param optimum: of its first episodes.
+    """
     flown, count = result.episodes, len(result.episodes)
     unknown = np.full(count, np.nan)
     standing = unknown if result.standing is None else result.standing.astype(np.float64)
@@ -84,11 +90,21 @@ def from_result(result: EvaluationResult) -> EpisodeTable:
             'end_z_m': result.end_position[:, 1], 'standing': standing,
             **{name: values if result.is_rocket else unknown
                for name, values in of_rockets.items()},
-            **initial_conditions(result.spec, result.first_observation, result.settings)},
+            **initial_conditions(result.spec, result.first_observation, result.settings),
+            **_optimum(optimum, count)},
         words={
             'outcome': tuple(result.spec.outcomes[code] for code in flown.outcome.tolist()),
             'after_touchdown': (
                 ('',) * count if result.settled is None else result.settled.verdict)})
+
+
+def _optimum(optimum: OptimumSample | None, count: int) -> dict[str, F64]:
+    """Return the columns of the optimum, `(K,)` each; none where nothing was solved."""
+    if optimum is None or not len(optimum.fuel):
+        return {}
+    columns = zip(OPTIMUM, (optimum.fuel, optimum.steps), strict=True)
+    return {name: np.append(values, np.full(count - len(values), np.nan))
+            for name, values in columns}
 
 
 def write(path: Path, table: EpisodeTable) -> None:
@@ -100,7 +116,8 @@ def write(path: Path, table: EpisodeTable) -> None:
         name: [format(value, _DIGITS) if value == value else '' for value in values.tolist()]
         for name, values in table.numbers.items()}
     cells |= table.words
-    names = [*(column.name for column in COLUMNS), *table.starts]
+    names = [*(column.name for column in COLUMNS), *table.starts,
+             *(name for name in OPTIMUM if name in table.numbers)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(names)

@@ -23,6 +23,7 @@ from rocket_sim_node.worlds import conditions
 UNITS = {
     'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',
     'fuel_bound_kg': 'kg', 'mean_length': 'steps', 'rest_distance': 'm', 'hover_time': 's',
+    'fuel_optimum_kg': 'kg', 'time_optimum_s': 's',
 }
 
 
@@ -165,12 +166,29 @@ def table(summary: Mapping[str, Any]) -> str:
     if 'settling' in summary:
         ends = ', '.join(f'{name} {count}' for name, count in summary['settling'].items() if count)
         rows.append(('after touchdown', ends or 'none came down'))
-    if summary['fuel_ratio'] is not None:
-        rows.append(('fuel / least possible', f'{summary["fuel_ratio"]:.4f}'))
+    rows += _fuel_rows(summary)
     ends = ', '.join(f'{name} {count}' for name, count in summary['outcomes'].items() if count)
     rows.append(('outcomes', ends))
     width = max(len(name) for name, _ in rows)
     return '\n'.join(f'{name:<{width}}  {value}' for name, value in rows)
+
+
+def _fuel_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows that compare with the optimum, or with a straight drop without one."""
+    rows = []
+    if summary.get('fuel_ratio_optimum') is not None:
+        rows.append((
+            'fuel / optimum', f'{summary["fuel_ratio_optimum"]:.4f}  (optimum '
+            f'{summary["fuel_optimum_kg"]:.1f} kg, mean of {summary["optimum_sample"]} starts)'))
+    elif summary['fuel_ratio'] is not None:
+        why = summary.get('optimum_reason')
+        rows.append(('fuel / straight drop', f'{summary["fuel_ratio"]:.4f}' + (
+            f'  (no optimum: {why})' if why else '')))
+    if summary.get('return_ceiling') is not None:
+        rows.append((
+            'ceiling of return', f'{summary["return_ceiling"]:.2f}  (optimum '
+            f'{summary["time_optimum_s"]:.2f} s, mean of {summary["optimum_sample"]} starts)'))
+    return rows
 
 
 def _landed_return(summary: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
@@ -54,6 +55,8 @@ class EvaluationParameters:
     level: int = setting(
         0, '', "curriculum level; 0: the simulator's own, of a table 7 and 8", 0, 8)
     seed: int = setting(conditions_table.SEED, '', 'where the spawns start', 0, 2**62)
+    optimum_sample: int = setting(
+        SAMPLE, '', 'first episodes whose least fuel and time are solved for; 0: none', 0, 100_000)
     output: str = setting('', '', 'folder for figures and plots; empty: no files')
 
 
@@ -131,7 +134,7 @@ def _single(
     summary = fly_and_write(
         SerialFleet(client), chosen.pilot, options.episodes or _EPISODES, options.seed,
         options.level, output, terminal.show, poll=terminal.tick, settings=settings,
-        **chosen.facts)
+        optimum_sample=options.optimum_sample, **chosen.facts)
     terminal.say(metrics.table(summary))
     if output:
         terminal.say(f'evaluation.json and plots are in {output}')

@@ -11,6 +11,8 @@ from typing import Any
 
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import SAMPLE
+from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.learning.config import level_setting
 from ppo_agent_node.learning.status import Status
@@ -25,7 +27,7 @@ _REPORTS = 20
 def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
-    settings: Mapping[str, float] | None = None, **extra: Any,
+    optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
 
@@ -33,6 +35,7 @@ def fly_and_write(
     :param folder: where `evaluation.json`, `episodes.csv`, `plots/` and `report.html` go, the
         last two with what else the folder holds of a run; None: nowhere.
     :param poll: called before each step.
+    :param optimum_sample: how many starts to solve for their optimum; 0: none.
     :param settings: what else the world is reset with, such as conditions.
     :param extra: facts to be kept with the figures.
     """
@@ -63,12 +66,14 @@ def fly_and_write(
         message='flown; working out figures and plots'))
 
     def write() -> dict[str, Any]:
-        summary = metrics.summarise(result, **extra)
+        optimum = solve_sample(result, optimum_sample)
+        summary = metrics.summarise(result, **optimum.figures(result), **extra)
         if folder is not None:
             # Of an evaluation before: it would not be of the same flights.
             (folder / 'episodes.csv').unlink(missing_ok=True)
             metrics.write_json(folder / 'evaluation.json', summary)
-            episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
+            episode_table.write(
+                folder / 'episodes.csv', episode_table.from_result(result, optimum))
             # It draws, and what draws takes its time to import: not before a run can begin.
             from ppo_agent_node.reporting.report import write_report
 

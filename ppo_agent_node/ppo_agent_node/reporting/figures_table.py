@@ -57,13 +57,34 @@ def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]
                 f'{label}, mean', f'{spread["mean"]:.4g} {unit}',
                 _interval(episodes, name, column, unit),
                 '' if spread.get('p95') is None else f'95 % below {spread["p95"]:.4g} {unit}'))
-    if figures.get('fuel_ratio') is not None:
-        found.append((
-            'fuel used / least possible, mean', f'{figures["fuel_ratio"]:.4f}',
-            _ratio_interval(episodes), f'least {figures["fuel_bound_kg"]:.1f} kg, mean'
-            if figures.get('fuel_bound_kg') is not None else ''))
+    found += _fuel_rows(figures, episodes)
     if figures.get('mean_length') is not None:
         found.append(('length, mean', f'{figures["mean_length"]:.1f} steps', '', ''))
+    return found
+
+
+def _fuel_rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
+    """Return what compares with the optimum, or with a straight drop where there is none."""
+    found: list[Row] = []
+    solved = f'of {figures.get("optimum_sample")} starts'
+    if figures.get('fuel_ratio_optimum') is not None:
+        least = figures.get('fuel_optimum_kg')
+        found.append((
+            'fuel used / optimum, mean', f'{figures["fuel_ratio_optimum"]:.4f}',
+            _ratio_interval(episodes, 'optimum_fuel_kg'),
+            '' if least is None else f'optimum {least:.1f} kg, mean {solved}'))
+    elif figures.get('fuel_ratio') is not None:
+        least, why = figures.get('fuel_bound_kg'), figures.get('optimum_reason')
+        found.append((
+            'fuel used / least of a straight drop, mean', f'{figures["fuel_ratio"]:.4f}',
+            _ratio_interval(episodes, 'fuel_bound_kg'), ', '.join((
+                *([] if least is None else [f'least {least:.1f} kg, mean']),
+                *([f'no optimum: {why}'] if why else [])))))
+    if figures.get('return_ceiling') is not None:
+        time = figures.get('time_optimum_s')
+        found.append((
+            'ceiling of the return, mean', f'{figures["return_ceiling"]:.2f}', '',
+            '' if time is None else f'optimum {time:.2f} s, mean {solved}'))
     return found
 
 
@@ -119,11 +140,14 @@ def _interval(episodes: EpisodeTable | None, name: str, column: str, unit: str) 
     return f'{low:.4g} to {high:.4g} {unit}'
 
 
-def _ratio_interval(episodes: EpisodeTable | None) -> str:
-    """Return the interval of the mean ratio over landings, '' without episodes."""
-    if episodes is None:
+def _ratio_interval(episodes: EpisodeTable | None, column: str) -> str:
+    """Return the interval of the mean ratio over landings, '' without episodes.
+
+    :param column: what fuel used is compared with.
+    """
+    if episodes is None or column not in episodes.numbers:
         return ''
-    ratio = episodes.numbers['fuel_used_kg'] / episodes.numbers['fuel_bound_kg']
+    ratio = episodes.numbers['fuel_used_kg'] / episodes.numbers[column]
     ratio = ratio[episodes.named('landed') & np.isfinite(ratio)]
     if not ratio.size:
         return ''

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ppo_agent_node.reporting import conditions_pictures
 from ppo_agent_node.reporting import flight_pictures
 from ppo_agent_node.reporting import initial_conditions
+from ppo_agent_node.reporting import optimum_picture
 from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting import touchdown_pictures
 from ppo_agent_node.reporting import training_pictures
@@ -100,6 +101,12 @@ def _fuel(run: Run) -> Figure | None:
     return touchdown_pictures.fuel_figure(run.figures, run.episodes)
 
 
+def _optimum(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    return optimum_picture.optimum_figure(run.figures, run.episodes)
+
+
 def _starts(run: Run) -> Figure | None:
     if run.figures is None or run.episodes is None:
         return None
@@ -144,7 +151,12 @@ CATALOGUE = {
         'Places of touchdown as seen from above (from the side, where all flights lie in one '
         'plane), on the whole pad and magnified: a cloud off the cross is a bias, a wide one '
         'scatter.')),
-    'fuel': _Entry('Fuel against the least possible', EVALUATION, _fuel, (
+    'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
+        'Landings of the starts that were solved, from the nearest to the optimum to the '
+        'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
+        'landing from its start with a thrust that may turn at once. What is below zero touched '
+        'down at some speed.')),
+    'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
         'Fuel of each episode over its speed at the start; the line is the least that a straight '
         'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
         'went into tilt, drift and offset.')),

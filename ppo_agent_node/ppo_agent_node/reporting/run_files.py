@@ -32,6 +32,8 @@ _EXPECTED: dict[str, str] = {
     'mean_return_interval': _PAIR, 'outcomes': 'names and whole numbers'}
 _OPTIONAL: dict[str, str] = {
     'touchdown_speed': _SPREAD, 'tilt': _SPREAD, 'distance': _SPREAD, 'fuel_used_kg': _SPREAD,
+    'fuel_optimum_kg': 'a number', 'fuel_ratio_optimum': 'a number', 'time_optimum_s': 'a number',
+    'return_ceiling': 'a number', 'optimum_sample': 'a whole number', 'optimum_reason': 'a string',
     'fuel_ratio': 'a number', 'fuel_bound_kg': 'a number', 'mean_length': 'a number',
     'return_std': 'a number', 'standing_rate': 'a number', 'standing_rate_interval': _PAIR,
     'settling': 'names and whole numbers', 'world_settings': 'names and values',
