@@ -69,8 +69,8 @@ def test_policies_that_ship_have_names(tmp_path: Path, monkeypatch: pytest.Monke
     assert find_policy('default', 'lunar_lander', tmp_path).stem == 'lunar_lander'
     assert {'rocket', 'rocket_planar', 'lunar_lander'} <= set(shipped_names())
     with pytest.raises(FileNotFoundError, match=(
-            "policy: got 'robusst', expected a file or the name of a policy that ships: "
-            'default, .*lunar_lander.*rocket')):
+            r"policy: got 'robusst', expected a file or the name of a policy that ships: "
+            r'default, .*lunar_lander.*rocket')):
         find_policy('robusst', 'rocket', tmp_path)
     # A file of that name here is what was meant.
     monkeypatch.chdir(tmp_path)
