@@ -19,6 +19,7 @@ from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.reporting import figures_table
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight_log import FlightLog
 
 
 class Steady:
@@ -136,3 +137,13 @@ def test_failed_starts_take_the_outcomes_in_turn() -> None:
             (int(result.episodes.row[place]), int(result.episodes.episode[place]), float(place))
             for place in tipped[:11]]
     assert failures.failed_starts(flown()) == []
+
+
+def test_hovering_is_slow_flight_with_the_engine_on_however_low() -> None:
+    log = FlightLog(5)
+    speed, height = np.array((1.9, 2.1, 0.1, 0.1, 0.1)), np.array((50.0, 50.0, 5.01, 5.0, 50.0))
+    for _ in range(3):
+        log.note_flight(speed, height, np.array((1.0, 1.0, 0.1, 1.0, 0.0)), 5.0)
+    assert log.hover_time(np.arange(5), 0.02) == pytest.approx([0.06, 0.0, 0.06, 0.0, 0.0])
+    log.begin(np.array([0]))
+    assert log.hover_time(np.array([0, 2]), 0.02) == pytest.approx([0.0, 0.06])
