@@ -79,7 +79,7 @@ def test_a_cell_is_the_evaluation_of_its_settings(flown: dict[str, Any]) -> None
         'nominal': {}, 'lag 0.2 s': {'engine_lag_low': 0.2, 'engine_lag_high': 0.2}}
     nominal, late = (
         conditions_files.cell_of(flown, 'expert', 7, label) for label in flown['conditions'])
-    assert nominal['mean_return'] > late['mean_return'], 'the settings must bite'
+    assert nominal['mean_return'] != late['mean_return'], 'the settings must bite'
     assert json.dumps(flown, allow_nan=False)
 
 
