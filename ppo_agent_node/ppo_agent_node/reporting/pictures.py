@@ -154,8 +154,7 @@ CATALOGUE = {
     'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
         'Landings of the starts that were solved, from the nearest to the optimum to the '
         'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
-        'landing from its start with a thrust that may turn at once. What is below zero touched '
-        'down at some speed.')),
+        'landing from its start with a thrust that may turn at once.')),
     'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
         'Fuel of each episode over its speed at the start; the line is the least that a straight '
         'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
