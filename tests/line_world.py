@@ -71,7 +71,7 @@ class LineWorld:
             info['episodes'] = Episodes(
                 done, self.episode[done], self.total[done], self.age[done], outcome, zeros,
                 zeros, np.abs(self.place[done]).astype(float), zeros, zeros, zeros,
-                np.zeros(len(done), np.int64), zeros)
+                np.zeros_like(done), zeros)
             self.episode[done] += 1
             self.place[done], self.age[done], self.total[done] = self._starts(done), 0, 0.0
             observation = self._observe()
