@@ -66,8 +66,9 @@ def main() -> None:
             'starts_per_cpu_second': options.starts / seconds}
         print(
             f'level {level}, seed {options.seed}: {one["solved"]} of {options.starts} solved\n'
-            f'  least fuel {one["fuel_kg"]:.1f} kg; straight drop {one["straight_drop_kg"]:.1f} '
-            f'kg, {np.nanmin(fuel - drop):.1f} to {np.nanmax(fuel - drop):.1f} kg less\n'
+            f'  least fuel {one["fuel_kg"]:.1f} kg, {np.nanmin(fuel - drop):.1f} to '
+            f'{np.nanmax(fuel - drop):.1f} kg above the {one["straight_drop_kg"]:.1f} kg of a '
+            'straight drop\n'
             f'  least time {one["steps"]:.1f} steps, return at most {one["return_ceiling"]:.3f}\n'
             f'  {BLOCKS} blocks cost {np.nanmean(coarser):.3f} kg, at most '
             f'{np.nanmax(coarser):.3f} kg and {one["blocks_cost_steps"]:.0f} steps, against '
