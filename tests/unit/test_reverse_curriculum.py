@@ -85,11 +85,3 @@ def test_the_hardest_are_those_that_began_highest() -> None:
     everyone = Episodes.concatenate([e for _, e in begun(curriculum_reach_hardest=1.0).hardest(
         ended, 6)])
     assert len(everyone) == sum(len(episodes) for _, episodes in ended)
-
-
-def test_only_groups_of_the_curriculums_own_level_are_judged() -> None:
-    """Every second one flies the wide level, where there is one."""
-    wide = dataclasses.replace(CONFIG, curriculum_wide_level=8)
-    assert [wide.flies_wide(group) for group in range(4)] == [False, True, False, True]
-    assert [wide.reset_settings(7, group) for group in (0, 1)] == [{'level': 7}, {'level': 8}]
-    assert not any(CONFIG.flies_wide(group) for group in range(4))

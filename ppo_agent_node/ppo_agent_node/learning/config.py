@@ -139,10 +139,6 @@ class CurriculumConfig:
         levels = (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
         return tuple(self.task_settings(level) for level in levels)
 
-    def flies_wide(self, group: int) -> bool:
-        """Return whether a group flies the wide level in place of the curriculum's."""
-        return bool(group % 2 and self.curriculum_wide_level)
-
     def task_settings(self, level: int) -> dict[str, float]:
         """Return what the world is reset with for a level under the run's conditions."""
         drawn = conditions.settings(self.conditions) if self.conditions else {}
@@ -150,7 +146,7 @@ class CurriculumConfig:
 
     def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
         """Return what the world of a group is reset with for roll-outs."""
-        if self.flies_wide(group):
+        if group % 2 and self.curriculum_wide_level:
             level = self.curriculum_wide_level
         settings = self.task_settings(level)
         if self.curriculum_heading:

@@ -283,11 +283,10 @@ class Trainer:
             **asdict(diagnostics), **policy.diagnostics(), **numbers)
 
     def _hardest(self, flown: Sequence[tuple[list[Ended], bytes]]) -> Episodes:
-        """Return the episodes of the curriculum's level that began highest, of a roll-out."""
+        """Return the episodes that began highest, of all that ended in a roll-out."""
         return in_order([
             self._state.reverse.hardest(ended, self._world_seed(group))
-            for group, (ended, _) in enumerate(flown)
-            if not self._config.curriculum.flies_wide(group)])
+            for group, (ended, _) in enumerate(flown)])
 
     def _world_seed(self, group: int) -> int:
         return streams.derived_seed(
