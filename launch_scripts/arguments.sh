@@ -51,6 +51,35 @@ absolute() {
   if [[ -n ${values[$1]:-} && ${values[$1]} != /* ]]; then values[$1]=$PWD/${values[$1]}; fi
 }
 
+# absolute_policy NAME: as `absolute`, but a word that is no file here and has neither dot nor slash
+# stands for a policy that ships, and stays as it is.
+absolute_policy() {
+  if [[ ${values[$1]:-} == *[./]* || -f ${values[$1]:-} ]]; then absolute "$1"; fi
+}
+
+# absolute_pilots NAME: the same for several, with commas between.
+absolute_pilots() {
+  local given=${values[$1]:-} name all=
+  while [[ -n $given ]]; do
+    name=${given%%,*}
+    given=${given#"$name"}
+    given=${given#,}
+    values[$1]=$name
+    absolute_policy "$1"
+    all+=${all:+,}${values[$1]}
+  done
+  if [[ -n $all ]]; then values[$1]=$all; fi
+}
+
+# see_extended: lets rockets be seen with the extended observation unless another is asked for; pilots
+# take from it what they know.
+see_extended() {
+  if [[ -z ${values[observation]:-} && ${values[world]:-rocket} == rocket* ]]; then
+    values[observation]=extended
+    known+=(observation)
+  fi
+}
+
 # new_folder PATH: makes a folder of this name, of PATH-2, PATH-3 … where there is one already (two
 # in one second, or a clock that was set back), and prints its name.
 new_folder() {

@@ -11,8 +11,10 @@ import yaml
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 PROGRAM = """
 . "$1/arguments.sh"
-parse_arguments "$1/land.launch.yaml" "${@:2}"
+parse_arguments "$1/evaluate.launch.yaml" "${@:2}"
 absolute output
+absolute_policy policy
+absolute_pilots pilots
 known_arguments | sort
 """
 
@@ -20,9 +22,14 @@ known_arguments | sort
 @pytest.mark.parametrize(('given', 'got'), [
     ('output:=~/flight.rrd', 'output:=/home/me/flight.rrd'), ('output:=/a/b.rrd', None),
     ('output:=b.rrd', f'output:={SCRIPTS}/b.rrd'), ('output:=~b.rrd', f'output:={SCRIPTS}/~b.rrd'),
-    ('serve_web:=True', 'serve_web:=true'), ('serve_web:=false', None),
+    ('seed:=True', 'seed:=true'), ('seed:=false', None),
     ('namespace:=x', 'namespace:=/x'), ('namespace:=/x/y', None),
-    ('namespace:=', ''), ('policy:=', '')])
+    ('namespace:=', ''), ('policy:=', ''), ('policy:=robust', None),
+    ('policy:=evaluate', f'policy:={SCRIPTS}/evaluate'), ('policy:=/a/b,c.x', None),
+    ('policy:=a,b.safetensors', f'policy:={SCRIPTS}/a,b.safetensors'),
+    ('pilots:=robust,expert', None), ('pilots:=', ''), ('pilots:=expert,', 'pilots:=expert'),
+    ('pilots:=robust,runs/a/p.safetensors,~/b,/c',
+     f'pilots:=robust,{SCRIPTS}/runs/a/p.safetensors,/home/me/b,/c')])
 def test_arguments_mean_what_people_expect(given: str, got: str | None) -> None:
     done = subprocess.run(
         ['bash', '-euc', PROGRAM, 'land', str(SCRIPTS), given], cwd=SCRIPTS, text=True,
@@ -40,3 +47,19 @@ def test_a_value_stays_what_it_is_in_a_file(text: str, value: object) -> None:
         ['bash', '-euc', '. "$1/arguments.sh"; yaml_value "$2"', 'land', str(SCRIPTS), text],
         text=True, capture_output=True, timeout=20)
     assert (yaml.safe_load(f'x: {done.stdout}\n'), done.stderr) == ({'x': value}, '')
+
+
+@pytest.mark.parametrize(('given', 'seen'), [
+    (['world:=rocket_planar'], 'extended'), ([], 'extended'), (['world:=lunar_lander'], ''),
+    (['observation:=standard'], 'standard')])
+def test_rockets_are_seen_with_the_extended_observation(given: list[str], seen: str) -> None:
+    program = """
+    . "$1/arguments.sh"
+    parse_arguments "$1/evaluate.launch.yaml" "${@:2}"
+    see_extended
+    known_arguments | sed -n 's/^observation:=//p'
+    """
+    done = subprocess.run(
+        ['bash', '-euc', program, 'land', str(SCRIPTS), *given], text=True, capture_output=True,
+        timeout=20)
+    assert (done.stdout.strip(), done.stderr) == (seen, '')

@@ -60,7 +60,8 @@ class CoinWorld:
             'final_rows': done, 'final_observation': self.age[done, None].astype(np.float32),
             'episodes': Episodes(
                 done, self.episode[done], np.where(landed, 100.0, -100.0), self.age[done],
-                np.where(landed, 0, 1).astype(np.uint8), zeros, zeros, zeros, zeros),
+                np.where(landed, 0, 1).astype(np.uint8), zeros, zeros, zeros, zeros, zeros,
+                zeros, np.zeros(len(done), np.int64), zeros),
         }
         self.episode[done] += 1
         self.age[done] = 0

@@ -30,6 +30,7 @@ from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.policy_file import load_policy
 from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.learning.run_state import RunState
 from ppo_agent_node.learning.run_state import content
@@ -65,10 +66,17 @@ def write_policy(path: Path) -> None:
     save_policy(path, make_policy(SPEC, SMALL, streams.generator(1, 'policy')), SPEC, SMALL, 1, {})
 
 
+def begun(config: Config) -> RunState:
+    """Return the state of a run after three iterations."""
+    return RunState(
+        Curriculum.begin(config.curriculum), ReverseCurriculum.begin(config.curriculum, SPEC),
+        iteration=3)
+
+
 def write_checkpoint(path: Path) -> None:
     """Write a good checkpoint."""
     config = Config()
-    state = RunState(Curriculum.begin(config.curriculum), iteration=3)
+    state = begun(config)
     sealed_file.write(path, 'checkpoint', {'x': torch.arange(5.0)}, content(state, SPEC, config))
 
 
@@ -284,11 +292,11 @@ SCALAR = st.one_of(
     st.one_of(SCALAR, st.lists(SCALAR, max_size=3),
               st.dictionaries(st.text(max_size=5), SCALAR, max_size=3)),
     st.sampled_from([None, 'iteration', 'steps', 'episodes', 'lines', 'level', 'recent', 'best',
-                     'description']))
+                     'reach', 'recent_hardest', 'reset_iteration', 'description']))
 def test_a_checkpoint_of_any_content_is_a_state_or_refused(
         tmp_path: Path, value: Any, name: str | None) -> None:
     path, config = tmp_path / 'iteration_000003.safetensors', Config()
-    good = content(RunState(Curriculum.begin(config.curriculum), iteration=3), SPEC, config)
+    good = content(begun(config), SPEC, config)
     sealed_file.write(
         path, 'checkpoint', {'x': torch.zeros(5)}, value if name is None else {
             **good, name: value})
@@ -296,7 +304,9 @@ def test_a_checkpoint_of_any_content_is_a_state_or_refused(
     if taken is not None:
         state = taken[0]
         assert all(isinstance(number, int) and number >= 0 for number in (
-            state.iteration, state.steps, state.episodes, state.lines, state.curriculum.level))
+            state.iteration, state.steps, state.episodes, state.lines, state.curriculum.level,
+            state.reset_iteration))
+        assert state.reverse.over
 
 
 def test_no_more_is_read_of_a_foreign_file_than_its_header(tmp_path: Path) -> None:

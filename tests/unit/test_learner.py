@@ -233,3 +233,13 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(
 def test_a_seed_decides_what_is_learnt() -> None:
     first, again = improved(learner()), improved(learner())
     assert all(torch.equal(tensor, again[name]) for name, tensor in first.items())
+
+
+def test_the_discount_goes_from_the_first_iterations_to_the_last_geometrically() -> None:
+    """One less it: 0.01, 0.001, 0.0001; the same throughout where there is no first."""
+    spec = worlds.make('rocket').spec
+    rising = Learner(spec, load_preset('quick', gamma_first=0.99, gamma=0.9999, iterations=3))
+    assert [1 - rising.gamma(k) for k in (1, 2, 3)] == pytest.approx([1e-2, 1e-3, 1e-4])
+    assert Learner(spec, load_preset('quick', gamma=0.995)).gamma(7) == 0.995
+    alone = Learner(spec, load_preset('quick', gamma_first=0.9, gamma=0.995, iterations=1))
+    assert alone.gamma(1) == 0.995

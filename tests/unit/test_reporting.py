@@ -226,6 +226,17 @@ def test_learning_curves_show_the_logs_numbers(tmp_path: Path) -> None:
         assert axes.get_ylabel()
 
 
+def test_a_reverse_curriculum_has_a_curve_of_its_heights(tmp_path: Path) -> None:
+    lines = load(write_training(tmp_path / 'run', seed=3)).stage('finetune')
+    reaches = [0.4, 0.4, 0.48, 20.0, 194.8, 194.8]
+    higher = [{**line, 'reach': reach} for line, reach in zip(lines, reaches, strict=True)]
+    *_, level, reach = training_figure(higher).axes
+    assert level.get_ylabel() == 'level (1 to 8)'
+    assert reach.lines[0].get_ydata() == pytest.approx(reaches)
+    assert (reach.get_ylabel(), reach.get_yscale()) == ('highest starts (m)', 'log')
+    assert (level.get_xlabel(), reach.get_xlabel()) == ('', 'iteration')
+
+
 def test_every_axis_has_a_name_and_a_unit() -> None:
     """Or is a mere number, which then says so, or a count."""
     figures, episodes = _flown_table()

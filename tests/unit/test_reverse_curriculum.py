@@ -51,7 +51,7 @@ def test_a_window_at_the_rate_grows_and_empties() -> None:
 
 
 def test_it_grows_to_the_whole_task_and_there_is_over() -> None:
-    """From 0.4 m by 1.2 to 194.8 m: 34 steps, as ln(194.8 / 0.4) / ln 1.2 = 33.9; then one more."""
+    """From 0.4 m by 1.2 to 194.8 m: 34 steps, ln(194.8 / 0.4) / ln 1.2 = 33.9; then one more."""
     now, reaches = begun(), []
     while not now.over:
         reaches.append(now.reach)
@@ -64,12 +64,12 @@ def test_it_grows_to_the_whole_task_and_there_is_over() -> None:
 
 
 def test_a_first_reach_beyond_the_drop_is_refused() -> None:
-    with pytest.raises(ValueError, match='curriculum_start_reach: got 5, .*4.8 m'):
+    with pytest.raises(ValueError, match=r'curriculum_start_reach: got 5, .*4\.8 m'):
         begun(10.0, curriculum_start_reach=5.0)
 
 
 def test_the_hardest_are_those_that_began_highest() -> None:
-    """Whatever ended, and when: of 256 rockets' first episodes those in the top fifth of heights."""
+    """Whatever ended when: of 256 rockets' first episodes those in the top fifth of heights."""
     env = worlds.make('rocket', 256)
     env.reset(seed=6, spawn_reach=3.0)
     height = env.position[1] - 5.2

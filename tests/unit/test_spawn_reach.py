@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import spawn
 from rocket_sim_node.worlds.vehicle import TaskSettings
@@ -63,7 +64,6 @@ def test_the_full_reach_ends_in_the_whole_task() -> None:
 
 def test_without_a_reach_not_a_bit_is_another() -> None:
     """The formulas of the plain spawn, from the first ten numbers of the episode's stream."""
-    from rocket_sim_node.worlds import random_streams
     unit = random_streams.uniform(3, ROWS, np.full(COUNT, 4), 10)
     first = drawn(4, level=8)
     assert (first.position == [unit[0] * 50.0, np.full(COUNT, 200.0), unit[1] * 50.0]).all()
@@ -89,7 +89,8 @@ def test_a_reset_takes_it_and_snapshots_keep_it(name: str) -> None:
     ended = [env.step(fall)[4]['episodes'] for _ in range(60)]
     count = np.bincount(np.concatenate([e.row for e in ended]), minlength=200)
     assert (count > 0).all()
-    assert (np.concatenate([e.outcome for e in ended]) == env.spec.outcomes.index('too_fast')).any()
+    outcomes = np.concatenate([e.outcome for e in ended])
+    assert (outcomes == env.spec.outcomes.index('too_fast')).any()
     began = env.position.copy()
     other = worlds.make(name, 200, 77)
     other.restore(state)

@@ -17,12 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.evaluation.optimum_sample import OptimumSample
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.starts import initial_conditions
 from rocket_sim_node.worlds.base import F64
 
 START = 'start_'
 """Names of columns with initial conditions begin like this; which there are, the world says."""
+OPTIMUM = ('optimum_fuel_kg', 'optimum_steps')
+"""Least fuel and least length, of the sample of episodes that was solved; not in every table."""
 _DIGITS = '.10g'
 
 
@@ -35,9 +38,11 @@ class _Column(NamedTuple):
 COLUMNS = tuple(_Column(name, name in ('outcome', 'after_touchdown')) for name in (
     'row', 'episode', 'outcome', 'return', 'length_steps', 'touchdown_speed_m_s', 'tilt_deg',
     'distance_m', 'fuel_used_kg', 'fuel_bound_kg', 'end_x_m', 'end_z_m', 'standing',
-    'after_touchdown'))
+    'after_touchdown', 'fuel_left_kg', 'hover_time_s', 'ignitions', 'control_effort'))
 """`standing` is 1 for those that stand in the end, 0 for others, empty where rest is what landed
 means; `after_touchdown` is the verdict of the contact model that takes over from `rocket`."""
+_LATER = ('fuel_left_kg', 'hover_time_s', 'ignitions', 'control_effort')
+"""Columns that tables of earlier versions lack; they are read as empty."""
 
 
 @dataclass(frozen=True)
@@ -63,25 +68,43 @@ class EpisodeTable:
         return {name: values for name, values in self.numbers.items() if name.startswith(START)}
 
 
-def from_result(result: EvaluationResult) -> EpisodeTable:
-    """Return the episodes of an evaluation as a table."""
+def from_result(result: EvaluationResult, optimum: OptimumSample | None = None) -> EpisodeTable:
+    """Return the episodes of an evaluation as a table.
+
+    :param optimum: of its first episodes.
+    """
     flown, count = result.episodes, len(result.episodes)
     unknown = np.full(count, np.nan)
     standing = unknown if result.standing is None else result.standing.astype(np.float64)
+    of_rockets = {
+        'fuel_used_kg': flown.fuel_used, 'fuel_left_kg': flown.fuel_left,
+        'hover_time_s': flown.hover_time, 'ignitions': flown.ignitions.astype(np.float64),
+        'control_effort': flown.control_effort}
     return EpisodeTable(
         numbers={
             'row': flown.row.astype(np.float64), 'episode': flown.episode.astype(np.float64),
             'return': flown.episode_return, 'length_steps': flown.length.astype(np.float64),
             'touchdown_speed_m_s': flown.touchdown_speed, 'tilt_deg': flown.tilt,
             'distance_m': flown.distance,
-            'fuel_used_kg': flown.fuel_used if result.is_rocket else unknown,
             'fuel_bound_kg': result.fuel_bound, 'end_x_m': result.end_position[:, 0],
             'end_z_m': result.end_position[:, 1], 'standing': standing,
-            **initial_conditions(result.spec, result.first_observation, result.settings)},
+            **{name: values if result.is_rocket else unknown
+               for name, values in of_rockets.items()},
+            **initial_conditions(result.spec, result.first_observation, result.settings),
+            **_optimum(optimum, count)},
         words={
             'outcome': tuple(result.spec.outcomes[code] for code in flown.outcome.tolist()),
             'after_touchdown': (
                 ('',) * count if result.settled is None else result.settled.verdict)})
+
+
+def _optimum(optimum: OptimumSample | None, count: int) -> dict[str, F64]:
+    """Return the columns of the optimum, `(K,)` each; none where nothing was solved."""
+    if optimum is None or not len(optimum.fuel):
+        return {}
+    columns = zip(OPTIMUM, (optimum.fuel, optimum.steps), strict=True)
+    return {name: np.append(values, np.full(count - len(values), np.nan))
+            for name, values in columns}
 
 
 def write(path: Path, table: EpisodeTable) -> None:
@@ -93,7 +116,8 @@ def write(path: Path, table: EpisodeTable) -> None:
         name: [format(value, _DIGITS) if value == value else '' for value in values.tolist()]
         for name, values in table.numbers.items()}
     cells |= table.words
-    names = [*(column.name for column in COLUMNS), *table.starts]
+    names = [*(column.name for column in COLUMNS), *table.starts,
+             *(name for name in OPTIMUM if name in table.numbers)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(names)
@@ -113,7 +137,7 @@ def read(path: Path) -> EpisodeTable:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f'{path}: damaged: {error}') from error
     names = lines[0] if lines else []
-    missing = [column.name for column in COLUMNS if column.name not in names]
+    missing = [column.name for column in COLUMNS if column.name not in (*names, *_LATER)]
     if missing:
         raise ValueError(f'{path}: line 1: no column {missing[0]!r}, expected a table of episodes')
     if len(lines) < 2:
@@ -125,8 +149,10 @@ def read(path: Path) -> EpisodeTable:
     columns = dict(zip(names, zip(*lines[1:], strict=True), strict=True))
     wordy = {column.name for column in COLUMNS if column.words}
     return EpisodeTable(
-        numbers={name: _numbers(path, name, cells)
-                 for name, cells in columns.items() if name not in wordy},
+        numbers={
+            **{name: np.full(len(lines) - 1, np.nan) for name in _LATER},
+            **{name: _numbers(path, name, cells)
+               for name, cells in columns.items() if name not in wordy}},
         words={name: columns[name] for name in wordy})
 
 

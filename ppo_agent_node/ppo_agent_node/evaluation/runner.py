@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ppo_agent_node.evaluation.bounds import StraightDropBound
 from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.base import Pilot
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
@@ -71,18 +73,26 @@ class EvaluationResult:
 
     @cached_property
     def settled(self) -> Standing | None:
-        """What became of touchdowns in world `rocket`; None in worlds that go on until rest."""
-        if self.spec.name != 'rocket':
+        """What became of touchdowns in world `rocket`; None in worlds that go on until rest.
+
+        None also where sensors are noisy: the last observation does not say how it touched down.
+        """
+        if self.spec.name != 'rocket' or self.settings.get('sensor_noise_high', 0) > 0:
             return None
         return after_touchdown(
-            self.final_observation, self.episodes.fuel_used, self.ground, self.settings)
+            self.final_observation, self.episodes.fuel_left, self.ground, self.settings)
+
+    @property
+    def dry(self) -> NDArray[np.bool_] | None:
+        """`(K,)` which rockets ended with an empty tank; None in worlds that burn no fuel."""
+        return self.episodes.fuel_left <= 0.0 if self.is_rocket else None
 
     @property
     def standing(self) -> NDArray[np.bool_] | None:
-        """`(K,)` which rockets stand in the end; None where rest is what landed means."""
-        if not self.is_rocket:
-            return None
-        return self.landed if self.settled is None else self.settled.standing
+        """`(K,)` which rockets stand in the end; None where that is not known."""
+        if self.spec.name == 'rocket_planar':
+            return self.landed
+        return None if self.settled is None else self.settled.standing
 
     def named(self, *names: str) -> NDArray[np.bool_]:
         """Return `(K,)` which episodes had one of these outcomes; unknown names match none."""
@@ -112,7 +122,7 @@ def evaluate(
     episodes: int = 2000,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
-    **reset_settings: float,
+    **reset_settings: Any,
 ) -> EvaluationResult:
     """Fly `episodes` episodes from a seed; equal arguments give equal results, bit for bit.
 
@@ -121,7 +131,8 @@ def evaluate(
 
     :param pilot: asked once a step; nothing is added to its actions.
     :param progress: told (episodes counted, of how many) whenever some were.
-    :param reset_settings: curriculum settings of the world, such as `level`.
+    :param reset_settings: settings of the world that a reset may change, such as `level`; for
+        rockets also `conditions`, the name of a set.
     :raises ValueError: for less than one episode, or what the world's reset refuses.
     :raises EnvironmentRestarted: the simulator was lost; call again for the same result.
     """
@@ -135,10 +146,12 @@ def evaluation_flight(
     episodes: int,
     seed: int,
     progress: Callable[[int, int], None] | None = None,
-    **reset_settings: float,
+    **reset_settings: Any,
 ) -> Flight[EvaluationResult]:
     """Do what `evaluate` does, as a flight."""
     is_rocket = spec.name.startswith('rocket')
+    if is_rocket:
+        reset_settings = conditions.flatten(reset_settings)
     left = quotas(episodes, spec.num_envs)
     observation = yield Reset(seed, reset_settings)
     start = observation.copy()

@@ -31,14 +31,14 @@ class Standing:
 
 
 def after_touchdown(
-    observation: NDArray[np.float32], fuel_used: F64, ground: NDArray[np.bool_],
+    observation: NDArray[np.float32], fuel: F64, ground: NDArray[np.bool_],
     settings: Mapping[str, float],
 ) -> Standing:
     """Let the contact model take over from the ends of episodes.
 
-    :param observation: `(K, 15)` the last of each episode. Float32 and without yaw, of which
-        neither matters to the model: it stands to 1e-5 m and leaves yaw out.
-    :param fuel_used: `(K,)` kg.
+    :param observation: `(K, 15)` or more, the last of each episode. Float32 and without yaw, of
+        which neither matters to the model: it stands to 1e-5 m and leaves yaw out.
+    :param fuel: `(K,)` kg left in the tank.
     :param ground: `(K,)` which episodes ended on the ground.
     :param settings: of world `rocket`.
     """
@@ -46,7 +46,7 @@ def after_touchdown(
     position = last[:, 0:3] * settings['position_scale']
     velocity = last[:, 3:6] * settings['velocity_scale']
     spin = last[:, 9:12] * settings['spin_scale']
-    fuel = settings['fuel'] - fuel_used[ground]
+    fuel = fuel[ground]
     # Each has bodies of its own and all its moments, which together would fill the memory.
     parts = [
         settle(position[part], _swing(last[part, 6:9]), velocity[part], spin[part], fuel[part],

@@ -71,6 +71,9 @@ class PPOConfig:
         0.0, '', 'the critic is not rewarded for moving further than this from its old value, in '
         'its own units; 0: as far as it likes', 0.0, 1e9)
     gamma: float = setting(0.9999, '', 'discount per step', 0.0, 1.0)
+    gamma_first: float = setting(
+        -1.0, '', 'that of the first iteration, from where 1 - gamma goes to that of the last '
+        'geometrically; -1: gamma throughout', -1.0, 1.0)
     gae_lambda: float = setting(0.99, '', 'lambda of generalised advantages', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
     max_grad_norm: float = setting(

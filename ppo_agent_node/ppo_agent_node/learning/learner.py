@@ -84,7 +84,16 @@ class Learner:
         c = self._ppo
         self._carry(there=True)  # the critic says what is worth learning
         return self.improve(
-            iteration, rollout.batch(self._values, c.gamma, c.gae_lambda, c.reward_scale), poll)
+            iteration,
+            rollout.batch(self._values, self.gamma(iteration), c.gae_lambda, c.reward_scale), poll)
+
+    def gamma(self, iteration: int) -> float:
+        """Return the discount of an iteration, from 1."""
+        c = self._ppo
+        if c.gamma_first < 0 or c.iterations < 2:
+            return c.gamma
+        part = (iteration - 1) / (c.iterations - 1)
+        return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
 
     def _values(self, observation: Tensor) -> Tensor:
         """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""

@@ -2,6 +2,8 @@
 """Trained policies as files: the weights, and what they were trained for."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +46,16 @@ def save_policy(
 def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
     """Return a policy that fits a world, and its description.
 
-    The world's name may be another, as long as observations and actions mean the same.
+    The world's name may be another, as long as observations and actions mean the same. The world
+    may give more observations than the policy sees; the policy takes those that the description
+    names, in that order.
 
     :raises FileNotFoundError: when there is no such file.
     :raises ValueError: when it is damaged or does not fit; the message names the file, what was
         found and what was expected.
     """
     tensors, content = sealed_file.read(path, POLICY)
+    spec = _narrowed(path, spec, content.get('observation_names'))
     for name, ours in (
         ('observation_names', list(spec.observation_names)),
         ('action_names', list(spec.action_names)),
@@ -66,6 +71,30 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
     sealed_file.expect_tensors(path, tensors, policy.state_dict())
     policy.load_state_dict(tensors)
     return policy.eval(), content
+
+
+def _narrowed(path: Path, spec: WorldSpec, names: object) -> WorldSpec:
+    """Return a world with only the observations that a policy names, where it has them all.
+
+    :raises ValueError: for a policy that needs more than what a world with the same ones gives.
+    """
+    given = spec.observation_names
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return spec
+    missing = [name for name in names if name not in given]
+    if not missing and names and len(set(names)) == len(names):
+        return replace(spec, observation_names=tuple(names))
+    if missing and set(given) < set(names):
+        raise ValueError(
+            f'{path}: observation_names: the policy also sees {_listed(missing)}; expected a '
+            f'world {spec.name!r} that gives them, as with observation:=extended')
+    return spec
+
+
+def _listed(names: Sequence[str], most: int = 3) -> str:
+    """Return the first few names as text, and how many more there are."""
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(f'{name:.40}' for name in names[:most]) + more
 
 
 def _expect_room(

@@ -2,45 +2,62 @@
 """Node `evaluate`: N deterministic episodes of a pilot, as a table, JSON and plots."""
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from ppo_agent_node.evaluation import conditions_files
+from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.connection import require_lockstep
 from ppo_agent_node.nodes.evaluating import fly_and_write
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.policy import PolicyPilot
-from ppo_agent_node.pilots.random import RandomPilot
-from ppo_agent_node.pilots.scripted import scripted_pilot
-from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.nodes.tabulating import fly_and_write_table
+from ppo_agent_node.pilots import choice
+from ppo_agent_node.pilots.choice import Chosen
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.parameters import ParameterError
 from rocket_sim_node.wire.parameters import Parameters
 from rocket_sim_node.wire.running import leave
 from rocket_sim_node.wire.running import run
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.flight import SerialFleet
+
+ALL = 'all'
+_EPISODES = 2000
 
 
 @dataclass(frozen=True)
 class EvaluationParameters:
     """Parameters of the node, beside those of the connection."""
 
-    pilot: str = setting('policy', '', 'who flies', choices=('policy', 'expert', 'random'))
+    pilot: str = setting('policy', '', 'who flies', choices=choice.NAMES)
     policy: str = setting(
-        '', '', 'policy file; empty: of the newest finished run, else the one that ships')
-    episodes: int = setting(2000, '', 'shared evenly over the rockets', 1, 10_000_000)
-    level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
-    seed: int = setting(20_000_000, '', 'where the spawns start', 0, 2**62)
-    output: str = setting('', '', 'folder for evaluation.json and plots/; empty: no files')
+        '', '', 'policy file, or the name of one that ships; empty: of the newest finished run, '
+        'else the one that ships for the world')
+    pilots: str = setting(
+        '', '', 'who flies the table, separated by commas: policy, expert, random, names of '
+        'policies that ship, files; empty: pilot, and the expert')
+    conditions: str = setting(
+        '', '', "set of conditions; empty: the simulator's own; all: the whole table of "
+        'conditions on levels 7 and 8', choices=('', *conditions.NAMES, ALL))
+    episodes: int = setting(
+        0, '', f'shared evenly over the rockets; 0: {_EPISODES}, or of a table '
+        f'{conditions_table.EPISODES} a cell', 0, 10_000_000)
+    level: int = setting(
+        0, '', "curriculum level; 0: the simulator's own, of a table 7 and 8", 0, 8)
+    seed: int = setting(conditions_table.SEED, '', 'where the spawns start', 0, 2**62)
+    optimum_sample: int = setting(
+        SAMPLE, '', 'first episodes whose least fuel and time are solved for; 0: none', 0, 100_000)
+    output: str = setting('', '', 'folder for figures and plots; empty: no files')
 
 
 def evaluation(node: Node, executor: Executor) -> None:
@@ -49,41 +66,92 @@ def evaluation(node: Node, executor: Executor) -> None:
     options = parameters.declare(EvaluationParameters)
     connection = parameters.declare(ConnectionParameters)
     parameters.finish()
+    _check(options)
     output = Path(options.output) if options.output else None
     if output:
         # Before the flight: an unwritable folder is told at once, not after minutes.
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
-        pilot, facts = _pilot(node, options, client.connect())
+        spec = client.connect()
+        chosen = _chosen(options, spec)
+        for one in chosen:
+            if one.warning:
+                node.get_logger().warning(one.warning)
         require_lockstep(client)
-        summary = fly_and_write(
-            SerialFleet(client), pilot, options.episodes, options.seed, options.level, output,
-            terminal.show, poll=terminal.tick, **facts)
-        terminal.say(metrics.table(summary))
-        if output:
-            terminal.say(f'evaluation.json and plots are in {output}')
+        if options.conditions == ALL:
+            _table(client, chosen, options, output, terminal)
+        else:
+            _single(client, chosen[0], options, output, terminal)
 
 
-def _pilot(
-    node: Node, options: EvaluationParameters, spec: WorldSpec,
-) -> tuple[Pilot, dict[str, Any]]:
-    """Return who flies, and what the figures shall say about a policy's file.
+def _check(options: EvaluationParameters) -> None:
+    """Check parameters that depend on each other.
 
-    :raises ValueError: when a policy is named for another pilot, or does not fit the world.
+    :raises ParameterError: naming the one that does not fit.
     """
-    if options.policy and options.pilot != 'policy':
-        raise ValueError(
+    if options.policy and options.pilot != choice.POLICY:
+        raise ParameterError(
             f'policy: got {options.policy!r}, expected none with pilot {options.pilot!r}')
-    if options.pilot == 'expert':
-        return scripted_pilot(spec), {}
-    if options.pilot == 'random':
-        return RandomPilot(spec, options.seed), {}
-    path = find_policy(options.policy, spec.name)
-    pilot = PolicyPilot(path, spec)
-    if pilot.unfamiliar:
-        node.get_logger().warning(pilot.unfamiliar)
-    return pilot, {
-        'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
+    if not options.pilots:
+        return
+    if options.conditions != ALL:
+        raise ParameterError(
+            f'pilots: got {options.pilots!r}, expected none but with conditions {ALL!r}')
+    if options.policy and choice.POLICY not in _names(options):
+        raise ParameterError(
+            f"policy: got {options.policy!r}, expected none, as 'policy' is not among pilots, "
+            f'{options.pilots!r}')
+
+
+def _names(options: EvaluationParameters) -> list[str]:
+    """Return who flies."""
+    if options.pilots:
+        return [name.strip() for name in options.pilots.split(',') if name.strip()]
+    rival = options.conditions == ALL and options.pilot != choice.EXPERT
+    return [options.pilot, *([choice.EXPERT] if rival else [])]
+
+
+def _chosen(options: EvaluationParameters, spec: WorldSpec) -> list[Chosen]:
+    """Return who flies, one or more.
+
+    :raises ValueError: when somebody does not fit the world, or nobody is named.
+    """
+    names = _names(options)
+    if not names:
+        raise ParameterError(f'pilots: got {options.pilots!r}, expected one or more names')
+    return choice.choose_all(names, spec, options.seed, options.policy)
+
+
+def _single(
+    client: Client, chosen: Chosen, options: EvaluationParameters, output: Path | None,
+    terminal: Terminal,
+) -> None:
+    """Evaluate one pilot."""
+    settings: dict[str, float] = {}
+    if options.conditions:
+        conditions_table.check_world(client.spec)
+        settings = conditions.settings(options.conditions)
+    summary = fly_and_write(
+        SerialFleet(client), chosen.pilot, options.episodes or _EPISODES, options.seed,
+        options.level, output, terminal.show, poll=terminal.tick, settings=settings,
+        optimum_sample=options.optimum_sample, **chosen.facts)
+    terminal.say(metrics.table(summary))
+    if output:
+        terminal.say(f'evaluation.json and plots are in {output}')
+
+
+def _table(
+    client: Client, chosen: list[Chosen], options: EvaluationParameters, output: Path | None,
+    terminal: Terminal,
+) -> None:
+    """Fly the table of conditions."""
+    levels = (options.level,) if options.level else conditions_table.LEVELS
+    table = fly_and_write_table(
+        SerialFleet(client), chosen, options.episodes or conditions_table.EPISODES, options.seed,
+        levels, output, terminal.show, terminal.tick)
+    terminal.say(conditions_files.markdown(table))
+    if output:
+        terminal.say(f'conditions.json, .md, .csv and plots are in {output}')
 
 
 def main() -> None:

@@ -30,6 +30,8 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 F64 = NDArray[np.float64]
 
+_SEEN = 15
+"""numbers of an observation that are looked at, the first"""
 _PACE_ITERATIONS = 4
 _LEAST_SPIN_UP = 1e-9
 """rad/s^2 that the RCS is thought to give, one without torque too"""
@@ -113,7 +115,7 @@ class ExpertPilot:
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`: throttle, RCS about X, RCS about Z, each in [-1, 1].
 
-        :param observation: `(N, 15)`, see the world `rocket`.
+        :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
         """
         v, gain = self.vehicle, self.settings
         sight = self._look(observation)

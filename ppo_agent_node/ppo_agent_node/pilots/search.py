@@ -11,21 +11,22 @@ from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.learning.run_folder import UNFINISHED
 
 RUNS = Path('runs')
+DEFAULT = 'default'
+"""the policy that ships for a world, by a name that is the same in each"""
 
 
 def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
     """Return the policy file to fly.
 
-    :param given: a path; empty to search.
+    :param given: a path, or the name of a policy that ships; empty to search. `default` is the
+        one that ships for the world.
     :param world: name of the world that it was trained in.
     :param runs: folder of the runs, searched for the newest policy. One of a run that has not
         finished, and one that is damaged, are passed over.
     :raises FileNotFoundError: naming what was looked for.
     """
     if given:
-        if not Path(given).is_file():
-            raise FileNotFoundError(f'policy: no file {given}')
-        return Path(given)
+        return _named(given, world)
     trained = [
         path for path in runs.glob('*/policy.safetensors')
         if world_of(path.parent / 'config.yaml') == world
@@ -33,12 +34,39 @@ def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
     for path in sorted(trained, key=lambda path: path.stat().st_mtime, reverse=True):
         if whole(path):
             return path
-    shipped = Path(str(resources.files('ppo_agent_node') / 'policies' / f'{world}.safetensors'))
+    shipped = _shipped(world)
     if not shipped.is_file():
         raise FileNotFoundError(
             f'policy: none of a finished run below {runs.resolve()} for world {world!r}, and none '
             'ships for it; train one, or name a file')
     return shipped
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Return the names of the policies that ship."""
+    folder = Path(str(resources.files('ppo_agent_node') / 'policies'))
+    return tuple(sorted(path.stem for path in folder.glob('*.safetensors')))
+
+
+def _named(given: str, world: str) -> Path:
+    """Return the policy that a path or a name stands for; a file wins over a name.
+
+    :raises FileNotFoundError: naming what was given and what is there.
+    """
+    if Path(given).is_file():
+        return Path(given)
+    if Path(given).name != given or '.' in given:
+        raise FileNotFoundError(f'policy: no file {given}')
+    shipped = _shipped(world if given == DEFAULT else given)
+    if not shipped.is_file():
+        raise FileNotFoundError(
+            f'policy: got {given!r}, expected a file or the name of a policy that ships: '
+            f'{", ".join((DEFAULT, *shipped_names()))}')
+    return shipped
+
+
+def _shipped(name: str) -> Path:
+    return Path(str(resources.files('ppo_agent_node') / 'policies' / f'{name}.safetensors'))
 
 
 def whole(policy: Path) -> bool:

@@ -21,7 +21,7 @@ CAPTION = (
     'the seeds of a group, the band reaches from the lowest to the highest, and each seed is a '
     'thin line; all where every seed of the group has data.')
 _HEAD = ('run', 'group', 'seed', 'landed', '95 % interval', 'mean return', '95 % interval',
-         'touchdown speed, mean', 'fuel / least', 'steps', 'time')
+         'touchdown speed, mean', 'fuel / optimum', 'steps', 'time')
 
 
 def comparison_page(groups: Sequence[Group], curves: Path | None, folder: Path) -> str:
@@ -75,7 +75,7 @@ def _row(run: Run, group: Group, folder: Path) -> tuple[object, ...]:
     if run.figures is None:
         return link, group.mark, seed, 'not evaluated', '', '', '', '', '', *end
     speed = (run.figures.get('touchdown_speed') or {}).get('mean')
-    ratio = run.figures.get('fuel_ratio')
+    ratio = run.figures.get('fuel_ratio_optimum')
     low, high = run.figures['mean_return_interval']
     return (
         link, group.mark, seed, figures_table.rate(run.figures['landing_rate']),

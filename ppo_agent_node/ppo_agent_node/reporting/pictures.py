@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from ppo_agent_node.reporting import conditions_pictures
 from ppo_agent_node.reporting import flight_pictures
 from ppo_agent_node.reporting import initial_conditions
+from ppo_agent_node.reporting import optimum_picture
 from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting import touchdown_pictures
 from ppo_agent_node.reporting import training_pictures
 from ppo_agent_node.reporting.run_files import Run
 
-EVALUATION, TRAINING = 'Evaluation', 'Training'
+EVALUATION, CONDITIONS, TRAINING = 'Evaluation', 'Conditions', 'Training'
 _PAD_OF_LANDER = 0.2
 """part of the field's half width that is pad, as in Gymnasium's LunarLander"""
 
@@ -99,10 +101,20 @@ def _fuel(run: Run) -> Figure | None:
     return touchdown_pictures.fuel_figure(run.figures, run.episodes)
 
 
-def _conditions(run: Run) -> Figure | None:
+def _optimum(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    return optimum_picture.optimum_figure(run.figures, run.episodes)
+
+
+def _starts(run: Run) -> Figure | None:
     if run.figures is None or run.episodes is None:
         return None
     return initial_conditions.conditions_figure(run.figures, run.episodes)
+
+
+def _conditions(run: Run) -> Figure | None:
+    return conditions_pictures.conditions_figure(run.conditions) if run.conditions else None
 
 
 def _cloning(run: Run) -> Figure | None:
@@ -139,13 +151,22 @@ CATALOGUE = {
         'Places of touchdown as seen from above (from the side, where all flights lie in one '
         'plane), on the whole pad and magnified: a cloud off the cross is a bias, a wide one '
         'scatter.')),
-    'fuel': _Entry('Fuel against the least possible', EVALUATION, _fuel, (
+    'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
+        'Landings of the starts that were solved, from the nearest to the optimum to the '
+        'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
+        'landing from its start with a thrust that may turn at once. What is below zero touched '
+        'down at some speed.')),
+    'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
         'Fuel of each episode over its speed at the start; the line is the least that a straight '
         'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
         'went into tilt, drift and offset.')),
-    'initial_conditions': _Entry('Landing rate by initial condition', EVALUATION, _conditions, (
+    'initial_conditions': _Entry('Landing rate by initial condition', EVALUATION, _starts, (
         'Episodes in bins of equal number along each initial condition: where an interval lies '
         'below the grey band, the policy is weaker there than on the whole.')),
+    'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
+        'Each row is a condition, each column a pilot; all began from the same starts. On the '
+        'left how many landed, on the right the mean return, failures included. A pilot that '
+        'lands late, hard or off the centre is yellow on the left and darker on the right.')),
     'training': _Entry('Learning curves', TRAINING, _training, (
         'Mean return raw and smoothed, landing rate with its 95 % interval, and level, by '
         'iteration; the red dots are flights without noise on the final level, by which the best '

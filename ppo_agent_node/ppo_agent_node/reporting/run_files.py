@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.learning.run_config import read_config
@@ -20,6 +21,7 @@ from ppo_agent_node.learning.train_log import read_log
 from rocket_sim_node.worlds.base import F64
 
 CONFIG, LOG, FIGURES, EPISODES = 'config.yaml', 'train.jsonl', 'evaluation.json', 'episodes.csv'
+CONDITIONS = conditions_files.NAME
 Lines = Sequence[Mapping[str, Any]]
 
 _PAIR = 'a pair of numbers'
@@ -30,9 +32,15 @@ _EXPECTED: dict[str, str] = {
     'mean_return_interval': _PAIR, 'outcomes': 'names and whole numbers'}
 _OPTIONAL: dict[str, str] = {
     'touchdown_speed': _SPREAD, 'tilt': _SPREAD, 'distance': _SPREAD, 'fuel_used_kg': _SPREAD,
+    'fuel_optimum_kg': 'a number', 'fuel_ratio_optimum': 'a number', 'time_optimum_s': 'a number',
+    'return_ceiling': 'a number', 'optimum_sample': 'a whole number', 'optimum_reason': 'a string',
     'fuel_ratio': 'a number', 'fuel_bound_kg': 'a number', 'mean_length': 'a number',
     'return_std': 'a number', 'standing_rate': 'a number', 'standing_rate_interval': _PAIR,
-    'settling': 'names and whole numbers', 'world_settings': 'names and values'}
+    'settling': 'names and whole numbers', 'world_settings': 'names and values',
+    'conditions': 'a string', 'return_p05': 'a number', 'mean_return_landed': 'a number',
+    'mean_return_standing': 'a number', 'tanks_dry': 'a number', 'tanks_dry_interval': _PAIR,
+    'mean_return_tanks_dry': 'a number', 'hover_time': _SPREAD, 'ignitions': _SPREAD,
+    'control_effort': _SPREAD}
 """What may be missing or null."""
 
 
@@ -45,6 +53,8 @@ class Run:
     lines: list[dict[str, Any]]
     figures: dict[str, Any] | None
     episodes: EpisodeTable | None
+    conditions: dict[str, Any] | None = None
+    """the table of conditions, see `evaluation.conditions_table`"""
 
     @property
     def name(self) -> str:
@@ -54,7 +64,8 @@ class Run:
     @property
     def world(self) -> str:
         """Name of the world, '' when no file says."""
-        return str(self.config.get('world') or (self.figures or {}).get('world') or '')
+        return str(self.config.get('world') or (self.figures or {}).get('world')
+                   or (self.conditions or {}).get('world') or '')
 
     @property
     def world_settings(self) -> dict[str, Any]:
@@ -75,7 +86,7 @@ class Run:
     @property
     def date(self) -> datetime:
         """When the newest of its files was written."""
-        times = [path.stat().st_mtime for name in (CONFIG, LOG, FIGURES)
+        times = [path.stat().st_mtime for name in (CONFIG, LOG, FIGURES, CONDITIONS)
                  if (path := self.path / name).exists()]
         return datetime.fromtimestamp(max(times)).astimezone()
 
@@ -92,14 +103,16 @@ def load(path: Path) -> Run:
     """
     if not path.is_dir():
         raise ValueError(f'{path}: no such folder, expected that of a run or an evaluation')
-    if not any((path / name).is_file() for name in (CONFIG, LOG, FIGURES)):
+    if not any((path / name).is_file() for name in (CONFIG, LOG, FIGURES, CONDITIONS)):
         raise ValueError(
-            f'{path}: no run, expected a folder with {CONFIG} and {LOG}, or with {FIGURES}')
+            f'{path}: no run, expected a folder with {CONFIG} and {LOG}, or with {FIGURES} or '
+            f'{CONDITIONS}')
     figures = _figures(path / FIGURES)
     episodes = path / EPISODES
     return Run(
         path, _config(path / CONFIG), _lines(path / LOG), figures,
-        episode_table.read(episodes) if figures and episodes.is_file() else None)
+        episode_table.read(episodes) if figures and episodes.is_file() else None,
+        conditions_files.read(path / CONDITIONS))
 
 
 def column(lines: Lines, name: str) -> F64:

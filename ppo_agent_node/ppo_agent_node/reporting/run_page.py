@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import quote
 
+from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation.intervals import BOOTSTRAPPED
 from ppo_agent_node.reporting import figures_table
 from ppo_agent_node.reporting import page
 from ppo_agent_node.reporting import settings_table
 from ppo_agent_node.reporting.page import Markup
+from ppo_agent_node.reporting.pictures import CONDITIONS
 from ppo_agent_node.reporting.pictures import EVALUATION
 from ppo_agent_node.reporting.pictures import TRAINING
 from ppo_agent_node.reporting.pictures import Picture
@@ -26,6 +28,9 @@ _FILES = {
     'evaluation.json': 'figures of the evaluation',
     'episodes.csv': 'the episodes of the evaluation, one a line; units stand in the names of the '
                     'columns',
+    'conditions.json': 'the table of conditions, every cell with its figures',
+    'conditions.md': 'the same as a table to read',
+    'conditions.csv': 'the same, a cell a line',
     'policy.safetensors': 'the best policy, with a description of world and training',
     'cloned.safetensors': 'what cloning made, before fine-tuning',
     'recording.rrd': 'the flights, for Rerun: rerun recording.rrd',
@@ -49,7 +54,8 @@ def run_page(run: Run, pictures: Sequence[Picture]) -> str:
     title = f'{run.name}: {run.world or "run"}'
     return page.document(
         title, _headline(run), *_notes(run), *_evaluation(run, pictures),
-        *_section(TRAINING, pictures), *_settings(run), _files(run.path))
+        *_conditions(run, pictures), *_section(TRAINING, pictures), *_settings(run),
+        _files(run.path))
 
 
 def _headline(run: Run) -> Markup:
@@ -79,19 +85,23 @@ def _headline(run: Run) -> Markup:
 
 
 def _level(run: Run) -> str:
-    """Return the level in words, '' where there is none."""
-    level = (run.figures or {}).get('level')
+    """Return level and conditions in words, '' where there are none."""
+    figures = run.figures or {}
+    level = figures.get('level')
     if level is None:
         level = run.training.get('curriculum_final_level')
-    return f'level {level}' if level else ''
+    where = [f'level {level}'] if level else []
+    if figures.get('conditions') not in (None, 'nominal'):
+        where.append(f'conditions {figures["conditions"]}')
+    return ', '.join(where)
 
 
 def _notes(run: Run) -> list[Markup]:
     """Return what is missing, in words."""
     notes = []
-    if run.figures is None:
+    if run.figures is None and (run.config or run.lines):
         notes.append(f'No {FIGURES}: this run has not been evaluated yet.')
-    elif run.episodes is None:
+    elif run.figures is not None and run.episodes is None:
         notes.append(
             f'No {EPISODES}: this evaluation kept its figures only, so that pictures of single '
             'episodes cannot be drawn. Evaluate again to have them.')
@@ -117,6 +127,20 @@ def _evaluation(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
         page.tag('details', page.tag('summary', 'Who flew, and from which starts'),
                  page.table((), facts)),
         *_section(EVALUATION, pictures)[1:]]
+
+
+def _conditions(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
+    """Return picture and numbers of the table of conditions."""
+    if run.conditions is None:
+        return []
+    parts = _section(CONDITIONS, pictures)
+    parts.append(page.tag('p', conditions_files.facts(run.conditions), class_='soft'))
+    for level in run.conditions['levels']:
+        head, *rows = conditions_files.rows(run.conditions, level)
+        parts.append(page.tag(
+            'details', page.tag('summary', f'Level {level}, in numbers'),
+            page.table(head, rows, 'numbers')))
+    return parts
 
 
 def _section(title: str, pictures: Sequence[Picture]) -> list[Markup]:

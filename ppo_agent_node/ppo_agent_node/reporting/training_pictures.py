@@ -44,13 +44,19 @@ def cloning_figure(lines: Lines) -> Figure:
 
 
 def training_figure(lines: Lines) -> Figure:
-    """Return mean return, landing rate and, where there are any, level over the iterations."""
-    levels = column(lines, 'level')
-    parts = 3 if (levels > 0).any() else 2
+    """Return mean return and landing rate over the iterations.
+
+    Below them, where there are any, the level and the reach of a reverse curriculum.
+    """
+    curricula = [
+        (values, label, scale) for values, label, scale in (
+            (column(lines, 'level'), 'level (1 to 8)', 'linear'),
+            (column(lines, 'reach'), 'highest starts (m)', 'log'))
+        if (values > 0).any()]
     figure = Figure(figsize=(9, 8.4))
-    returns, landing, *level = figure.subplots(
-        parts, 1, sharex=True, height_ratios=(3, 2, 1)[:parts])
-    alone = 'final level, without noise' if level else 'without noise'
+    returns, landing, *below = figure.subplots(
+        2 + len(curricula), 1, sharex=True, height_ratios=(3, 2, 1, 1)[:2 + len(curricula)])
+    alone = 'final level, without noise' if below else 'without noise'
     iteration = column(lines, 'iteration')
     raw = column(lines, 'mean_return')
     returns.plot(iteration, raw, color=BLUE, alpha=0.4, lw=1, label='roll-out, with noise')
@@ -69,12 +75,14 @@ def training_figure(lines: Lines) -> Figure:
         label='95 % interval of the roll-out (Wilson)')
     landing.plot(iteration[flown], 100 * column(lines, 'selection_landing_rate')[flown],
                  color=VERMILION, marker='o', ms=5, lw=3.2, label=alone)
-    _dress(landing, '' if level else 'iteration', 'landed (% of episodes)')
+    _dress(landing, '' if below else 'iteration', 'landed (% of episodes)')
     _legend_above(landing)
-    for axes in level:
-        axes.step(iteration, levels, where='mid', color=ORANGE, lw=1.8)
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-        _dress(axes, 'iteration', 'level (1 to 8)')
+    for axes, (values, label, scale) in zip(below, curricula, strict=True):
+        axes.step(iteration, values, where='mid', color=ORANGE, lw=1.8)
+        axes.set_yscale(scale)
+        if scale == 'linear':
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+        _dress(axes, 'iteration' if axes is below[-1] else '', label)
     figure.align_ylabels()
     figure.suptitle('Fine-tuning by PPO', x=0.01, ha='left')
     return figure

@@ -62,6 +62,8 @@ def figures(status: Status) -> list[str]:
     parts = []
     if status.level and status.stage in _LEVELLED:
         parts.append(f'level {status.level}')
+    if math.isfinite(status.reach):
+        parts.append(f'from up to {status.reach:.3g} m')
     if math.isfinite(status.landing_rate):
         parts.append('landed ' + rate(
             status.landing_rate, status.landing_rate_low, status.landing_rate_high))

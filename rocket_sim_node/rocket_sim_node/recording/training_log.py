@@ -53,6 +53,8 @@ CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
     'speed': ('Steps per second', (
         Curve('steps_per_second', 'rocket steps per second', palette.SKY),)),
     'level': ('Curriculum level', (Curve('level', 'level', palette.ORANGE),)),
+    'reach': ('Height of the highest starts (m)', (
+        Curve('reach', 'above touchdown', palette.ORANGE),)),
 }
 """Plots by the entity below `/training` that holds them: title and lines."""
 LINES = tuple(curve for _, curves in CURVES.values() for curve in curves)

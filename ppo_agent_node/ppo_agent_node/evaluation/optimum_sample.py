@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far an evaluation is from the optimum, measured on its first episodes."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ppo_agent_node.evaluation.runner import EvaluationResult
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.planar_vehicle import LegSettings
+from rocket_sim_node.worlds.vehicle import ObservationSettings
+from rocket_sim_node.worlds.vehicle import TaskSettings
+from rocket_sim_node.worlds.vehicle import VehicleSettings
+
+SAMPLE = 12
+"""starts that are solved where nobody asks for more or less"""
+_UNDERSTOOD = {
+    'spawn_heading', *(field.name for one in (
+        VehicleSettings, TaskSettings, ObservationSettings, LegSettings) for field in fields(one))}
+
+
+@dataclass(frozen=True)
+class OptimumSample:
+    """The optimum of the first J episodes of an evaluation."""
+
+    fuel: F64
+    """`(J,)` kg, least fuel; NaN where a start was not solved"""
+    steps: F64
+    """`(J,)` least length of the episode; NaN where a start was not solved"""
+    ceiling: F64
+    """`(J,)` the most that a return can be; NaN where a start was not solved"""
+    reason: str = ''
+    """why nothing was solved, '' where something was"""
+
+    def figures(self, result: EvaluationResult) -> dict[str, Any]:
+        """Return the figures for `evaluation.json`, null where there is no value.
+
+        - `fuel_optimum_kg`, `time_optimum_s`, `return_ceiling`: means over the starts solved;
+        - `fuel_ratio_optimum`: the mean of fuel used over least fuel, of those that landed;
+        - `optimum_sample`: how many starts were solved, `optimum_reason`: why none were.
+        """
+        solved = np.isfinite(self.fuel)
+        ratio = (result.episodes.fuel_used[:len(solved)] / self.fuel)[
+            solved & result.landed[:len(solved)]]
+        time = self.steps * result.spec.dt
+        return {
+            'fuel_optimum_kg': _mean(self.fuel), 'time_optimum_s': _mean(time),
+            'return_ceiling': _mean(self.ceiling), 'fuel_ratio_optimum': _mean(ratio),
+            'optimum_sample': int(solved.sum()), 'optimum_reason': self.reason or None}
+
+
+def solve_sample(result: EvaluationResult, sample: int = SAMPLE) -> OptimumSample:
+    """Return the optimum of the first episodes of an evaluation, in order of its rows.
+
+    :param sample: how many; 0: none.
+    """
+    reason = _why_not(result, sample)
+    if reason:
+        nothing = np.zeros(0)
+        return OptimumSample(nothing, nothing, nothing, reason)
+    # Only here: an evaluation without the solver's library is told so, and still gets the rest.
+    from ppo_agent_node.evaluation.optimum import LandingOptimiser
+
+    settings = result.settings
+    try:
+        optimiser = LandingOptimiser(settings)
+    except ValueError as error:
+        nothing = np.zeros(0)
+        return OptimumSample(nothing, nothing, nothing, str(error))
+    position, velocity = starts(result, sample)
+    fuel, steps = np.full((2, len(position)), np.nan)
+    for row in np.flatnonzero(np.isfinite(position + velocity).all(1)):
+        optimum = optimiser.solve(position[row], velocity[row])
+        if optimum is not None:
+            fuel[row] = optimum.least_fuel.fuel
+            steps[row] = optimum.least_time.steps + _steps_at_rest(settings)
+    return OptimumSample(
+        fuel, steps, return_ceiling(settings, steps),
+        '' if np.isfinite(fuel).any() else 'no start of the sample can be landed from')
+
+
+def starts(result: EvaluationResult, sample: int) -> tuple[F64, F64]:
+    """Return position, m, and velocity, m/s, `(J, 3)` of the first episodes' starts, y up.
+
+    NaN where an observation was clipped, and so does not tell.
+    """
+    settings, names = result.settings, result.spec.observation_names
+    seen = result.first_observation[:sample].astype(np.float64)
+    seen[np.abs(seen) >= settings['observation_limit']] = np.nan
+    position, velocity = (
+        settings[f'{what}_scale'] * seen[:, [names.index(f'{what}_{axis}') for axis in 'xyz']]
+        for what in ('position', 'velocity'))
+    # All begin at the same height, which an observation may be clipped below.
+    position[:, 1] = settings['spawn_height']
+    return position, velocity
+
+
+def return_ceiling(settings: Mapping[str, float], steps: F64) -> F64:
+    """Return what a landing in so many steps is worth at no speed, tilt and distance.
+
+    It is a ceiling where steps cost and a landing is worth the more the softer it is: a second
+    costs 0.5 by default, 1 m/s at touchdown 33, so that no haste pays. NaN where steps pay.
+    """
+    landing = sum(settings[f'reward_{what}'] for what in ('landed', 'speed', 'tilt', 'distance'))
+    if settings['reward_step'] > 0:
+        return np.full_like(steps, np.nan)
+    return landing + settings['reward_step'] * steps
+
+
+def nominal(world: str, settings: Mapping[str, Any]) -> bool:
+    """Return whether a rocket flies by the nominal model, of which alone an optimum is known.
+
+    Everything that can be set in the world beside vehicle, task, observation and legs is a
+    condition, such as wind, and has to be as it is by default.
+    """
+    return all(
+        settings.get(info.name, info.default) == info.default
+        for info in worlds.settings(world) if info.name not in _UNDERSTOOD)
+
+
+def _why_not(result: EvaluationResult, sample: int) -> str:
+    """Return why no optimum can be had, '' where it can."""
+    if not sample:
+        return 'not asked for'
+    if not result.is_rocket:
+        return f'world {result.spec.name} burns no fuel'
+    if not nominal(result.spec.name, result.settings):
+        return 'the conditions are not nominal'
+    try:
+        import clarabel  # noqa: F401  (asks whether it is there)
+    except ImportError:
+        return 'the library clarabel is missing: pip install clarabel==0.11.1'
+    return ''
+
+
+def _steps_at_rest(settings: Mapping[str, float]) -> int:
+    """Return how many steps a vehicle has to stand still before the world calls it landed."""
+    if 'rest_time' not in settings:
+        return 0
+    return max(1, int(np.ceil(settings['rest_time'] / settings['dt'] - 1e-9)))
+
+
+def _mean(values: F64) -> float | None:
+    """Return the mean of the finite values, None where there are none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else None

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pilots by name, as the commands take them: scripted, random, a policy that ships, a file."""
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+
+from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node.worlds import WorldSpec
+
+POLICY, EXPERT, RANDOM = 'policy', 'expert', 'random'
+NAMES = (POLICY, EXPERT, RANDOM)
+"""Names that are no policy's."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Who flies."""
+
+    label: str
+    """what tables call it"""
+    pilot: Pilot
+    facts: dict[str, str] = field(default_factory=dict)
+    """of a policy: `policy_file` and `policy_sha256`"""
+    warning: str = ''
+    """in what the world differs from the one that a policy was trained in"""
+
+
+def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chosen:
+    """Return a pilot.
+
+    :param name: `policy`, `expert`, `random`, the name of a policy that ships, or a file.
+    :param seed: of what the random pilot draws.
+    :param policy: which one `policy` is, see `find_policy`.
+    :raises FileNotFoundError: when there is no such policy.
+    :raises ValueError: when the pilot does not fit the world.
+    """
+    if name == EXPERT:
+        return Chosen(name, scripted_pilot(spec))
+    if name == RANDOM:
+        return Chosen(name, RandomPilot(spec, seed))
+    given = policy if name == POLICY else name
+    path = find_policy(given, spec.name)
+    pilot = PolicyPilot(path, spec)
+    return Chosen(
+        _label(given) if given else name, pilot,
+        {'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()},
+        pilot.unfamiliar)
+
+
+def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str = '',
+               ) -> list[Chosen]:
+    """Return pilots whose labels differ: what would be there twice gets a number.
+
+    :raises FileNotFoundError: and ValueError, as `choose` does.
+    """
+    found: list[Chosen] = []
+    for one in (choose(name, spec, seed, policy) for name in names):
+        label, number = one.label, 1
+        while label in {other.label for other in found}:
+            number += 1
+            label = f'{one.label} {number}'
+        found.append(Chosen(label, one.pilot, one.facts, one.warning))
+    return found
+
+
+def _label(given: str) -> str:
+    """Return a short name for a policy: of the run that it lies in, or of its file."""
+    path = Path(given)
+    return path.parent.name or path.stem if path.name == 'policy.safetensors' else path.stem

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training runs by the reverse curriculum: heights grow, and an interrupted run ends alike."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from ppo_agent_node.learning import sealed_file
+from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.journal import TIMES
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.status import Status
+from ppo_agent_node.learning.trainer import Result
+from ppo_agent_node.learning.trainer import Trainer
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.flight import SerialFleet
+
+SETTINGS: dict[str, Any] = {
+    'demonstration_episodes': 0, 'hidden_sizes': (16, 16), 'iterations': 12, 'n_steps': 40,
+    'scatter_steps': 60, 'batch_size': 64, 'critic_warmup_iterations': 0, 'threads': 1,
+    'checkpoint_interval': 3, 'selection_interval': 4, 'selection_episodes': 8,
+    'selection_from_landing_rate': 0.01, 'curriculum_start_level': 7, 'curriculum_final_level': 8,
+    'curriculum_start_reach': 0.2, 'curriculum_reach_growth': 1.5,
+    'curriculum_landing_rate': 0.0, 'curriculum_window': 4,
+    'curriculum_reach_landing_rate': 0.0, 'actor_learning_rate': 1e-3, 'num_groups': 2}
+
+
+def train(
+    path: Path, stop: Callable[[], bool] = lambda: False, told: list[Status] | None = None,
+    resume: bool = False, height: float = 6.0, **changes: Any,
+) -> Result:
+    env = worlds.make('rocket', num_envs=8, seed=3, level=7, spawn_height=height, time_limit=6.0)
+    config = make_config({**SETTINGS, **changes})
+    return Trainer(
+        SerialFleet(env), config, RunFolder(path, resume),
+        (told if told is not None else []).append, stop_requested=stop).run()
+
+
+def lines(path: Path) -> list[dict[str, Any]]:
+    return [{name: value for name, value in line.items() if name not in TIMES}
+            for line in RunFolder(path, resume=True).lines()]
+
+
+@pytest.fixture(scope='module')
+def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run that nothing disturbed, in which the reach grows to the end."""
+    path = tmp_path_factory.mktemp('runs') / 'run'
+    told: list[Status] = []
+    assert train(path, told=told).finished
+    found = lines(path)
+    reaches = [line['reach'] for line in found]
+    assert [s.reach for s in told if s.is_iteration] == reaches
+    assert sorted(set(reaches)) == pytest.approx([0.2, 0.3, 0.45, 0.675, 0.8])
+    assert reaches == sorted(reaches)
+    messages = [line.get('message', '') for line in found]
+    assert messages[1] == 'reach 0.20 -> 0.30 m'  # a fall from 0.2 m lands, at 2 m/s
+    over = next(k for k, text in enumerate(messages) if text.startswith('the whole task, level 7'))
+    assert reaches[over] == pytest.approx(0.8)
+    # Only then levels count, and what is flown without noise.
+    levels = [line['level'] for line in found]
+    assert set(levels[:over + 1]) == {7} and levels[-1] == 8
+    assert ['selection_return' in line for line in found].index(True) > over
+    return path
+
+
+def test_the_starts_are_as_high_as_the_curriculum_says(straight: Path) -> None:
+    """Free fall from h takes sqrt(2 h / g) / dt steps; who brakes takes longer, nobody less."""
+    for line in lines(straight)[1:5]:
+        longest = (2 * line['reach'] / 9.81)**0.5 / 0.02
+        assert 0.5 * longest < line['mean_length'] < 2.5 * longest
+
+
+@pytest.mark.parametrize('polls', [140, 300, 620])
+def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
+    straight: Path, tmp_path: Path, polls: int,
+) -> None:
+    path, left = tmp_path / 'run', [polls]
+
+    def stop() -> bool:
+        left[0] -= 1
+        return left[0] < 0
+
+    assert not train(path, stop).finished
+    assert train(path, resume=True).finished
+    assert lines(path) == lines(straight)
+    for name in ('checkpoints/iteration_000012', 'policy'):
+        ours, theirs = (sealed_file.read(folder / f'{name}.safetensors', 'checkpoint' if (
+            '/' in name) else 'policy') for folder in (path, straight))
+        assert set(ours.tensors) == set(theirs.tensors)
+        assert all(torch.equal(tensor, theirs.tensors[key])
+                   for key, tensor in ours.tensors.items())
+        assert ours.content == theirs.content
+
+
+def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r'curriculum_start_reach: got 1, .* 0\.8 m'):
+        train(tmp_path / 'run', curriculum_start_reach=1.0)
+    env = worlds.make('lunar_lander', num_envs=2)
+    config = make_config({'curriculum_start_reach': 1.0, 'curriculum_start_level': 0,
+                          'curriculum_final_level': 0, 'demonstration_episodes': 0})
+    with pytest.raises(ValueError, match=r"curriculum_start_reach: .*'lunar_lander' has no"):
+        Trainer(SerialFleet(env), config, RunFolder(tmp_path / 'run', False))
+
+
+def test_the_reach_grows_when_it_learns_to_land(tmp_path: Path) -> None:
+    """A fall from 0.46 m is too fast: only a policy that brakes lands from 0.8 of 1 m."""
+    told: list[Status] = []
+    train(tmp_path / 'run', told=told, curriculum_start_reach=0.3, n_steps=128, iterations=20,
+          curriculum_final_level=7, curriculum_window=16, batch_size=256,
+          curriculum_reach_landing_rate=0.8, height=20.0, log_std_init=-0.7,
+          log_std_final=-1.0, gamma=0.999, critic_learning_rate=2e-3)
+    assert 0.8 * max(s.reach for s in told if s.is_iteration) > (3.0**2 / (2 * 9.81))
