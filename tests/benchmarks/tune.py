@@ -46,7 +46,8 @@ def tune(options: argparse.Namespace, names: list[str], start: Gains) -> list[Ge
         mean=space.origin, sigma=options.sigma, seed=options.seed,
         population_size=options.population)
     began, found = time.process_time(), []
-    for generation in search(space, judge(tasks, lambda spec, gains: pilot(spec, **gains)), optimiser):
+    worth = judge(tasks, lambda spec, gains: pilot(spec, **gains))
+    for generation in search(space, worth, optimiser):
         found.append(generation)
         elapsed = time.process_time() - began
         print(f'{elapsed:6.0f} s, {generation.flown} candidates: median '

@@ -48,10 +48,13 @@ class BrakingProfile:
     def through(self, height: F64, speed: F64) -> BrakingProfile:
         """Return the curve that leads on from here, `(N,)` m and m/s, as far as this one's limits.
 
-        Its upper deceleration is (v^2 - v1^2) / (2 (h - h1)), between the least and this one's.
+        Its upper deceleration is (v^2 - v1^2) / (2 (h - h1)), or (v^2 - v0^2) / (2 h) when that
+        is less than the last one, and between the least and this one's.
         """
         above = np.maximum(height - self.join_height, 0.1)
         needed = (speed**2 - self.join_speed**2) / (2 * above)
+        single = (speed**2 - self.touchdown_speed**2) / (2 * np.maximum(height, 0.1))
+        needed = np.where(needed < self.last_braking, single, needed)
         braking = np.clip(needed, self.least_braking, self.braking)
         return replace(self, braking=braking, last_braking=np.minimum(self.last_braking, braking))
 

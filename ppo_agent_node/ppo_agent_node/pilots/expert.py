@@ -104,7 +104,7 @@ class ExpertPilot:
         net = self._full - v.gravity
         if net <= 0 or not v.gravity:
             raise ValueError('the expert needs gravity and a thrust above the weight')
-        self.profile = self._descent(net)
+        self.profile: Descent = self._descent(net)
         self._lateral = LateralLaw(
             gain.lateral_power, gain.lateral_time, gain.lateral_reach, gain.upright_time)
         self._flow = v.max_thrust / (v.specific_impulse * v.gravity)

@@ -63,6 +63,7 @@ class HoverslamPilot(ExpertPilot):
     name = 'hoverslam'
     settings_class = HoverslamSettings
     settings: HoverslamSettings
+    profile: BrakingProfile
 
     def __init__(self, spec: WorldSpec, **gains: float) -> None:
         """Take the vehicle from the world's settings and the gains from the caller.
@@ -94,7 +95,7 @@ class HoverslamPilot(ExpertPilot):
         drag, which over the fall s takes k g s^2 / m with the force k v^2.
         """
         v = self.vehicle
-        fallen = v.spawn_height - v.touchdown_height - sight.height
+        fallen = v.spawn_height - v.touchdown_height - sight.origin_height
         step = v.dt / v.substeps
         energy = (sight.velocity**2).sum(axis=0) / 2 + v.gravity * (
             sight.speed * step / 2 - fallen)
@@ -124,6 +125,7 @@ class HoverslamPilot(ExpertPilot):
 
     def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
         to_go = super()._to_go(profile, sight)
+        assert isinstance(profile, BrakingProfile)
         lit, burn = self._memory.lit, profile.burn_time(profile.speed(sight.height))
         return TimeToGo(np.where(lit, 0.0, to_go.coast), np.where(lit, burn, to_go.burn))
 

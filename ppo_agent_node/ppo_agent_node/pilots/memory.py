@@ -35,16 +35,17 @@ class FlightMemory:
 
     def look(self, sight: Sight) -> Bools:
         """Take note of where the rockets are; return which flights were not known, `(N,)`."""
-        if len(self._height) != len(sight.height):
-            self._height = np.full(len(sight.height), np.inf)
-            self.burnt, self.lit = np.zeros(len(sight.height)), np.zeros(len(sight.height), bool)
+        count = len(sight.origin_height)
+        if len(self._height) != count:
+            self._height = np.full(count, np.inf)
+            self.burnt, self.lit = np.zeros(count), np.zeros(count, np.bool_)
         expected = self._height - sight.speed * self._vehicle.dt
-        fresh = np.abs(sight.height - expected) > _JUMP
+        fresh = np.abs(sight.origin_height - expected) > _JUMP
         fresh |= ~np.isfinite(expected)
-        spawned = np.abs(sight.height - self._start) < _JUMP
+        spawned = np.abs(sight.origin_height - self._start) < _JUMP
         self.burnt = np.where(fresh, np.where(spawned, 0.0, np.nan), self.burnt)
         self.lit = np.where(fresh, False, self.lit)
-        self._height, self.known = sight.height.copy(), ~fresh
+        self._height, self.known = sight.origin_height.copy(), ~fresh
         return fresh
 
     def command(self, throttle: F64) -> None:
