@@ -21,7 +21,7 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 DELAYS = 6
 """Delays thought possible: 0 to 5 steps."""
-LAGS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3])
+LAGS = np.linspace(0.0, 0.3, 25)
 """s, time constants thought possible"""
 _STRENGTH, _TURNING = (0.8, 1.25), (0.4, 1.2)
 """Bounds of the factors of engine and RCS."""
@@ -50,13 +50,14 @@ class Identification:
 
     def __init__(
         self, vehicle: RocketSettings, count: int, prior: float, memory: float,
+        expected: float = 1.0,
     ) -> None:
         """Begin with the vehicle as it should be.
 
         :param prior: steps of full thrust that the nominal vehicle counts for.
         :param memory: s, in which what was measured of the side acceleration is forgotten.
         """
-        self._vehicle, self._prior = vehicle, prior
+        self._vehicle, self._prior, self._expected = vehicle, prior, expected
         self._kept = np.exp(-vehicle.dt / memory)
         self._lag_kept = np.exp(-vehicle.dt / np.maximum(LAGS, 1e-9))[None, :, None]
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_coefficient * vehicle.drag_area
@@ -123,7 +124,7 @@ class Identification:
                           np.arange(DELAYS)[:, None], axis=0)
         squares, product, power = self._pushed[:, delay, :, rows].transpose(1, 2, 0)
         full = self._vehicle.max_thrust / self._vehicle.dry_mass
-        strength = _fit(product, power, 1.0, self._prior * full**2, _STRENGTH)
+        strength = _fit(product, power, self._expected, self._prior * full**2, _STRENGTH)
         lag = np.argmin(squares - 2 * strength * product + strength**2 * power + _SLIGHT *
                         np.arange(len(LAGS))[:, None], axis=0)
         return Estimate(
