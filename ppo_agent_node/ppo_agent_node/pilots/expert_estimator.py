@@ -17,6 +17,8 @@ from ppo_agent_node.pilots.descent import DescentProfile
 from ppo_agent_node.pilots.descent import TimeToGo
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.expert import ExpertSettings
+from ppo_agent_node.pilots.filtering import VELOCITY
+from ppo_agent_node.pilots.filtering import turn
 from ppo_agent_node.pilots.identification import DELAYS
 from ppo_agent_node.pilots.identification import Estimate
 from ppo_agent_node.pilots.identification import Identification
@@ -24,6 +26,8 @@ from ppo_agent_node.pilots.lateral import Pull
 from ppo_agent_node.pilots.lateral import drift_upright
 from ppo_agent_node.pilots.memory import FlightMemory
 from ppo_agent_node.pilots.sight import Sight
+from ppo_agent_node.pilots.state_filter import Expected
+from ppo_agent_node.pilots.state_filter import StateFilter
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
@@ -34,10 +38,23 @@ from rocket_sim_node.worlds.base import WorldSpec
 class EstimatorSettings(ExpertSettings):
     """Gains of the expert that identifies its vehicle."""
 
+    lateral_time: float = setting(
+        0.5, 's', 'time to go never thought shorter, sideways', 0.02, 10.0)
+    upright_time: float = setting(
+        0.7, 's', 'burn left from which on the lateral pull fades out, to land upright',
+        1e-3, 10.0)
+    attitude_rate: float = setting(16.0, 'rad/s', 'natural frequency of the attitude', 0.1, 50.0)
     expected_strength: float = setting(
         0.94, '', 'factor of the acceleration of the engine before it has been lit', 0.5, 1.5)
-    nominal_weight: float = setting(
-        0.1, '', 'steps of full thrust that the nominal engine counts for', 1e-6, 1e6)
+    strength_spread: float = setting(
+        0.04, '', 'standard deviation of that factor among vehicles', 1e-4, 1.0)
+    disturbance: float = setting(
+        0.1, 'm/s^2', 'deviation of accelerations from what is expected, where sights are noisy',
+        1e-3, 100.0)
+    side_spread: float = setting(
+        0.6, 'm/s^2', 'standard deviation of the side acceleration along an axis', 1e-3, 100.0)
+    side_wandering: float = setting(
+        0.05, 'm/s^2', 'by which it changes in a second, where sights are noisy', 1e-6, 100.0)
     side_memory: float = setting(
         5.0, 's', 'in which measurements of the side acceleration are forgotten', 0.02, 1e4)
     side_upright_time: float = setting(
@@ -45,6 +62,13 @@ class EstimatorSettings(ExpertSettings):
         0.01, 10.0)
     lagging_flare: float = setting(
         2.0, '', 'flare rate at most, as a multiple of 1 / lag', 0.1, 1e3)
+    noisy_flare_rate: float = setting(
+        5.0, '1/s', 'flare rate at most where sights are noisy', 0.5, 1e3)
+    noisy_lateral_time: float = setting(
+        2.5, 's', 'time to go never thought shorter, sideways, where sights are noisy',
+        0.02, 10.0)
+    noise_margin: float = setting(
+        2.0, '', 'deviations of height and speed that the touchdown is faster by', 0.0, 10.0)
     lag_inverted: float = setting(
         1.0, '', 'share of the lag of the engine that commands make up for', 0.0, 1.0)
 
@@ -64,19 +88,29 @@ class ExpertEstimator(ExpertPilot):
 
         :raises ValueError: as :class:`ExpertPilot` does.
         """
-        self._found: Estimate | None = None
         super().__init__(spec, **gains)
-        self._memory = FlightMemory(self.vehicle)
-        self._count = -1
-        self._book_full = self._full
+        self._by_the_book = self._full
+        self._begin(0)
+
+    def _begin(self, count: int) -> None:
+        """Forget all flights, and be ready for `count` rockets."""
+        v, gain = self.vehicle, self.settings
+        self._count = count
+        self._memory = FlightMemory(v)
+        self._identification = Identification(
+            v, count, gain.side_memory, gain.expected_strength, gain.strength_spread)
+        self._filter = StateFilter(count, v.dt, Expected(
+            v.gravity, gain.expected_strength, gain.strength_spread, gain.side_spread,
+            gain.side_wandering, gain.disturbance))
+        self._found = self._identification.estimate()
+        self._now = self._found.throttle
+        self._full = self._by_the_book
+        self.profile = self._descent(self._full - v.gravity)
 
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
         if len(observation) != self._count:
-            self._count = len(observation)
-            self._identification = Identification(
-                self.vehicle, self._count, self.settings.nominal_weight,
-                self.settings.side_memory, self.settings.expected_strength)
+            self._begin(len(observation))
         action = super().__call__(observation)
         throttle = (action[:, 0].astype(np.float64) + 1) / 2
         self._identification.command(throttle, action[:, 1:].T.astype(np.float64))
@@ -86,15 +120,24 @@ class ExpertEstimator(ExpertPilot):
 
     def _look(self, observation: F32) -> Sight:
         """Return what will be seen when the command arrives."""
-        v, sight = self.vehicle, super()._look(observation)
+        v, gain, sight = self.vehicle, self.settings, super()._look(observation)
         fresh = self._memory.look(sight)
-        self._identification.forget(fresh)
         mass = self._book_mass(sight)
-        self._identification.learn(sight, mass, ~fresh)
-        found = self._found = self._identification.estimate()
-        self._full = np.maximum(self._book_full * found.strength, 1.01 * v.gravity)
+        self._identification.forget(fresh)
+        self._identification.learn(sight, mass, ~fresh, VELOCITY * self._filter.noise)
+        found = self._identification.estimate()
+        speed = np.sqrt((sight.velocity**2).sum(axis=0))
+        sight = self._filter.update(
+            sight, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
+        noisy = self._filter.noise > 0
+        self._found = found = replace(
+            found, strength=np.where(noisy, self._filter.strength, found.strength),
+            side=np.where(noisy, self._filter.side, found.side))
+        self._full = np.maximum(self._by_the_book * found.strength, 1.01 * v.gravity)
         self._spin_up = found.turning * (v.rcs_torque / v.inertia)
-        self.profile = self._descent(self._full - v.gravity)
+        self.profile = self._flared(self._descent(self._full - v.gravity))
+        self._lateral = replace(self._lateral, least_time=np.where(
+            noisy, max(gain.lateral_time, gain.noisy_lateral_time), gain.lateral_time))
         return self._predict(sight, mass, found)
 
     def _predict(self, sight: Sight, mass: F64, found: Estimate) -> Sight:
@@ -109,10 +152,8 @@ class ExpertEstimator(ExpertPilot):
             flying = step < found.delay
             asked = commands[np.maximum(found.delay - 1 - step, 0), :, rows].T
             throttle = asked[0] + (self._now - asked[0]) * kept
-            drag = self._drag * np.sqrt((velocity**2).sum(axis=0)) / mass
-            push = up * (throttle * full) - drag * velocity
-            push[1] -= v.gravity
-            push[::2] += found.side
+            now = Sight(height, sight.origin_height, lateral, velocity, up, spin)
+            push = self._acceleration(now, throttle * full, mass)
             torque = np.stack((asked[1], np.zeros_like(height), asked[2])) * self._spin_up
             faster = velocity + push * dt
             turned = spin + torque * dt
@@ -120,9 +161,16 @@ class ExpertEstimator(ExpertPilot):
             velocity, spin = np.where(flying, faster, velocity), np.where(flying, turned, spin)
             height = np.where(flying, height + velocity[1] * dt, height)
             lateral = np.where(flying, lateral + velocity[::2] * dt, lateral)
-            leant = up + np.cross(spin, up, axis=0) * dt
-            up = np.where(flying, leant / np.sqrt((leant**2).sum(axis=0)), up)
+            up = np.where(flying, turn(up, spin, dt), up)
         return Sight(height, sight.origin_height, lateral, velocity, up, spin)
+
+    def _acceleration(self, sight: Sight, push: F64, mass: F64) -> F64:
+        """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
+        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
+        acceleration: F64 = sight.up * push - drag * sight.velocity
+        acceleration[1] -= self.vehicle.gravity
+        acceleration[::2] += self._found.side
+        return acceleration
 
     def _kept(self, lag: F64) -> F64:
         """Return which part of its throttle `(N,)` an engine keeps over a step."""
@@ -133,20 +181,26 @@ class ExpertEstimator(ExpertPilot):
         """Return the mass `(N,)` kg by the book: that at spawn less the fuel commanded."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
-        return np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        mass: F64 = np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        return mass
 
-    def _descent(self, net: float | F64) -> Descent:
-        """Return the descent to follow, with no sharper a flare than the engine's lag allows."""
-        profile, found = super()._descent(net), self._found
+    def _flared(self, profile: Descent) -> Descent:
+        """Return a descent with a flare no sharper than lag and noise allow.
+
+        It aims at a touchdown so fast that the height may be off, and the speed.
+        """
         assert isinstance(profile, DescentProfile)
-        if found is None:
-            return profile
-        rate = self.settings.lagging_flare / np.maximum(found.lag, 1e-3)
-        return replace(profile, flare_rate=np.minimum(profile.flare_rate, rate))
+        gain = self.settings
+        height, speed = self._filter.deviation
+        rate = np.minimum(
+            profile.flare_rate, gain.lagging_flare / np.maximum(self._found.lag, 1e-3))
+        rate = np.where(self._filter.noise > 0, np.minimum(rate, gain.noisy_flare_rate), rate)
+        return replace(
+            profile, flare_rate=rate,
+            touchdown_speed=profile.touchdown_speed + gain.noise_margin * (rate * height + speed))
 
     def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
         """Return what thrust shall do sideways, held against the side acceleration."""
-        assert self._found is not None
         way = drift_upright(self._found.side, to_go.burn, self.settings.side_upright_time)
         pull = self._lateral.pull(
             sight.lateral - way.x, sight.drift - way.drift, push + way.opposed, to_go)
@@ -155,7 +209,8 @@ class ExpertEstimator(ExpertPilot):
 
     def _mass(self, sight: Sight) -> F64:
         """Return the mass `(N,)` kg that the thrust by the book moves as it was seen to."""
-        return self._book_mass(sight) / self._found.strength
+        mass: F64 = self._book_mass(sight) / self._found.strength
+        return mass
 
     def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted; an engine that lags is lit earlier."""

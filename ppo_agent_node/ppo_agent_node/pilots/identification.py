@@ -49,15 +49,16 @@ class Identification:
     """Learns from the flights of N rockets, row by row."""
 
     def __init__(
-        self, vehicle: RocketSettings, count: int, prior: float, memory: float,
-        expected: float = 1.0,
+        self, vehicle: RocketSettings, count: int, memory: float, expected: float,
+        spread: float,
     ) -> None:
         """Begin with the vehicle as it should be.
 
-        :param prior: steps of full thrust that the nominal vehicle counts for.
         :param memory: s, in which what was measured of the side acceleration is forgotten.
+        :param expected: factor of the engine's acceleration before it was measured.
+        :param spread: standard deviation of that factor among vehicles.
         """
-        self._vehicle, self._prior, self._expected = vehicle, prior, expected
+        self._vehicle, self._expected, self._spread = vehicle, expected, spread
         self._kept = np.exp(-vehicle.dt / memory)
         self._lag_kept = np.exp(-vehicle.dt / np.maximum(LAGS, 1e-9))[None, :, None]
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_coefficient * vehicle.drag_area
@@ -69,6 +70,7 @@ class Identification:
         self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
         self._side, self._side_weight = np.zeros((2, count)), np.zeros(count)
         self._before: Sight | None = None
+        self._variance = np.full(count, _EXACT**2)
 
     def forget(self, rows: Bools) -> None:
         """Begin anew with the rows `(N,)` that are marked."""
@@ -84,14 +86,16 @@ class Identification:
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, sight: Sight, mass: F64, known: Bools) -> None:
+    def learn(self, sight: Sight, mass: F64, known: Bools, noise: F64) -> None:
         """Learn from the step that ended.
 
         :param mass: `(N,)` kg by the book, during the step.
         :param known: `(N,)` rows of which the step's start was seen, too.
+        :param noise: `(N,)` m/s, standard deviation of the speeds seen.
         """
         v, before = self._vehicle, self._before
         self._before = sight
+        self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
         if before is None or not known.any():
             return
         # As a sum of squares of y, y u and u u for each model y = factor u.
@@ -123,10 +127,11 @@ class Identification:
         delay = np.argmin(squares - 2 * turning * product + turning**2 * power + _SLIGHT *
                           np.arange(DELAYS)[:, None], axis=0)
         squares, product, power = self._pushed[:, delay, :, rows].transpose(1, 2, 0)
-        full = self._vehicle.max_thrust / self._vehicle.dry_mass
-        strength = _fit(product, power, self._expected, self._prior * full**2, _STRENGTH)
-        lag = np.argmin(squares - 2 * strength * product + strength**2 * power + _SLIGHT *
-                        np.arange(len(LAGS))[:, None], axis=0)
+        weight = self._variance / self._spread**2
+        strength = _fit(product, power, self._expected, weight, _STRENGTH)
+        misfit = (squares - 2 * strength * product + strength**2 * power) / self._variance
+        misfit += weight * (strength - self._expected)**2 / self._variance
+        lag = np.argmin(misfit + _AKAIKE * (LAGS > 0)[:, None], axis=0)
         return Estimate(
             delay, LAGS[lag], strength[lag, rows], turning[delay, rows], self._side,
             self._throttle[delay, lag, rows])
@@ -136,12 +141,16 @@ class Identification:
         return self._models()
 
 
+_EXACT = 0.05
+"""m/s^2 by which a model may be off without noise"""
+_AKAIKE = 2.0
+"""what a lag has to explain, in units of the variance of noise: one parameter (Akaike, 1974)"""
 _SLIGHT = 1e-6
 """(m/s^2)^2 or (rad/s^2)^2 by which, of models that say the same, the first is preferred"""
 
 
 def _fit(
-    product: F64, power: F64, expected: float, weight: float, bounds: tuple[float, float],
+    product: F64, power: F64, expected: float, weight: float | F64, bounds: tuple[float, float],
 ) -> F64:
     """Return the factor of least squares, towards what is expected while little is known."""
     factor: F64 = np.clip(

@@ -65,7 +65,7 @@ class LateralLaw:
 
     power: float
     """p"""
-    least_time: float
+    least_time: float | F64
     """s, t is never thought shorter"""
     reach: float
     """m/s^2, counted on to stop the approach from far off"""
