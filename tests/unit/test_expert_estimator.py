@@ -33,6 +33,7 @@ def _fly(rows: int, pilot: type[ExpertPilot] = ExpertEstimator, level: int = 7,
     ({}, 1.0, 295.1),
     ({'dry_mass_factor': 1.05, 'thrust_factor': 0.95}, 1.0, 294.5),
     ({'dry_mass_factor': 0.95}, 1.0, 295.0),
+    ({'gravity_factor': 0.98}, 1.0, 294.8),
     ({'action_delay': 3}, 1.0, 295.0),
     ({'engine_lag': 0.2}, 1.0, 294.8),
     ({'side_acceleration': 1.0}, 1.0, 291.0),
@@ -58,7 +59,7 @@ def test_the_book_alone_does_not_land_them() -> None:
 def test_finds_delay_lag_strength_turning_and_side_acceleration() -> None:
     world = worlds.make(
         'rocket', 20, seed=5, level=7, action_delay=2, engine_lag=0.1, dry_mass_factor=1.05,
-        thrust_factor=0.95, rcs_factor=0.8, side_acceleration=0.5)
+        thrust_factor=0.95, rcs_factor=0.8, side_acceleration=0.5, gravity_factor=0.99)
     pilot, observation = ExpertEstimator(world.spec), world.observe()
     for _ in range(300):
         observation, *_ = world.step(pilot(observation))
@@ -67,6 +68,7 @@ def test_finds_delay_lag_strength_turning_and_side_acceleration() -> None:
     assert found.lag == pytest.approx(0.1)
     assert found.turning == pytest.approx(0.8, abs=1e-4)
     assert np.hypot(*found.side) == pytest.approx(0.5, abs=0.01)
+    assert found.fall == pytest.approx(0.0981, abs=3e-3)
     # Fuel counts as it should: the strength is that of the mass and thrust at present.
     expected = 0.95 * (flown.fuel + 22_000) / flown.mass
     assert found.strength == pytest.approx(expected, rel=3e-3)

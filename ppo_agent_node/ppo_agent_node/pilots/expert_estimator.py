@@ -168,7 +168,7 @@ class ExpertEstimator(ExpertPilot):
         """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
         drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
         acceleration: F64 = sight.up * push - drag * sight.velocity
-        acceleration[1] -= self.vehicle.gravity
+        acceleration[1] += self._found.fall - self.vehicle.gravity
         acceleration[::2] += self._found.side
         return acceleration
 

@@ -41,6 +41,8 @@ class Estimate:
     """`(N,)`, factor of the RCS's"""
     side: F64
     """`(2, N)` m/s^2, along x and z"""
+    fall: F64
+    """`(N,)` m/s^2, acceleration upwards beyond gravity by the book, from before the ignition"""
     throttle: F64
     """`(N,)`, what the engine gives at present"""
 
@@ -69,13 +71,14 @@ class Identification:
         self._turned = np.zeros((3, DELAYS, count))
         self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
         self._side, self._side_weight = np.zeros((2, count)), np.zeros(count)
+        self._fall, self._fallen = np.zeros(count), np.zeros(count)
         self._before: Sight | None = None
         self._variance = np.full(count, _EXACT**2)
 
     def forget(self, rows: Bools) -> None:
         """Begin anew with the rows `(N,)` that are marked."""
         for array in (self.commands, self._throttle, self._turned, self._pushed, self._side,
-                      self._side_weight):
+                      self._side_weight, self._fall, self._fallen):
             array[..., rows] = 0.0
 
     def command(self, throttle: F64, torque: F64) -> None:
@@ -108,6 +111,10 @@ class Identification:
         drag = self._drag * np.sqrt((before.velocity**2).sum(axis=0)) / mass
         change += drag * before.velocity
         change[1] += v.gravity
+        idle = known & ~self._throttle.any(axis=(0, 1))
+        self._fallen += idle
+        self._fall += idle * change[1]
+        change[1] -= self._mean_fall()
         full = v.max_thrust / mass
         model = self._throttle * (full * before.up[1])
         self._pushed += np.stack((
@@ -118,6 +125,11 @@ class Identification:
         share = known / np.maximum(weight, 1.0)
         self._side += share * (change[::2] - push - self._side)
         self._side_weight = weight
+
+    def _mean_fall(self) -> F64:
+        """Return the acceleration `(N,)` m/s^2 of falls beyond gravity: none until measured."""
+        fall: F64 = self._fall / (self._fallen + self._variance / _FALL_SPREAD**2)
+        return fall
 
     def _models(self) -> Estimate:
         """Return the likeliest models, side acceleration left out."""
@@ -134,7 +146,7 @@ class Identification:
         lag = np.argmin(misfit + _AKAIKE * (LAGS > 0)[:, None], axis=0)
         return Estimate(
             delay, LAGS[lag], strength[lag, rows], turning[delay, rows], self._side,
-            self._throttle[delay, lag, rows])
+            self._mean_fall(), self._throttle[delay, lag, rows])
 
     def estimate(self) -> Estimate:
         """Return what the vehicles are thought to be like now."""
@@ -143,6 +155,8 @@ class Identification:
 
 _EXACT = 0.05
 """m/s^2 by which a model may be off without noise"""
+_FALL_SPREAD = 0.1
+"""m/s^2, standard deviation of gravity"""
 _AKAIKE = 2.0
 """what a lag has to explain, in units of the variance of noise: one parameter (Akaike, 1974)"""
 _SLIGHT = 1e-6
