@@ -15,7 +15,8 @@ setup(
         ('share/' + package_name, ['package.xml']),
     ],
     install_requires=[
-        'setuptools', 'matplotlib', 'numpy', 'pillow', 'pyyaml', 'rich', 'safetensors', 'torch'],
+        'setuptools', 'clarabel', 'matplotlib', 'numpy', 'pillow', 'pyyaml', 'rich', 'safetensors',
+        'scipy', 'torch'],
     zip_safe=False,
     maintainer='Hoverslam maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-fcf8f54c.example',

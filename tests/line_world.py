@@ -70,7 +70,8 @@ class LineWorld:
             zeros = np.zeros(len(done))
             info['episodes'] = Episodes(
                 done, self.episode[done], self.total[done], self.age[done], outcome, zeros,
-                zeros, np.abs(self.place[done]).astype(float), zeros)
+                zeros, np.abs(self.place[done]).astype(float), zeros, zeros, zeros,
+                np.zeros(len(done), np.int64), zeros)
             self.episode[done] += 1
             self.place[done], self.age[done], self.total[done] = self._starts(done), 0, 0.0
             observation = self._observe()

@@ -25,7 +25,7 @@ from rocket_sim_node.worlds.base import Telemetry
 Pilot = Callable[[Telemetry, np.ndarray], np.ndarray]
 
 
-def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: float) -> tuple[
+def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: Any) -> tuple[
         SimulatedWorld, Samples]:
     """Fly and return what a simulator publishes: all rows at each step, finished ones twice.
 

@@ -82,7 +82,7 @@ class Hands:
         done = np.arange(int(self._lands and not self.seen))
         one = np.ones(1)
         episodes = Episodes(
-            done, done, one, done, done.astype(np.uint8), one, one, one, one)
+            done, done, one, done, done.astype(np.uint8), one, one, one, one, one, one, done, one)
         return seen, one, one > 0, one > 0, {
             'final_rows': done, 'final_observation': seen,
             'episodes': episodes if len(done) else NO_EPISODES}

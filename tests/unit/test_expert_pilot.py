@@ -142,3 +142,13 @@ def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
     assert (episodes.outcome == 0).all()
     assert episodes.touchdown_speed.max() < 0.1
     assert episodes.episode_return.mean() > 294
+
+
+@pytest.mark.parametrize(('level', 'mean_return'), [(7, 295.2), (8, 294.2)])
+def test_nothing_is_given_away_that_can_be_had(level: int, mean_return: float) -> None:
+    """The ceiling of level 7 is 295.65; tilt, speed and time at touchdown cost the rest."""
+    summary = _fly(level, seed=12)
+    assert summary['landed'] == ROWS, summary['outcomes']
+    assert summary['mean_return'] > mean_return
+    assert summary['touchdown_speed']['p95'] < 0.01
+    assert summary['tilt']['p95'] < 0.1

@@ -9,6 +9,7 @@ import pytest
 
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.pilots.search import shipped_names
 
 
 def run(runs: Path, name: str, world: str, time: int) -> Path:
@@ -59,3 +60,19 @@ def test_no_policy_of_another_world_is_taken(tmp_path: Path) -> None:
     run(tmp_path, 'a', 'rocket', 100)
     with pytest.raises(FileNotFoundError, match="for world 'rocket_planet', and none ships"):
         find_policy('', 'rocket_planet', tmp_path)
+
+
+def test_policies_that_ship_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run(tmp_path, 'a', 'rocket', 100)
+    shipped = find_policy('default', 'rocket', tmp_path)
+    assert shipped == find_policy('rocket', 'rocket_planar', tmp_path)
+    assert find_policy('default', 'lunar_lander', tmp_path).stem == 'lunar_lander'
+    assert {'rocket', 'rocket_planar', 'lunar_lander'} <= set(shipped_names())
+    with pytest.raises(FileNotFoundError, match=(
+            r"policy: got 'robusst', expected a file or the name of a policy that ships: "
+            r'default, .*lunar_lander.*rocket')):
+        find_policy('robusst', 'rocket', tmp_path)
+    # A file of that name here is what was meant.
+    monkeypatch.chdir(tmp_path)
+    Path('rocket').write_bytes(shipped.read_bytes())
+    assert find_policy('rocket', 'rocket', tmp_path) == Path('rocket')

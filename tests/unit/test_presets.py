@@ -72,8 +72,8 @@ def test_unknown_ones_are_named() -> None:
     assert preset_names() == ('default', 'from_scratch', 'original', 'quick')
     assert load_preset('default', seed=9).run.seed == 9
     with pytest.raises(ValueError, match=(
-            "unknown preset 'fast' of world 'rocket', expected one of default, "
-            'from_scratch, original, quick')):
+            "unknown preset 'fast' of world 'rocket', expected one of default, from_scratch, "
+            'original, quick')):
         load_preset('fast')
     with pytest.raises(ValueError, match="'default' of world 'mars', expected one of none"):
         load_preset('default', 'mars')

@@ -97,3 +97,19 @@ def test_neighbouring_streams_are_independent() -> None:
     for name, numbers in neighbours.items():
         assert abs(np.corrcoef(base, numbers)[0, 1]) < 4 / np.sqrt(count), name
         assert not (base == numbers).any(), name
+
+
+def test_normal_numbers_are_normal_and_each_stream_has_its_own() -> None:
+    """Moments within five standard errors of 20 000; what is passed over is what came before."""
+    keys = random_streams.keys(3, np.arange(20_000), np.zeros(20_000, np.int64))
+    drawn = random_streams.normal(keys, 3)
+    assert drawn.shape == (3, 20_000)
+    error = 5 / np.sqrt(20_000)
+    assert np.abs(drawn.mean(axis=1)).max() < error
+    assert np.abs(drawn.var(axis=1) - 1).max() < error * np.sqrt(2)
+    assert np.abs((drawn**4).mean(axis=1) - 3).max() < error * np.sqrt(96)
+    assert np.abs(np.corrcoef(drawn) - np.eye(3)).max() < error
+    later = random_streams.normal(keys, 3, 1)
+    assert abs(np.corrcoef(drawn[0], later[0])[0, 1]) < error
+    mixed = random_streams.normal(keys[:2], 3, np.array([0, 1]))
+    assert np.array_equal(mixed, np.stack((drawn[:, 0], later[:, 1]), axis=1))

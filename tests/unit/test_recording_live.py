@@ -29,6 +29,7 @@ from rocket_sim_node.recording.flight import Flight
 from rocket_sim_node.recording.flight import Settling
 from rocket_sim_node.recording.live_sink import LiveSink
 from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import FLYING
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.sink import Look
@@ -62,17 +63,20 @@ def fire(state: Telemetry, observation: np.ndarray) -> np.ndarray:
 
 
 PILOTS = {'rocket': brake, 'rocket_planar': brake, 'lunar_lander': fire}
+DISTURBED = {'thrust_factor': 0.98, 'engine_lag': 0.05, 'gust_deviation': 0.3}
 SETTINGS: dict[str, dict[str, float]] = {
     'rocket': {'level': 1, 'spawn_angle': 0.3}, 'rocket_planar': {'level': 1}, 'lunar_lander': {}}
 
 
-@pytest.fixture(scope='module', params=list(PILOTS))
+@pytest.fixture(scope='module', params=[*PILOTS, 'rocket, disturbed'])
 def flown(request: pytest.FixtureRequest) -> tuple[Stage, Samples]:
     """Return a world and what two vehicles did in it for 700 steps."""
+    name, _, disturbed = request.param.partition(', ')
     world, samples = fly(
-        request.param, ROCKETS, 700, PILOTS[request.param], **SETTINGS[request.param])
+        name, ROCKETS, 700, PILOTS[name], **SETTINGS[name], **(DISTURBED if disturbed else {}))
     spec = world.spec
-    return Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings), samples
+    return Stage.build(
+        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names), samples
 
 
 class Tape:
@@ -235,7 +239,9 @@ def test_nothing_is_followed_that_is_not_recorded(
     feed(recorder, (stage, later))
     assert np.any(later.outcome != FLYING)
     assert tape.parts == tape.flights == 0
-    assert tape.looks == [Look(stage.world, training=True)]
+    looks = [Look(stage.world, training=True), Look(stage.world, training=True, unusual=True)]
+    disturbed = samples.values[:, FIELDS['disturbance']].any()
+    assert tape.looks == looks[:1 + int(disturbed)]
 
 
 @pytest.mark.parametrize('piece', [1, 200])

@@ -59,7 +59,7 @@ def everything(world: RocketWorld, actions: F64) -> list[NDArray[Any]]:
         observation, reward, terminated, truncated, info = world.step(action)
         last = np.zeros_like(observation)
         last[info['final_rows']] = info['final_observation']
-        ends = np.zeros((len(observation), 9))
+        ends = np.zeros((len(observation), len(dataclasses.fields(info['episodes']))))
         for column, field in enumerate(dataclasses.fields(info['episodes'])):
             ends[info['final_rows'], column] = getattr(info['episodes'], field.name)
         told.append([observation, reward, terminated, truncated, last, ends])

@@ -83,7 +83,7 @@ def test_it_is_the_same_for_a_pilot() -> None:
     assert planar.name == 'rocket_planar'
     assert rocket.settings.items() <= planar.settings.items()
     assert registry.reset_settings('rocket_planar') == (
-        *spawn.CURRICULUM_SETTINGS, 'spawn_heading')
+        *registry.reset_settings('rocket'), 'spawn_heading')
 
 
 def test_settings_are_told_with_their_meaning() -> None:

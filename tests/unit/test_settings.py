@@ -13,11 +13,14 @@ from rocket_sim_node import worlds
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
-INFOS = worlds.settings('rocket')
+INFOS = [info for info in worlds.settings('rocket') if not info.choices]
 UNITLESS = {
     'substeps', 'throttle_cutoff', 'drag_coefficient', 'level', 'observation_limit',
     'reward_step', 'reward_crash', 'reward_landed', 'reward_speed', 'reward_tilt',
-    'reward_distance',
+    'reward_distance', 'ignitions',
+    *(name + end for end in ('_low', '_high') for name in (
+        'dry_mass_factor', 'thrust_factor', 'isp_factor', 'rcs_factor', 'sensor_noise',
+        'gravity_factor', 'fuel_factor', 'air_density_factor', 'throttle_floor')),
 }
 SPECIFIED = {
     'dt': 0.02, 'dry_mass': 22_000, 'fuel': 2_000, 'max_thrust': 470_880,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds import spawn
 from rocket_sim_node.worlds.vehicle import RocketSettings
@@ -213,9 +214,9 @@ def test_a_start_outside_the_field_is_refused(
             worlds.make('rocket').reset(**settings)
 
 
-def test_reset_takes_the_settings_of_the_curriculum() -> None:
+def test_reset_takes_the_settings_of_the_curriculum_and_conditions() -> None:
     """Those and no more."""
     assert worlds.reset_settings('rocket')[:7] == (
         'level', 'spawn_height', 'spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin',
-        'spawn_reach')
+        'spawn_reach', *conditions.FLAT_NAMES)
     assert set(spawn.CURRICULUM_SETTINGS) <= set(RocketSettings.__dataclass_fields__)

@@ -45,7 +45,7 @@ def checked(spec: WorldSpec) -> WorldSpec:
             check(info, said.get(info.name))
     except (TypeError, ValueError) as error:
         raise ValueError(f'world: settings: {error}') from error
-    return replace(spec, settings={info.name: float(said[info.name]) for info in infos})
+    return replace(spec, settings={info.name: float(spec.settings[info.name]) for info in infos})
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from scipy import sparse
 from ppo_agent_node.evaluation.point_mass import F64
 from ppo_agent_node.evaluation.point_mass import PointMass
 
-TOUCH_SPEED = 1e-3
-"""m/s, downwards at touchdown. With none the step before would have been at that height too."""
+TOUCH_SPEED = 0.01
+"""m/s, downwards at touchdown: at rest it would have been at that height a step before already."""
 _WIDTH = 11
 """variables of a block: u (3) and sigma during it, position (3), velocity (3) and w after it"""
 _SIGMA, _POSITION, _VELOCITY, _W = 3, 4, 7, 10

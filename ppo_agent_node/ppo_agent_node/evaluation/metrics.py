@@ -47,8 +47,9 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
     - `conditions`, the name of the set that was flown, `custom` for one without a name, null in
       worlds that are no rocket;
     - `tanks_dry` with `tanks_dry_interval`, Wilson, 95 %: how many ended with an empty tank;
-      `hover_time` (s), `ignitions` of the engine, `control_effort` (mean change of the commands
-      a step, see `Episodes`): each `mean` and `p95`. Rockets only, null elsewhere;
+      `hover_time` (s), `ignitions` of the engine, `control_effort` (change of the throttle and
+      size of both torques a step, see `Episodes`): each `mean` and `p95`. Rockets only, null
+      elsewhere;
     - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`;
     - `failed_starts`: up to twelve that did not land, by `row`, `episode`, `outcome` and `return`,
       the outcomes in turn; with the seed and the settings they can be flown again;

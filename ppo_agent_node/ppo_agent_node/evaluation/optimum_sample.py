@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from ppo_agent_node.evaluation.runner import EvaluationResult
-from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.planar_vehicle import LegSettings
-from rocket_sim_node.worlds.vehicle import ObservationSettings
-from rocket_sim_node.worlds.vehicle import TaskSettings
-from rocket_sim_node.worlds.vehicle import VehicleSettings
 
 SAMPLE = 12
 """starts that are solved where nobody asks for more or less"""
-_UNDERSTOOD = {
-    'spawn_heading', *(field.name for one in (
-        VehicleSettings, TaskSettings, ObservationSettings, LegSettings) for field in fields(one))}
 
 
 @dataclass(frozen=True)
@@ -112,25 +103,12 @@ def return_ceiling(settings: Mapping[str, float], steps: F64) -> F64:
     return landing + settings['reward_step'] * steps
 
 
-def nominal(world: str, settings: Mapping[str, Any]) -> bool:
-    """Return whether a rocket flies by the nominal model, of which alone an optimum is known.
-
-    Everything that can be set in the world beside vehicle, task, observation and legs is a
-    condition, such as wind, and has to be as it is by default.
-    """
-    return all(
-        settings.get(info.name, info.default) == info.default
-        for info in worlds.settings(world) if info.name not in _UNDERSTOOD)
-
-
 def _why_not(result: EvaluationResult, sample: int) -> str:
     """Return why no optimum can be had, '' where it can."""
     if not sample:
         return 'not asked for'
     if not result.is_rocket:
         return f'world {result.spec.name} burns no fuel'
-    if not nominal(result.spec.name, result.settings):
-        return 'the conditions are not nominal'
     try:
         import clarabel  # noqa: F401  (asks whether it is there)
     except ImportError:

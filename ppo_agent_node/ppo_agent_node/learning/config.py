@@ -49,6 +49,9 @@ class NetworkConfig:
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
         'log_std_init or more: no bound', -10.0, 20.0)
+    noise_height: float = setting(
+        0.0, 'm', 'height above touchdown below which the deviation shrinks in proportion, for '
+        'less noise in the last metre; 0: the same everywhere', 0.0, 1e4)
     log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -10.0, 2.0)
 
 
@@ -305,8 +308,8 @@ def preset_names(world: str | None = None) -> tuple[str, ...]:
 def preset_values(name: str, world: str) -> dict[str, Any]:
     """Return the values that a preset sets in a world, by name, unchecked.
 
-    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world to begin with, on
-    whose preset of the same name the rest is put.
+    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of the
+    same name comes first, or a preset by world and name, as in `rocket/from_scratch`.
 
     :raises ValueError: when there is no such preset.
     """
@@ -317,7 +320,10 @@ def preset_values(name: str, world: str) -> dict[str, Any]:
             f'expected one of {", ".join(known) or "none"}')
     values = dict(yaml.safe_load((_PRESETS / world / f'{name}.yaml').read_text('utf-8')))
     like = values.pop('like', None)
-    return {**preset_values(name, like), **values} if like else values
+    if not like:
+        return values
+    world, _, other = like.partition('/')
+    return {**preset_values(other or name, world), **values}
 
 
 def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config:

@@ -23,11 +23,11 @@ _NEEDED = (
     'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
     'spin_x', 'spin_z', 'pad_y',
 )
-_LEAST_HEIGHT = 0.01
+_LEAST_HEIGHT = 0.001
 """m added to a height before it divides"""
 _WIDTHS = (
-    0.02, 0.2, 0.2,    # m: height, x, z
-    0.02, 0.05, 0.05,  # m/s: speed downwards, along x and z
+    0.002, 0.2, 0.2,    # m: height, x, z
+    0.005, 0.05, 0.05,  # m/s: speed downwards, along x and z
     0.01, 0.01,        # up vector x, z
     0.05, 0.05,        # rad/s: spin x, z
     1.0, 1.0, 1.0,     # g needed, s to go, 1/s flare rate

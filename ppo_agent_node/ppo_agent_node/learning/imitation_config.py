@@ -15,8 +15,8 @@ UNSET = -1
 class DemonstrationConfig:
     """What the expert flies before the policy imitates it.
 
-    The teacher is the expert with gentler gains than when it flies for itself: at its best it is
-    too sharp to be imitated, and has no reserve to recover from noise with.
+    The teacher is the expert as it flies for itself, unless gentler gains are given: without
+    rounds of DAgger a clone lands more often after a teacher that is easier to imitate.
     """
 
     demonstration_episodes: int = setting(
@@ -44,23 +44,27 @@ class DemonstrationConfig:
         0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
         'cloning is repeated on all samples', 0, 1000)
     teacher_braking_share: float = setting(
-        0.8, '', "expert's planned deceleration, as a share of full throttle", 0.1, 1.0)
+        float(UNSET), '', "expert's planned deceleration, as a share of full throttle; -1: the "
+        "expert's own", UNSET, 1.0)
     teacher_flare_rate: float = setting(
-        3.0, '1/s', "expert's speed per height in the flare", 0.5, 100.0)
+        float(UNSET), '1/s', "expert's speed per height in the flare; -1: the expert's own", UNSET,
+        1000.0)
     teacher_flare_speed: float = setting(
-        0.1, 'm/s', 'speed at touchdown that the expert aims at', 1e-4, 2.0)
+        float(UNSET), 'm/s', "speed at touchdown that the expert aims at; -1: the expert's own",
+        UNSET, 2.0)
     teacher_speed_settling: float = setting(
-        0.05, '', "time in which the expert's errors in speed die out, as a share of the burn "
-        'left', 0.0, 10.0)
+        float(UNSET), '', "time in which the expert's errors in speed die out, as a share of the "
+        "burn left; -1: the expert's own", UNSET, 10.0)
     teacher_attitude_rate: float = setting(
-        24.0, 'rad/s', "natural frequency of the expert's attitude", 0.1, 50.0)
+        float(UNSET), 'rad/s', "natural frequency of the expert's attitude; -1: the expert's own",
+        UNSET, 50.0)
 
     def teacher_gains(self) -> dict[str, float]:
         """Return the gains that the teacher flies with, by the expert's names."""
         return {
             name.removeprefix('teacher_'): value
             for name, value in settings_module.as_dict(self).items()
-            if name.startswith('teacher_')
+            if name.startswith('teacher_') and value != UNSET
         }
 
 

@@ -171,7 +171,7 @@ def _evaluate(
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
-        tick, training_seed=config.run.seed)
+        tick, settings=config.curriculum.task_settings(level), training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
     teller.report_evaluation(Status(

@@ -9,6 +9,7 @@ from rocket_sim_node.worlds.base import F64
 
 def attitude_torque(
     up: F64, spin: F64, wanted: F64, full: float, rate: float, damping: float, brake_share: float,
+    turning: F64 | float = 0.0,
 ) -> F64:
     """Return the torque `(2, N)` about X and Z, 1 for full RCS, not yet clipped.
 
@@ -21,6 +22,7 @@ def attitude_torque(
     :param full: rad/s^2 that the RCS gives.
     :param rate: rad/s, natural frequency, of a loop with the damping ratio `damping`.
     :param brake_share: of the RCS, counted on to stop a turn.
+    :param turning: `(2, N)` rad/s about X and Z, spin of the wanted axis itself, fed forward.
     """
     error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],
                       up[0] * wanted[1] - up[1] * wanted[0]))
@@ -28,4 +30,4 @@ def attitude_torque(
     linear = rate / (2 * damping)
     stoppable = np.sqrt(2 * brake_share * full / angle)
     wanted_spin: F64 = np.minimum(linear, stoppable) * error
-    return (wanted_spin - spin) * (2 * damping * rate / full)
+    return (wanted_spin + turning - spin) * (2 * damping * rate / full)

@@ -68,7 +68,7 @@ _FIGURES = (
 )
 
 
-def conditions_figure(table: Mapping[str, Any]) -> Figure:
+def heat_maps(table: Mapping[str, Any]) -> Figure:
     """Return the heat maps of a table of conditions.
 
     :param table: as in `conditions.json`.

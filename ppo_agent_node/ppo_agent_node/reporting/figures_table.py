@@ -23,7 +23,7 @@ _SPREADS = (
 _QUALITY = (
     ('hover_time', 'time spent hovering', 's'),
     ('ignitions', 'ignitions', ''),
-    ('control_effort', 'change of the commands', 'a step'),
+    ('control_effort', 'control effort', 'a step'),
 )
 
 

@@ -114,7 +114,7 @@ def _starts(run: Run) -> Figure | None:
 
 
 def _conditions(run: Run) -> Figure | None:
-    return conditions_pictures.conditions_figure(run.conditions) if run.conditions else None
+    return conditions_pictures.heat_maps(run.conditions) if run.conditions else None
 
 
 def _cloning(run: Run) -> Figure | None:
@@ -154,8 +154,7 @@ CATALOGUE = {
     'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
         'Landings of the starts that were solved, from the nearest to the optimum to the '
         'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
-        'landing from its start with a thrust that may turn at once. What is below zero touched '
-        'down at some speed.')),
+        'landing from its start with a thrust that may turn at once.')),
     'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
         'Fuel of each episode over its speed at the start; the line is the least that a straight '
         'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
@@ -164,9 +163,9 @@ CATALOGUE = {
         'Episodes in bins of equal number along each initial condition: where an interval lies '
         'below the grey band, the policy is weaker there than on the whole.')),
     'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
-        'Each row is a condition, each column a pilot; all began from the same starts. On the '
-        'left how many landed, on the right the mean return, failures included. A pilot that '
-        'lands late, hard or off the centre is yellow on the left and darker on the right.')),
+        'A row for each condition, a column for each pilot, all from the same starts: how many '
+        'landed, and the mean return with failures counted in, which is also low where rockets '
+        'land late, hard or off the centre.')),
     'training': _Entry('Learning curves', TRAINING, _training, (
         'Mean return raw and smoothed, landing rate with its 95 % interval, and level, by '
         'iteration; the red dots are flights without noise on the final level, by which the best '

@@ -63,8 +63,9 @@ class Engines:
         :param asked: `(N,)` 0 to 1; is changed.
         :param fuel: `(N,)` kg.
         """
+        fuelled = fuel > 0.0
         lit = asked > s.throttle_cutoff
-        lit &= fuel > 0.0
+        lit &= fuelled
         if s.ignitions:
             lit &= self.lit | (self.ignitions < s.ignitions)
         asked *= lit
@@ -74,5 +75,6 @@ class Engines:
             np.maximum(asked, vehicles.floor, out=asked, where=lit)
         if vehicles.lagged:
             asked += (self.throttle - asked) * vehicles.lag_kept
+            asked *= fuelled
         self.throttle = asked
         return asked

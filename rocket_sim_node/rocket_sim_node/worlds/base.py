@@ -62,11 +62,11 @@ class Episodes:
     `rocket_planar`, where it may stand for a while, speed and tilt of a touchdown are those at
     first contact.
 
-    `fuel_used` and `fuel_left` are kg. `hover_time` (s) is the time with the engine on, more than
-    1 m above touchdown height and slower than 2 m/s; `ignitions` counts how often the engine went
-    from off to on; `control_effort` is the mean over the steps of the sum of the throttle's
-    change (0 to 1) and the absolute values of both RCS commands, as commanded. `lunar_lander`
-    has no tanks and none of these: all five are 0 there.
+    `fuel_used` and `fuel_left` are kg. `hover_time` (s) is the time with the engine on, above
+    touchdown height and slower than 2 m/s at the beginning of a step; `ignitions` counts how
+    often the engine went from off to on; `control_effort` is the mean over the steps of the sum
+    of the throttle's change (0 to 1) and the absolute values of both RCS commands, as commanded.
+    `lunar_lander` has no tanks and none of these: all five are 0 there.
     """
 
     row: NDArray[np.int64]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from rocket_sim_node.worlds.actuators import IDLE
 from rocket_sim_node.worlds.base import F64
 
-HOVER_SPEED, HOVER_HEIGHT = 2.0, 1.0
-"""m/s, slower than this, and m, above touchdown height: an engine that burns there hovers"""
+HOVER_SPEED = 2.0
+"""m/s: slower than this, a burning engine hovers, be it a hand's breadth above touchdown height"""
 
 
 class FlightLog:
@@ -43,7 +43,7 @@ class FlightLog:
         """Count who hovers: m/s, m, and 0 to 1, `(N,)` each; touchdown is at `ground` m."""
         slow = speed < HOVER_SPEED
         if slow.any():
-            slow &= height > ground + HOVER_HEIGHT
+            slow &= height > ground
             slow &= throttle > 0.0
             self.hover += slow
 

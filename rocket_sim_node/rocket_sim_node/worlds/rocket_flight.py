@@ -114,8 +114,9 @@ class RocketFlight:
         yaw_kept = (1.0 - s.yaw_damping) ** (1.0 / s.substeps)
         if v.disturbed:
             self._disturbance[::2] = v.side + self.gust
-        for _ in range(s.substeps):
-            throttle *= self.fuel > 0.0
+        for substep in range(s.substeps):
+            if substep:
+                throttle *= self.fuel > 0.0
             per_mass = dt / (self.fuel + v.dry_mass)
             speed = rotation.norm(self.velocity)
             impulse = rotation.up_vector(self.attitude)

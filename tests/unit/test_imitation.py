@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+"""DAgger and the wide level: what is flown, labelled, learnt and written down."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.config import preset_values
+from ppo_agent_node.learning.demonstrations import fly_clone
+from ppo_agent_node.learning.imitation import Imitation
+from ppo_agent_node.learning.journal import Journal
+from ppo_agent_node.learning.learner import Learner
+from ppo_agent_node.learning.policies import GaussianPolicy
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.random import RandomPilot
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.flight import fly
+
+SMALL: dict[str, Any] = {
+    'demonstration_episodes': 16, 'demonstration_noise': 0.02, 'demonstration_spawn_angle': 5.0,
+    'demonstration_spawn_position': 0.0, 'demonstration_spawn_speed': 0.0,
+    'clone_epochs': 2, 'dagger_epochs': 1, 'clone_batch_size': 256,
+    'features': 'descent', 'hidden_sizes': (32, 32), 'fine_observations': '', 'threads': 1,
+    'seed': 7}
+
+
+def world(rockets: int = 16) -> worlds.VectorEnv:
+    return worlds.make(
+        'rocket', num_envs=rockets, seed=0, level=7, spawn_height=30.0, time_limit=6.0)
+
+
+def imitate(folder: Path, **changes: Any) -> tuple[Learner, list[dict[str, Any]], int]:
+    """Return the learner, the log and the rocket steps of an imitation."""
+    env, config = world(), make_config({**SMALL, **changes})
+    learner, run = Learner(env.spec, config), RunFolder(folder, resume=False)
+    imitation = Imitation(
+        env.spec, config, ExpertPilot(env.spec), SerialFleet(env).fly,
+        Journal(run, lambda status: None), lambda: None)
+    imitation.teach(learner.policy)
+    return learner, list(run.lines()), imitation.steps
+
+
+def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
+    """Crashes included: 8 rockets under a random pilot, none of which lands."""
+    env = world(8)
+    expert = ExpertPilot(env.spec)
+    samples, episodes = fly(env, fly_clone(
+        env.spec, RandomPilot(env.spec, 1), expert, {'level': 7}, 5))
+    assert len(episodes) == 8 and not (episodes.outcome == 0).any()
+    np.testing.assert_array_equal(
+        np.bincount(samples.episode), episodes.length[np.argsort(episodes.row)])
+    np.testing.assert_array_equal(samples.action, expert(samples.observation.numpy()))
+
+
+def test_rounds_are_flown_by_the_clone_and_written_down(tmp_path: Path) -> None:
+    _, lines, steps = imitate(tmp_path / 'run', dagger_rounds=2)
+    cloned = [line for line in lines if line['stage'] == 'clone']
+    assert [line['iteration'] for line in cloned] == [1, 2, 3, 4]
+    rounds = [line for line in cloned if 'dagger_round' in line]
+    assert [(line['iteration'], line['dagger_round']) for line in rounds] == [(2, 1), (3, 2)]
+    assert all(line['episodes'] == 16 and line['samples'] > 16 for line in rounds)
+    assert steps == lines[-1]['steps'] > lines[0]['steps']
+
+
+def test_a_wide_level_is_demonstrated_as_often(tmp_path: Path) -> None:
+    _, lines, _ = imitate(tmp_path / 'run', demonstration_wide_level=8)
+    assert [line['stage'] for line in lines].count('demonstrate') == 2
+
+
+def test_equal_seeds_give_equal_clones_and_a_later_round_another(tmp_path: Path) -> None:
+    one, _, _ = imitate(tmp_path / 'one', dagger_rounds=1)
+    two, _, _ = imitate(tmp_path / 'two', dagger_rounds=1)
+    other, _, _ = imitate(tmp_path / 'other', dagger_rounds=2)
+    for name, weights in one.policy.state_dict().items():
+        assert torch.equal(weights, two.policy.state_dict()[name]), name
+    assert not torch.equal(one.policy.network.linear[0].weight,
+                           other.policy.network.linear[0].weight)
+    # What the first demonstrations look like is what all rounds are normalised by.
+    assert torch.equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
+
+
+@pytest.mark.parametrize(('error', 'loss', 'slope'), [
+    (0.03, 0.03**2, 2 * 0.03), (-0.03, 0.03**2, -2 * 0.03),
+    (0.5, 2 * 0.05 * 0.5 - 0.05**2, 2 * 0.05), (-0.5, 2 * 0.05 * 0.5 - 0.05**2, -2 * 0.05)])
+def test_hubers_loss_is_squared_near_and_linear_far(
+        error: float, loss: float, slope: float) -> None:
+    policy = GaussianPolicy(2, 1, (4,), torch.Generator())
+    output = torch.tensor([[0.1 + error]])
+    found, gradient = policy.imitation(output, torch.tensor([[0.1]]), 0.05)
+    assert float(found) == pytest.approx(loss, rel=1e-5)
+    assert float(gradient) == pytest.approx(slope, rel=1e-5)
+
+
+def test_the_teacher_flies_as_the_expert_unless_gentler_gains_are_given() -> None:
+    assert make_config({}).demonstration.teacher_gains() == {}
+    gentle = make_config(preset_values('original', 'rocket')).demonstration.teacher_gains()
+    assert gentle['flare_rate'] == 3.0 and gentle['braking_share'] == 0.8
+
+
+def test_groups_fly_the_curriculums_level_and_the_wide_one_in_turn() -> None:
+    config = make_config({
+        'curriculum_wide_level': 8, 'num_groups': 2, 'conditions': 'mix'}).curriculum
+    assert config.reset_settings(3, 0)['level'] == 3
+    assert config.reset_settings(3, 1)['level'] == 8
+    assert config.reset_settings(3, 2)['level'] == 3
+    assert config.reset_settings(3, 1)['dry_mass_factor_high'] == 1.05
+    assert [settings['level'] for settings in config.selection_settings] == [7, 8]
+    with pytest.raises(ValueError, match=r'num_groups: got 1, expected 2 or more'):
+        make_config({'curriculum_wide_level': 8})
