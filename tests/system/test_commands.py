@@ -14,6 +14,8 @@ import yaml
 from processes import Process
 from processes import Processes
 
+from rocket_sim_node.recording.read import trajectories
+
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 SMALL = (
     'num_envs:=8', 'demonstration_episodes:=16', 'clone_epochs:=2', 'hidden_sizes:=[16,16]',
@@ -47,6 +49,32 @@ def test_train_and_resume_in_a_folder_with_an_awkward_name(
     assert refused.wait(60.0) != 0
     assert 'gamma of the run is' in refused.output()
     assert not (run / '.unfinished').exists()
+
+
+def test_a_run_keeps_its_conditions_and_they_are_recorded(
+        processes: Processes, tmp_path: Path) -> None:
+    run, flights = tmp_path / 'run', tmp_path / 'flights.rrd'
+    first = command(
+        processes, 'train', f'run_dir:={run}', 'conditions:=mix', 'observation:=extended', *SMALL)
+    assert first.wait(120.0) == 0, processes.logs()
+    config = yaml.safe_load((run / 'config.yaml').read_text())
+    assert (config['conditions'], config['observation']) == ('mix', 'extended')
+    assert config['training']['conditions'] == 'mix'
+    assert config['world_settings']['engine_lag_high'] == 0.2
+    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
+    assert again.wait(120.0) == 0, processes.logs()
+    landed = command(
+        processes, 'land', f'policy:={run / "policy.safetensors"}', 'conditions:=mix',
+        'observation:=extended', 'episodes:=4', f'output:={flights}')
+    assert landed.wait(90.0) == 0, processes.logs()
+    flown = trajectories(flights)
+    assert len(flown) == 4
+    drawn = [json.loads(flight.summary['conditions']) for flight in flown]
+    assert len({each['thrust_factor'] for each in drawn}) == 4
+    assert all(0.95 <= each['thrust_factor'] <= 1.05 for each in drawn)
+    named = command(processes, 'land', 'conditions:=storm', f'output:={tmp_path / "no.rrd"}')
+    assert named.wait(60.0) != 0
+    assert "conditions: got 'storm', expected one of nominal, mix" in processes.logs()
 
 
 def test_the_vehicle_of_a_run_is_not_replaced(processes: Processes, tmp_path: Path) -> None:

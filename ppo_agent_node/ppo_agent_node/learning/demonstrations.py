@@ -18,7 +18,7 @@ from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import fly_once
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.scripted import rocket_pilot
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
@@ -54,12 +54,12 @@ class Demonstrations(NamedTuple):
 
 
 def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
-    """Return the expert with the gains of the settings.
+    """Return the scripted pilot of the world's rockets with the gains of the settings.
 
     :raises ValueError: when it cannot fly the world.
     """
     try:
-        return ExpertPilot(spec, **config.teacher_gains())
+        return rocket_pilot(spec)(spec, **config.teacher_gains())
     except ValueError as error:
         raise ValueError(
             f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as nobody '

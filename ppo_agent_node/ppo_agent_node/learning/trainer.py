@@ -101,7 +101,8 @@ class Trainer:
         spec = self._spec = fleet.spec
         check_world(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
-            expert = scripted_teacher(spec, config.demonstration)
+            expert = scripted_teacher(
+                spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
         self._expert = expert if config.demonstration.demonstration_episodes else None
         self._stop_requested, self._say = stop_requested, say
         self._ending = Ending(

@@ -72,8 +72,9 @@ def evaluation(node: Node, executor: Executor) -> None:
         # Before the flight: an unwritable folder is told at once, not after minutes.
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
-        spec = client.connect()
-        chosen = _chosen(options, spec)
+        settings = _settings(options, client.connect())
+        # A scripted pilot is told which vehicle it flies, but not what is drawn.
+        chosen = _chosen(options, client.spec.after_reset(settings))
         for one in chosen:
             if one.warning:
                 node.get_logger().warning(one.warning)
@@ -81,7 +82,7 @@ def evaluation(node: Node, executor: Executor) -> None:
         if options.conditions == ALL:
             _table(client, chosen, options, output, terminal)
         else:
-            _single(client, chosen[0], options, output, terminal)
+            _single(client, chosen[0], options, settings, output, terminal)
 
 
 def _check(options: EvaluationParameters) -> None:
@@ -111,6 +112,17 @@ def _names(options: EvaluationParameters) -> list[str]:
     return [options.pilot, *([choice.EXPERT] if rival else [])]
 
 
+def _settings(options: EvaluationParameters, spec: WorldSpec) -> dict[str, float]:
+    """Return what an evaluation resets the world with for its conditions.
+
+    :raises ValueError: for a world that has none.
+    """
+    if not options.conditions:
+        return {}
+    conditions_table.check_world(spec)
+    return {} if options.conditions == ALL else conditions.settings(options.conditions)
+
+
 def _chosen(options: EvaluationParameters, spec: WorldSpec) -> list[Chosen]:
     """Return who flies, one or more.
 
@@ -123,14 +135,10 @@ def _chosen(options: EvaluationParameters, spec: WorldSpec) -> list[Chosen]:
 
 
 def _single(
-    client: Client, chosen: Chosen, options: EvaluationParameters, output: Path | None,
-    terminal: Terminal,
+    client: Client, chosen: Chosen, options: EvaluationParameters, settings: dict[str, float],
+    output: Path | None, terminal: Terminal,
 ) -> None:
     """Evaluate one pilot."""
-    settings: dict[str, float] = {}
-    if options.conditions:
-        conditions_table.check_world(client.spec)
-        settings = conditions.settings(options.conditions)
     summary = fly_and_write(
         SerialFleet(client), chosen.pilot, options.episodes or _EPISODES, options.seed,
         options.level, output, terminal.show, poll=terminal.tick, settings=settings,

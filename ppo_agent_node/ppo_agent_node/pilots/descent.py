@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,45 @@ class TimeToGo(NamedTuple):
     """`(N,)` s, free fall that is left"""
     burn: F64
     """`(N,)` s, braking and flare"""
+
+
+class Descent(Protocol):
+    """A curve of descent, speed over height; see the classes that are one."""
+
+    @property
+    def braking(self) -> float | F64:
+        """Deceleration far up, m/s^2."""
+        ...
+
+    @property
+    def join_speed(self) -> float | F64:
+        """Speed at which the last piece of the curve begins, m/s."""
+        ...
+
+    @property
+    def join_height(self) -> float | F64:
+        """Height at which the last piece of the curve begins, m."""
+        ...
+
+    def paced(self, pace: F64) -> Descent:
+        """Return the same curve flown at `pace` `(N,)` times the speed."""
+        ...
+
+    def speed(self, height: F64) -> F64:
+        """Return the wanted speed `(N,)`."""
+        ...
+
+    def next_speed(self, height: F64, dt: float) -> F64:
+        """Return the speed `(N,)` to have after a step of `dt` s, so as to be on the curve."""
+        ...
+
+    def deceleration(self, speed: F64) -> F64:
+        """Return the deceleration `(N,)` m/s^2 on the curve at a speed."""
+        ...
+
+    def time_to_go(self, height: F64, speed: F64) -> TimeToGo:
+        """Return how long a rocket coasts and burns from here."""
+        ...
 
 
 @dataclass(frozen=True)

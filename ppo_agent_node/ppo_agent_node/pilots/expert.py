@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.pilots.attitude import attitude_torque
+from ppo_agent_node.pilots.descent import Descent
 from ppo_agent_node.pilots.descent import DescentProfile
 from ppo_agent_node.pilots.descent import TimeToGo
 from ppo_agent_node.pilots.lateral import LateralLaw
@@ -103,7 +104,7 @@ class ExpertPilot:
         net = self._full - v.gravity
         if net <= 0 or not v.gravity:
             raise ValueError('the expert needs gravity and a thrust above the weight')
-        self.profile = self._descent(net)
+        self.profile: Descent = self._descent(net)
         self._lateral = LateralLaw(
             gain.lateral_power, gain.lateral_time, gain.lateral_reach, gain.upright_time)
         self._flow = v.max_thrust / (v.specific_impulse * v.gravity)
@@ -117,7 +118,7 @@ class ExpertPilot:
         :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
         """
         v, gain = self.vehicle, self.settings
-        sight = look(observation, self._world)
+        sight = self._look(observation)
         profile = self._paced_profile(sight)
         to_go = self._to_go(profile, sight)
         mass = self._mass(sight)
@@ -134,17 +135,21 @@ class ExpertPilot:
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
-    def _descent(self, net: float) -> DescentProfile:
+    def _look(self, observation: F32) -> Sight:
+        """Return what is seen."""
+        return look(observation, self._world)
+
+    def _descent(self, net: float) -> Descent:
         """Return the descent to follow, `net` m/s^2 being what full throttle brakes with."""
         gain = self.settings
         return DescentProfile(
             gain.braking_share * net, gain.flare_rate, gain.flare_speed, self.vehicle.gravity)
 
-    def _throttle(self, profile: DescentProfile, sight: Sight, throttle: F64) -> F64:
+    def _throttle(self, profile: Descent, sight: Sight, throttle: F64) -> F64:
         """Return the throttle `(N,)` to command where this much thrust is wanted."""
         return throttle
 
-    def _to_go(self, profile: DescentProfile, sight: Sight) -> TimeToGo:
+    def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
         """Return the time until touchdown."""
         return profile.time_to_go(sight.height, sight.speed)
 
@@ -156,7 +161,7 @@ class ExpertPilot:
         mass: F64 = np.maximum(v.dry_mass + v.fuel - self._flow * burnt, v.dry_mass)
         return mass
 
-    def _paced_profile(self, sight: Sight) -> DescentProfile:
+    def _paced_profile(self, sight: Sight) -> Descent:
         """Return the fastest descent whose burn lasts as long as the way to the axis.
 
         Pace and way depend on each other, as a slower descent begins to burn earlier, at another
@@ -178,17 +183,22 @@ class ExpertPilot:
         return self.profile.paced(pace)
 
     def _lift(
-        self, profile: DescentProfile, sight: Sight, mass: F64, to_go: TimeToGo,
+        self, profile: Descent, sight: Sight, mass: F64, to_go: TimeToGo,
     ) -> F64:
         """Return the vertical acceleration `(N,)` m/s^2 wanted of the engine, 0 or more."""
-        v, gain = self.vehicle, self.settings
-        wanted = np.maximum(profile.next_speed(sight.height, v.dt), 0.0)
-        planned = profile.deceleration(wanted)
-        excess = sight.speed - wanted - planned * v.dt
-        brake = planned + excess / np.maximum(gain.speed_settling * to_go.burn, v.dt)
+        v = self.vehicle
+        brake = self._brake(profile, sight, to_go)
         drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) * sight.speed / mass
         lift: F64 = np.clip(v.gravity + brake - drag, 0.0, v.max_thrust / mass)
         return lift
+
+    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+        """Return the deceleration `(N,)` m/s^2 wanted."""
+        dt, gain = self.vehicle.dt, self.settings
+        wanted = np.maximum(profile.next_speed(sight.height, dt), 0.0)
+        planned = profile.deceleration(wanted)
+        excess = sight.speed - wanted - planned * dt
+        return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
 
     def _wanted_up(self, pull: Pull, lift: F64) -> tuple[F64, F64]:
         """Return the up vector `(3, N)` of a thrust with this lateral and vertical part.

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.hoverslam import FLOOR
+from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node.worlds import WorldSpec
+
+ROCKET_PILOTS: dict[str, type[ExpertPilot]] = {
+    pilot.name: pilot for pilot in (ExpertPilot, HoverslamPilot)}
+"""The pilots of rockets by name."""
+
+
+def rocket_pilot(spec: WorldSpec) -> type[ExpertPilot]:
+    """Return which pilot flies the rockets of a world: another one where engines have a floor."""
+    return HoverslamPilot if spec.settings.get(FLOOR, 0.0) > 0 else ExpertPilot
 
 
 def scripted_pilot(spec: WorldSpec, **gains: float) -> Pilot:
     """Return the scripted pilot of a world.
 
-    :param gains: of :class:`ExpertPilot`; the lander's pilot has none to be set.
+    :param gains: of the rockets' pilot; the lander's has none to be set.
     :raises ValueError: when no scripted pilot here flies the world.
     """
     if spec.name == 'lunar_lander':
         return LunarHeuristic(spec)
-    return ExpertPilot(spec, **gains)
+    return rocket_pilot(spec)(spec, **gains)

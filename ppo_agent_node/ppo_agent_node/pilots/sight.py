@@ -17,6 +17,8 @@ class Sight(NamedTuple):
 
     height: F64
     """`(N,)` m to fall; in a world with feet, for the lower one"""
+    origin_height: F64
+    """`(N,)` m, of the vehicle's origin above where it is when the vehicle stands"""
     lateral: F64
     """`(2, N)` m from the pad's axis, along x and z"""
     velocity: F64
@@ -58,5 +60,5 @@ def look(observation: F32, settings: Mapping[str, float]) -> Sight:
         origin = height + settings['touchdown_height']
         height = foot_height(origin, np.hypot(up[0], up[2]), up[1], settings)
     return Sight(
-        height, offset[::2], seen[3:6] * settings['velocity_scale'], up,
+        height, offset[1], offset[::2], seen[3:6] * settings['velocity_scale'], up,
         seen[9:12] * settings['spin_scale'])

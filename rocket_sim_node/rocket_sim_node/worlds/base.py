@@ -2,8 +2,10 @@
 """What every world is to those who use it, in this process or at the far end of the wire."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields
+from dataclasses import replace
 from typing import Any
 from typing import Protocol
 
@@ -41,6 +43,10 @@ class WorldSpec:
     outcomes: tuple[str, ...]
     settings: dict[str, float]
     condition_names: tuple[str, ...] = ()
+
+    def after_reset(self, settings: Mapping[str, float]) -> WorldSpec:
+        """Return the shape of this world with the settings that a reset puts into force."""
+        return replace(self, settings={**self.settings, **settings})
 
     @property
     def observation_size(self) -> int:
