@@ -34,6 +34,9 @@ _WIDTHS = (
     0.1, 0.1, 0.1, 0.1,  # g: distance / t^2 and drift / t, along x and z
 )
 """within which a feature is linear"""
+_FIRST_SCALES = (0.3,) * 13 + (3.0,) * 4
+"""that bring features to the order of 1 where no samples are there to fit them: the logarithms go
+up to 10, and what guidance weighs is some hundredths of g until shortly before touchdown"""
 
 
 class DescentFeatures(nn.Module):
@@ -66,6 +69,7 @@ class DescentFeatures(nn.Module):
         # In the order of _NEEDED: metres, metres a second, 1, radians a second; then gravity.
         self.register_buffer('scale', torch.tensor(
             [position] * 2 + [velocity] * 3 + [1.0] * 2 + [spin] * 2 + [-position, gravity]))
+        self.first_scale = torch.tensor(_FIRST_SCALES)
         self.register_buffer('width', torch.tensor(_WIDTHS)[:, None])
 
     def forward(self, observation: Tensor) -> Tensor:

@@ -15,8 +15,6 @@ from ppo_agent_node.learning.dense import dense
 from ppo_agent_node.learning.features import DescentFeatures
 
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
-_FEATURE_SCALE = 0.3
-"""of features before they are fitted to samples: logarithms up to 10 would saturate a tanh"""
 
 
 class Perceptron(nn.Sequential):
@@ -105,7 +103,8 @@ class Normaliser(nn.Module):
         self.register_buffer('width', torch.zeros(size))
         self.register_buffer('mean', torch.zeros(self.size))
         self.register_buffer('scale', torch.ones(self.size))
-        self.scale[size:] = _FEATURE_SCALE
+        if features:
+            self.scale[size:] = features.first_scale
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return observations `(..., D)` and their features, normalised, `(..., D + F)`."""
