@@ -18,8 +18,11 @@ from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import GaussianPolicy
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
+from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.flight import SerialFleet
 from rocket_sim_node.worlds.flight import fly
 
@@ -57,6 +60,34 @@ def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
     np.testing.assert_array_equal(
         np.bincount(samples.episode), episodes.length[np.argsort(episodes.row)])
     np.testing.assert_array_equal(samples.action, expert(samples.observation.numpy()))
+
+
+def test_a_teacher_that_remembers_is_told_what_was_flown() -> None:
+    """The clone, not the teacher, lights the engine: the teacher knows that it burns."""
+    env = worlds.make('rocket', num_envs=4, seed=0, level=1, conditions='hoverslam')
+    teacher = HoverslamPilot(env.spec)
+
+    def light(observation: F32) -> F32:
+        return np.tile(np.array([0.4, 0.0, 0.0], np.float32), (len(observation), 1))
+
+    samples, _ = fly(env, fly_clone(env.spec, light, teacher, {'level': 1}, 5))
+    first = np.flatnonzero(np.diff(samples.episode, prepend=-1))
+    throttle = samples.action[:, 0].numpy()
+    assert (throttle[first] == -1).all()
+    # 60 % throttle is 0.2 on the scale of actions; an engine that burns is not put out.
+    assert (throttle[first + 1] >= 0.2 - 1e-6).all()
+
+
+def test_noise_is_told_to_a_teacher_that_remembers() -> None:
+    """It counts the fuel of the commands flown: twice as noisy, other commands are remembered."""
+    env = worlds.make('rocket', num_envs=4, seed=0, level=1)
+    teacher = ExpertEstimator(env.spec)
+    observation = env.reset(1, level=1)
+    teacher(observation)
+    teacher.flew(np.tile(np.array([1.0, 0.0, 0.0], np.float32), (4, 1)))
+    observation, *_ = env.step(np.tile(np.array([1.0, 0.0, 0.0], np.float32), (4, 1)))
+    teacher(observation)
+    assert teacher._memory.burnt == pytest.approx(2000 - env.telemetry(slice(None)).fuel, rel=0.1)
 
 
 def test_rounds_are_flown_by_the_clone_and_written_down(tmp_path: Path) -> None:

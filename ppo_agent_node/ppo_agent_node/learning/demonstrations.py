@@ -2,6 +2,7 @@
 """Demonstrations: what was seen, and what the expert did about it or would have done."""
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
@@ -16,8 +17,10 @@ from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import fly_once
+from ppo_agent_node.learning.flights import tell_flown
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
+from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
 from ppo_agent_node.pilots.scripted import rocket_pilot
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
@@ -59,7 +62,8 @@ def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
     :raises ValueError: when it cannot fly the world.
     """
     try:
-        return rocket_pilot(spec)(spec, **config.teacher_gains())
+        teacher = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
+        return teacher(spec, **config.teacher_gains())
     except ValueError as error:
         raise ValueError(
             f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as nobody '
@@ -118,11 +122,14 @@ def fly_wave(
         if not config.demonstration_noise or not spec.continuous:
             return action
         wanted = action + config.demonstration_noise * noise.standard_normal(action.shape)
-        return wanted.astype(np.float32)
+        flown = wanted.astype(np.float32)
+        tell_flown(pilot, flown)
+        return flown
 
     observation = yield Reset(
         streams.derived_seed(seed, 'demonstrations', wave), settings)
-    steps = yield from fly_once(observation, expert, disturb)
+    pilot = copy.deepcopy(expert)  # as it was given, whenever the flight begins anew
+    steps = yield from fly_once(observation, pilot, disturb)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     landed = np.zeros(spec.num_envs, np.bool_)
     landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
@@ -141,9 +148,12 @@ def fly_clone(
     """
     observation = yield Reset(seed, settings)
     steps = yield from fly_once(observation, pilot)
-    steps = [step._replace(action=expert(step.observation)) for step in steps]
+    expert, labelled = copy.deepcopy(expert), []
+    for step in steps:
+        labelled.append(step._replace(action=expert(step.observation)))
+        tell_flown(expert, step.action)
     episodes = Episodes.concatenate([step.episodes for step in steps])
-    return _samples(spec, steps, np.ones(spec.num_envs, np.bool_)), episodes
+    return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_)), episodes
 
 
 def _samples(spec: WorldSpec, steps: Sequence[Step], chosen: Bools) -> Demonstrations:

@@ -20,6 +20,13 @@ from rocket_sim_node.worlds.flight import Flight
 Pilot = Callable[[F32], NDArray[Any]]
 
 
+def tell_flown(pilot: Pilot, action: NDArray[Any]) -> None:
+    """Tell a pilot that remembers its commands that another action was flown instead."""
+    flew = getattr(pilot, 'flew', None)
+    if flew is not None:
+        flew(action)
+
+
 class Step(NamedTuple):
     """One step of a flight."""
 

@@ -43,6 +43,9 @@ class DemonstrationConfig:
     dagger_rounds: int = setting(
         0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
         'cloning is repeated on all samples', 0, 1000)
+    teacher: str = setting(
+        '', '', "the scripted pilot that demonstrates; empty: the one for the world's engine",
+        choices=('', 'expert', 'expert_estimator', 'hoverslam'))
     teacher_braking_share: float = setting(
         float(UNSET), '', "expert's planned deceleration, as a share of full throttle; -1: the "
         "expert's own", UNSET, 1.0)

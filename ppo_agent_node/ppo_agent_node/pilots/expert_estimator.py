@@ -96,6 +96,7 @@ class ExpertEstimator(ExpertPilot):
         """Forget all flights, and be ready for `count` rockets."""
         v, gain = self.vehicle, self.settings
         self._count = count
+        self._flown: F32 | None = None
         self._memory = FlightMemory(v)
         self._identification = Identification(
             v, count, gain.side_memory, gain.expected_strength, gain.strength_spread)
@@ -111,12 +112,21 @@ class ExpertEstimator(ExpertPilot):
         """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
         if len(observation) != self._count:
             self._begin(len(observation))
-        action = super().__call__(observation)
+        elif self._flown is not None:
+            self._note(self._flown)
+        self._flown = super().__call__(observation)
+        return self._flown
+
+    def flew(self, action: F32) -> None:
+        """Take note that another action `(N, 3)` is flown than the last one asked for."""
+        self._flown = np.clip(action, -1.0, 1.0)
+
+    def _note(self, action: F32) -> None:
+        """Take note of the action that was flown since the last call."""
         throttle = (action[:, 0].astype(np.float64) + 1) / 2
         self._identification.command(throttle, action[:, 1:].T.astype(np.float64))
         # Fuel flows as the engine follows.
         self._memory.command(throttle + (self._now - throttle) * self._kept(self._found.lag))
-        return action
 
     def _look(self, observation: F32) -> Sight:
         """Return what will be seen when the command arrives."""

@@ -73,6 +73,18 @@ class HoverslamPilot(ExpertPilot):
         self._floor = spec.settings[FLOOR]
         super().__init__(spec, **gains)
         self._memory = FlightMemory(self.vehicle)
+        self._flown: F32 | None = None
+
+    def __call__(self, observation: F32) -> F32:
+        """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
+        if self._flown is not None and len(self._flown) == len(observation):
+            self._memory.command((self._flown[:, 0].astype(np.float64) + 1) / 2)
+        self._flown = super().__call__(observation)
+        return self._flown
+
+    def flew(self, action: F32) -> None:
+        """Take note that another action `(N, 3)` is flown than the last one asked for."""
+        self._flown = np.clip(action, -1.0, 1.0)
 
     def _descent(self, net: float | F64) -> BrakingProfile:
         v, gain = self.vehicle, self.settings
@@ -151,7 +163,6 @@ class HoverslamPilot(ExpertPilot):
         harmless = sight.speed**2 + 2 * self.vehicle.gravity * height < _HARMLESS**2
         off = coasting | (short & harmless)
         throttle = np.where(off, 0.0, np.clip(wanted, self._floor, 1.0))
-        self._memory.command(throttle)
         return throttle
 
 
