@@ -14,9 +14,12 @@ from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from ppo_agent_node.pilots.braking import BrakingProfile
 from ppo_agent_node.pilots.braking import last_steps
 from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
 from ppo_agent_node.pilots.hoverslam import HoverslamPilot
+from ppo_agent_node.pilots.scripted import for_vehicle
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import conditions
 
 ROWS = 300
 PROFILE = BrakingProfile(
@@ -144,3 +147,12 @@ def test_two_steps_are_the_closed_form() -> None:
     dt, height, speed = 0.02, 0.0024, 0.25
     first = speed - last_steps(np.array([height]), np.array([speed]), 0.01, dt)[0] * dt
     assert first == pytest.approx(height / dt - 0.01)
+
+
+def test_it_flies_in_place_of_the_expert_where_engines_have_a_floor() -> None:
+    spec = worlds.make('rocket').spec
+    floor = spec.after_reset(conditions.settings('hoverslam'))
+    expert, estimator = ExpertPilot(spec), ExpertEstimator(spec)
+    assert type(for_vehicle(expert, floor)) is HoverslamPilot
+    assert for_vehicle(expert, spec) is expert
+    assert for_vehicle(estimator, floor) is estimator

@@ -20,6 +20,7 @@ from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.scripted import for_vehicle
 from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import conditions
@@ -72,7 +73,7 @@ def fly_table_with(
       figures of :func:`metrics.success`, :func:`flying_quality.figures`, `fuel_ratio`, `outcomes`
       and `failed_starts`, each as in `evaluation.json`.
 
-    :param pilots: by the names that the table gives them.
+    :param pilots: by the names that the table gives them; see `for_vehicle`.
     :param episodes: of each cell, shared evenly over the rockets.
     :param rows: settings of the conditions by label.
     :param poll: called before each step.
@@ -95,7 +96,9 @@ def fly_table_with(
 
     results = fleet.fly([
         functools.partial(
-            evaluation_flight, fleet.spec, pilots[cell.pilot], episodes, seed,
+            evaluation_flight, fleet.spec,
+            for_vehicle(pilots[cell.pilot], fleet.spec.after_reset(rows[cell.condition])),
+            episodes, seed,
             functools.partial(advance, number), **{**rows[cell.condition], 'level': cell.level})
         for number, cell in enumerate(cells)], poll=poll, report=report)
     nominal = conditions.settings('nominal')

@@ -20,6 +20,12 @@ def rocket_pilot(spec: WorldSpec) -> type[ExpertPilot]:
     return HoverslamPilot if spec.settings.get(FLOOR, 0.0) > 0 else ExpertPilot
 
 
+def for_vehicle(pilot: Pilot, spec: WorldSpec) -> Pilot:
+    """Return who flies a vehicle: in place of the expert, the pilot for its kind of engine."""
+    kind = rocket_pilot(spec) if spec.continuous else ExpertPilot
+    return kind(spec) if type(pilot) is ExpertPilot and kind is not ExpertPilot else pilot
+
+
 def scripted_pilot(spec: WorldSpec, **gains: float) -> Pilot:
     """Return the scripted pilot of a world.
 
