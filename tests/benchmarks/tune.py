@@ -117,10 +117,10 @@ def main() -> None:
     if options.output:
         draw(options.output.with_suffix('.png'), found)
         write_json(options.output, {
-            'commit': machine.commit(), 'options': {
+            'pilot': options.pilot, 'gains': tuned, 'commit': machine.commit(), 'options': {
                 name: str(value) if isinstance(value, Path) else value
                 for name, value in vars(options).items()},
-            'seconds': seconds, 'gains': tuned, 'checks': checks,
+            'seconds': seconds, 'checks': checks,
             'generations': [asdict(generation) for generation in found]})
 
 

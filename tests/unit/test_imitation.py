@@ -74,6 +74,18 @@ def test_a_wide_level_is_demonstrated_as_often(tmp_path: Path) -> None:
     assert [line['stage'] for line in lines].count('demonstrate') == 2
 
 
+def test_the_wide_level_has_the_headings_of_the_others(tmp_path: Path) -> None:
+    env = worlds.make('rocket_planar', num_envs=2)
+    config = make_config({
+        **SMALL, 'demonstration_spawn_heading': 180.0, 'demonstration_wide_level': 8})
+    run = RunFolder(tmp_path / 'run', resume=False)
+    starts = Imitation(
+        env.spec, config, ExpertPilot(env.spec), SerialFleet(env).fly,
+        Journal(run, lambda status: None), lambda: None).starts(1)
+    assert [(start['level'], start['spawn_heading']) for start in starts] == [(7, 180), (8, 180)]
+    assert 'spawn_angle' in starts[0] and 'spawn_angle' not in starts[1]
+
+
 def test_equal_seeds_give_equal_clones_and_a_later_round_another(tmp_path: Path) -> None:
     one, _, _ = imitate(tmp_path / 'one', dagger_rounds=1)
     two, _, _ = imitate(tmp_path / 'two', dagger_rounds=1)

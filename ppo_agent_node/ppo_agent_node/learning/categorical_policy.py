@@ -70,9 +70,7 @@ class CategoricalPolicy(Policy):
         """What gives the logits."""
         return self.logits
 
-    def likelihood(
-        self, output: Tensor, action: Tensor, scale: Tensor | None = None,
-    ) -> Likelihood:
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
         """Return log-probabilities and entropies `(S,)`."""
         log_p = output.log_softmax(0)
         return Likelihood(
@@ -80,7 +78,6 @@ class CategoricalPolicy(Policy):
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
-        scale: Tensor | None = None,
     ) -> tuple[Tensor, list[Tensor]]:
         """Return the gradient by the logits; there is no noise parameter.
 

@@ -50,9 +50,6 @@ class NetworkConfig:
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
         'log_std_init or more: no bound', -10.0, 20.0)
-    noise_height: float = setting(
-        0.0, 'm', 'height above touchdown below which the deviation shrinks in proportion, for '
-        'less noise in the last metre; 0: the same everywhere', 0.0, 1e4)
     log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -10.0, 2.0)
 
 

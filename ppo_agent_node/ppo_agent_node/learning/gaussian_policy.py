@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from collections.abc import Mapping
 from collections.abc import Sequence
 
 import torch
@@ -20,33 +19,6 @@ from ppo_agent_node.learning.policy import Likelihood
 from ppo_agent_node.learning.policy import Policy
 
 _HALF_LOG_TAU = 0.5 * math.log(2 * math.pi)
-
-
-class NoiseTaper:
-    """By what the deviation is multiplied at an observation: less and less near the ground.
-
-    In proportion to the height below `height`, down to `LEAST` of it. High up, noise that is small
-    enough for the last metre would explore next to nothing.
-    """
-
-    LEAST = 0.05
-
-    def __init__(self, names: Sequence[str], settings: Mapping[str, float], height: float) -> None:
-        """Take the column of the height and its scale from a world.
-
-        :param height: m above touchdown, from which on the deviation is whole.
-        :raises ValueError: for a world that does not observe its height.
-        """
-        if 'pad_y' not in names:
-            raise ValueError(
-                f'noise_height: got {height:g}, expected 0 for a world that does not observe '
-                'pad_y')
-        self._column = names.index('pad_y')
-        self._per_height = -settings['position_scale'] / height
-
-    def __call__(self, observation: Tensor) -> Tensor:
-        """Return the factors `(S,)` for observations `(S, D)`."""
-        return (observation[..., self._column] * self._per_height).clamp_(self.LEAST, 1.0)
 
 
 class GaussianPolicy(Policy):
@@ -66,13 +38,12 @@ class GaussianPolicy(Policy):
         log_std_floor: float = -20.0,
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
-        taper: NoiseTaper | None = None,
     ) -> None:
         """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
 
         The log standard deviation, learnt, begins at `log_std_init` and stays above its floor.
         With a `log_std_final` below the first value it is also put, after each update, below a
-        line from that to this. A taper makes it smaller near the ground.
+        line from that to this.
         """
         super().__init__()
         self.action_shape = (action_size,)
@@ -83,11 +54,6 @@ class GaussianPolicy(Policy):
         self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
         self.log_std_init, self.log_std_final = log_std_init, log_std_final
         self.log_std_floor = log_std_floor
-        self._taper = taper
-
-    def noise_scale(self, observation: Tensor) -> Tensor | None:
-        """Return by what the deviation is multiplied `(S,)` at observations; None: nowhere."""
-        return None if self._taper is None else self._taper(observation)
 
     @torch.no_grad()
     def sampler(
@@ -98,34 +64,21 @@ class GaussianPolicy(Policy):
         log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
         noise *= self.log_std.exp()
         mean = quick(self.normaliser, self.mean)
-        taper = self._taper
-        if taper is None:
-            return lambda step, observation: mean(observation).add_(noise[step])
-        return lambda step, observation: mean(observation).addcmul_(
-            noise[step], taper(observation)[:, None])
+        return lambda step, observation: mean(observation).add_(noise[step])
 
     @property
     def network(self) -> Perceptron:
         """What gives the means."""
         return self.mean
 
-    def likelihood(
-        self, output: Tensor, action: Tensor, scale: Tensor | None = None,
-    ) -> Likelihood:
-        """Return log-probabilities `(S,)` and the entropy, a scalar.
-
-        Both leave out the logarithm of the scale: a state's own constant, it says nothing of the
-        ratio of two policies.
-        """
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities `(S,)` and the entropy, a scalar."""
         noise = (output - action.T) * (-self.log_std).exp()[:, None]
-        if scale is not None:
-            noise /= scale
         entropy = (self.log_std + (0.5 + _HALF_LOG_TAU)).sum()
         return Likelihood(self._log_prob(noise), entropy, noise)
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
-        scale: Tensor | None = None,
     ) -> tuple[Tensor, list[Tensor]]:
         """Return the gradients by the means and by the log deviation.
 
@@ -135,8 +88,6 @@ class GaussianPolicy(Policy):
         pull = found.kept * by_log_prob
         by_log_std = torch.linalg.vecdot(pull, found.kept)
         by_log_std += by_entropy * len(action) - by_log_prob.sum()
-        if scale is not None:
-            pull /= scale
         return pull.mul_(-(-self.log_std).exp()[:, None]), [by_log_std]
 
     def _log_prob(self, noise: Tensor) -> Tensor:

@@ -79,7 +79,7 @@ class Imitation:
             functools.partial(
                 fly_wave, self._spec, self._expert, self._config.demonstration, settings,
                 self._config.run.seed, number)
-            for number, settings in enumerate(self._starts(self._waves()))]
+            for number, settings in enumerate(self.starts(self._waves()))]
         self._journal.begin('demonstrate', len(waves), unit='waves')
         parts = []
         for number, (samples, episodes) in enumerate(self._fly(waves), start=1):
@@ -98,7 +98,7 @@ class Imitation:
             functools.partial(
                 fly_clone, self._spec, without_noise(policy), self._expert, settings,
                 streams.derived_seed(self._config.run.seed, 'dagger', number, wave))
-            for wave, settings in enumerate(self._starts(1))]
+            for wave, settings in enumerate(self.starts(1))]
         samples, episodes = zip(*self._fly(waves), strict=True)
         for flown in episodes:
             self._count(flown)
@@ -133,12 +133,14 @@ class Imitation:
         episodes = self._config.demonstration.demonstration_episodes
         return -(-episodes // self._spec.num_envs)
 
-    def _starts(self, waves: int) -> list[dict[str, float]]:
+    def starts(self, waves: int) -> list[dict[str, float]]:
         """Return what each wave is reset with: so many as planned, then as many wider ones."""
         curriculum, demonstration = self._config.curriculum, self._config.demonstration
-        final, wide = curriculum.curriculum_final_level, demonstration.demonstration_wide_level
+        final, level = curriculum.curriculum_final_level, demonstration.demonstration_wide_level
         plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}
-        return [plain] * waves + ([curriculum.task_settings(wide)] * waves if wide else [])
+        turned = {name: plain[name] for name in ('spawn_heading',) if name in plain}
+        wide = {**curriculum.task_settings(level), **turned}
+        return [plain] * waves + ([wide] * waves if level else [])
 
     def _count(self, episodes: Episodes) -> None:
         self.steps += int(episodes.length.max()) * self._spec.num_envs

@@ -13,7 +13,6 @@ from ppo_agent_node.learning.categorical_policy import CategoricalPolicy as Cate
 from ppo_agent_node.learning.config import NetworkConfig
 from ppo_agent_node.learning.features import make_features
 from ppo_agent_node.learning.gaussian_policy import GaussianPolicy as GaussianPolicy
-from ppo_agent_node.learning.gaussian_policy import NoiseTaper
 from ppo_agent_node.learning.policy import Policy as Policy
 from rocket_sim_node.worlds import WorldSpec
 
@@ -43,6 +42,4 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
     return GaussianPolicy(
         spec.observation_size, spec.action_size, network.hidden_sizes, generator,
         network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
-        make_features(network.features, spec.observation_names, spec.settings),
-        NoiseTaper(spec.observation_names, spec.settings, network.noise_height)
-        if network.noise_height else None)
+        make_features(network.features, spec.observation_names, spec.settings))

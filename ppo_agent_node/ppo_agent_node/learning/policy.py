@@ -60,36 +60,24 @@ class Policy(nn.Module):
         output: Tensor = self.network(self.normaliser(observation))
         return output
 
-    def noise_scale(self, observation: Tensor) -> Tensor | None:
-        """Return by what noise is multiplied `(S,)` at observations `(S, D)`; None: nowhere."""
-        return None
-
-    def likelihood(
-        self, output: Tensor, action: Tensor, scale: Tensor | None = None,
-    ) -> Likelihood:
-        """Return what outputs `(K, S)`, a row for each, say of actions `(S, *action_shape)`.
-
-        :param scale: what `noise_scale` said of the observations.
-        """
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return what outputs `(K, S)`, a row for each, say of actions `(S, *action_shape)`."""
         raise NotImplementedError
 
     def likelihood_gradient(
         self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
-        scale: Tensor | None = None,
     ) -> tuple[Tensor, list[Tensor]]:
         """Return a loss's gradient by the outputs, `(K, S)`, and by each noise parameter.
 
         :param found: what `likelihood` said of these actions.
         :param by_log_prob: the loss's gradient by each log-probability, `(S,)`.
         :param by_entropy: its gradient by each sample's entropy.
-        :param scale: what `likelihood` was given.
         """
         raise NotImplementedError
 
     def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
         """Return log-probabilities `(S,)` of given actions and entropies `(S,)`, nats."""
-        found = self.likelihood(
-            self.output(observation).T, action, self.noise_scale(observation))
+        found = self.likelihood(self.output(observation).T, action)
         return found.log_prob, found.entropy.expand_as(found.log_prob)
 
     def mode(self, observation: Tensor) -> Tensor:

@@ -132,10 +132,8 @@ class PolicyUpdate:
         config = self.config
         seen = self.policy.normaliser(batch.observation)
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
-        scale = self.policy.noise_scale(batch.observation)
-        scales = () if scale is None else (scale,)
         minibatches = Minibatches(
-            (*scales, seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
+            (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
             config.batch_size, self._network.rows)
         losses, entropies, clipped, norms = [], [], [], []
         learnt_from = judged = 0
@@ -173,14 +171,13 @@ class PolicyUpdate:
         """Set the optimiser's gradient to that of a minibatch; fill in the results."""
         config = self.config
         self.optimiser.gradient.zero_()
-        for *scales, x, action, old, advantage, log_ratio, entropy in pieces:
-            scale = scales[0] if scales else None
-            found = self.policy.likelihood(self._network.forward(x), action, scale)
+        for x, action, old, advantage, log_ratio, entropy in pieces:
+            found = self.policy.likelihood(self._network.forward(x), action)
             torch.sub(found.log_prob, old, out=log_ratio)
             entropy.copy_(found.entropy)
             by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
             error, by_noise = self.policy.likelihood_gradient(
-                found, action, by_log_prob, -config.entropy_coefficient, scale)
+                found, action, by_log_prob, -config.entropy_coefficient)
             self._network.backward(error)
             for parameter, gradient in zip(self._noise, by_noise, strict=True):
                 self.optimiser.gradient_of(parameter).add_(gradient)

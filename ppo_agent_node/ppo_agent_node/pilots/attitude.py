@@ -8,8 +8,8 @@ from rocket_sim_node.worlds.base import F64
 
 
 def attitude_torque(
-    up: F64, spin: F64, wanted: F64, full: float, rate: float, damping: float, brake_share: float,
-    turning: F64 | float = 0.0,
+    up: F64, spin: F64, wanted: F64, full: float | F64, rate: float, damping: float,
+    brake_share: float, turning: F64 | float = 0.0,
 ) -> F64:
     """Return the torque `(2, N)` about X and Z, 1 for full RCS, not yet clipped.
 

@@ -32,7 +32,7 @@ class BrakingProfile:
     """v0, m/s"""
     gravity: float
     """m/s^2"""
-    least_braking: float
+    least_braking: float | F64
     """m/s^2, a slow descent brakes no less"""
 
     @property

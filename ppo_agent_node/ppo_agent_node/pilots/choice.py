@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import field
@@ -11,12 +12,14 @@ from pathlib import Path
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node.worlds import WorldSpec
 
 POLICY, EXPERT, RANDOM = 'policy', 'expert', 'random'
-NAMES = (POLICY, EXPERT, RANDOM)
+ESTIMATOR = 'expert_estimator'
+NAMES = (POLICY, EXPERT, ESTIMATOR, RANDOM)
 """Names that are no policy's."""
 
 
@@ -36,7 +39,8 @@ class Chosen:
 def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chosen:
     """Return a pilot.
 
-    :param name: `policy`, `expert`, `random`, the name of a policy that ships, or a file.
+    :param name: `policy`, `expert`, `expert_estimator`, `random`, the name of a policy that ships,
+        or a file: a policy's, or a `.json` of tuned gains, as `./bench tune` writes them.
     :param seed: of what the random pilot draws.
     :param policy: which one `policy` is, see `find_policy`.
     :raises FileNotFoundError: when there is no such policy.
@@ -44,6 +48,10 @@ def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chose
     """
     if name == EXPERT:
         return Chosen(name, scripted_pilot(spec))
+    if name == ESTIMATOR:
+        return Chosen(name, ROCKET_PILOTS[name](spec))
+    if name.endswith('.json'):
+        return Chosen(Path(name).stem, tuned_pilot(Path(name), spec))
     if name == RANDOM:
         return Chosen(name, RandomPilot(spec, seed))
     given = policy if name == POLICY else name
@@ -53,6 +61,21 @@ def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chose
         _label(given) if given else name, pilot,
         {'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()},
         pilot.unfamiliar)
+
+
+def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
+    """Return the pilot of rockets whose gains a file holds.
+
+    :raises FileNotFoundError: when there is no such file.
+    :raises ValueError: when it holds none, or the pilot does not fit the world.
+    """
+    try:
+        told = json.loads(path.read_text('utf-8'))
+        pilot, gains = ROCKET_PILOTS[told['pilot']], dict(told['gains'])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f'{path}: got {error!r:.100}, expected tuned gains: pilot and gains') from error
+    return pilot(spec, **gains)
 
 
 def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str = '',

@@ -100,11 +100,11 @@ class ExpertPilot:
         self.settings = settings_module.build(self.settings_class, gains)
         self.vehicle = settings_module.build(RocketSettings, known)
         v, gain = self.vehicle, self.settings
-        self._full = v.max_thrust / (v.dry_mass + 0.5 * v.fuel)
-        net = self._full - v.gravity
-        if net <= 0 or not v.gravity:
+        self._spin_up: float | F64 = v.rcs_torque / v.inertia
+        self._full: float | F64 = v.max_thrust / (v.dry_mass + 0.5 * v.fuel)
+        if not 0 < v.gravity < self._full:
             raise ValueError('the expert needs gravity and a thrust above the weight')
-        self.profile: Descent = self._descent(net)
+        self.profile: Descent = self._descent(self._full - v.gravity)
         self._lateral = LateralLaw(
             gain.lateral_power, gain.lateral_time, gain.lateral_reach, gain.upright_time)
         self._flow = v.max_thrust / (v.specific_impulse * v.gravity)
@@ -125,11 +125,10 @@ class ExpertPilot:
         lift = self._lift(profile, sight, mass, to_go)
         # The lift while braking, also in the flare: it ends too soon to be leant into.
         firing = np.maximum(v.gravity + profile.braking, np.where(to_go.coast > 0, 0.0, lift))
-        push = firing * sight.up[::2] / sight.upright
-        pull = self._lateral.pull(sight.lateral, sight.drift, push, to_go)
+        pull = self._pull(sight, firing * sight.up[::2] / sight.upright, to_go)
         wanted, turning = self._wanted_up(pull, firing)
         torque = attitude_torque(
-            sight.up, sight.spin[::2], wanted, max(v.rcs_torque / v.inertia, _LEAST_SPIN_UP),
+            sight.up, sight.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
             gain.attitude_rate, gain.attitude_damping, gain.attitude_brake, turning)
         throttle = self._throttle(profile, sight, lift * mass / (v.max_thrust * sight.upright))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
@@ -139,7 +138,7 @@ class ExpertPilot:
         """Return what is seen."""
         return look(observation, self._world)
 
-    def _descent(self, net: float) -> Descent:
+    def _descent(self, net: float | F64) -> Descent:
         """Return the descent to follow, `net` m/s^2 being what full throttle brakes with."""
         gain = self.settings
         return DescentProfile(
@@ -199,6 +198,10 @@ class ExpertPilot:
         planned = profile.deceleration(wanted)
         excess = sight.speed - wanted - planned * dt
         return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
+
+    def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
+        """Return what thrust shall do sideways, where it pushes with `push` `(2, N)` m/s^2 now."""
+        return self._lateral.pull(sight.lateral, sight.drift, push, to_go)
 
     def _wanted_up(self, pull: Pull, lift: F64) -> tuple[F64, F64]:
         """Return the up vector `(3, N)` of a thrust with this lateral and vertical part.

@@ -74,9 +74,9 @@ class HoverslamPilot(ExpertPilot):
         super().__init__(spec, **gains)
         self._memory = FlightMemory(self.vehicle)
 
-    def _descent(self, net: float) -> BrakingProfile:
+    def _descent(self, net: float | F64) -> BrakingProfile:
         v, gain = self.vehicle, self.settings
-        self._least = max(self._floor * self._full - v.gravity, 0.0)
+        self._least = np.maximum(self._floor * self._full - v.gravity, 0.0)
         between = net - self._least
         return BrakingProfile(
             gain.braking_share * net, self._least + gain.last_share * between, gain.last_speed,

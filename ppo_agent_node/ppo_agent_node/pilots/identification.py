@@ -21,7 +21,7 @@ from rocket_sim_node.worlds.vehicle import RocketSettings
 
 DELAYS = 6
 """Delays thought possible: 0 to 5 steps."""
-LAGS = np.array([0.0, 0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3])
+LAGS = np.linspace(0.0, 0.3, 25)
 """s, time constants thought possible"""
 _STRENGTH, _TURNING = (0.8, 1.25), (0.4, 1.2)
 """Bounds of the factors of engine and RCS."""
@@ -41,6 +41,8 @@ class Estimate:
     """`(N,)`, factor of the RCS's"""
     side: F64
     """`(2, N)` m/s^2, along x and z"""
+    fall: F64
+    """`(N,)` m/s^2, acceleration upwards beyond gravity by the book, from before the ignition"""
     throttle: F64
     """`(N,)`, what the engine gives at present"""
 
@@ -49,14 +51,16 @@ class Identification:
     """Learns from the flights of N rockets, row by row."""
 
     def __init__(
-        self, vehicle: RocketSettings, count: int, prior: float, memory: float,
+        self, vehicle: RocketSettings, count: int, memory: float, expected: float,
+        spread: float,
     ) -> None:
         """Begin with the vehicle as it should be.
 
-        :param prior: steps of full thrust that the nominal vehicle counts for.
         :param memory: s, in which what was measured of the side acceleration is forgotten.
+        :param expected: factor of the engine's acceleration before it was measured.
+        :param spread: standard deviation of that factor among vehicles.
         """
-        self._vehicle, self._prior = vehicle, prior
+        self._vehicle, self._expected, self._spread = vehicle, expected, spread
         self._kept = np.exp(-vehicle.dt / memory)
         self._lag_kept = np.exp(-vehicle.dt / np.maximum(LAGS, 1e-9))[None, :, None]
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_coefficient * vehicle.drag_area
@@ -67,12 +71,14 @@ class Identification:
         self._turned = np.zeros((3, DELAYS, count))
         self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
         self._side, self._side_weight = np.zeros((2, count)), np.zeros(count)
+        self._fall, self._fallen = np.zeros(count), np.zeros(count)
         self._before: Sight | None = None
+        self._variance = np.full(count, _EXACT**2)
 
     def forget(self, rows: Bools) -> None:
         """Begin anew with the rows `(N,)` that are marked."""
         for array in (self.commands, self._throttle, self._turned, self._pushed, self._side,
-                      self._side_weight):
+                      self._side_weight, self._fall, self._fallen):
             array[..., rows] = 0.0
 
     def command(self, throttle: F64, torque: F64) -> None:
@@ -83,14 +89,16 @@ class Identification:
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, sight: Sight, mass: F64, known: Bools) -> None:
+    def learn(self, sight: Sight, mass: F64, known: Bools, noise: F64) -> None:
         """Learn from the step that ended.
 
         :param mass: `(N,)` kg by the book, during the step.
         :param known: `(N,)` rows of which the step's start was seen, too.
+        :param noise: `(N,)` m/s, standard deviation of the speeds seen.
         """
         v, before = self._vehicle, self._before
         self._before = sight
+        self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
         if before is None or not known.any():
             return
         # As a sum of squares of y, y u and u u for each model y = factor u.
@@ -103,6 +111,10 @@ class Identification:
         drag = self._drag * np.sqrt((before.velocity**2).sum(axis=0)) / mass
         change += drag * before.velocity
         change[1] += v.gravity
+        idle = known & ~self._throttle.any(axis=(0, 1))
+        self._fallen += idle
+        self._fall += idle * change[1]
+        change[1] -= self._mean_fall()
         full = v.max_thrust / mass
         model = self._throttle * (full * before.up[1])
         self._pushed += np.stack((
@@ -114,6 +126,11 @@ class Identification:
         self._side += share * (change[::2] - push - self._side)
         self._side_weight = weight
 
+    def _mean_fall(self) -> F64:
+        """Return the acceleration `(N,)` m/s^2 of falls beyond gravity: none until measured."""
+        fall: F64 = self._fall / (self._fallen + self._variance / _FALL_SPREAD**2)
+        return fall
+
     def _models(self) -> Estimate:
         """Return the likeliest models, side acceleration left out."""
         rows = self._rows
@@ -122,25 +139,32 @@ class Identification:
         delay = np.argmin(squares - 2 * turning * product + turning**2 * power + _SLIGHT *
                           np.arange(DELAYS)[:, None], axis=0)
         squares, product, power = self._pushed[:, delay, :, rows].transpose(1, 2, 0)
-        full = self._vehicle.max_thrust / self._vehicle.dry_mass
-        strength = _fit(product, power, 1.0, self._prior * full**2, _STRENGTH)
-        lag = np.argmin(squares - 2 * strength * product + strength**2 * power + _SLIGHT *
-                        np.arange(len(LAGS))[:, None], axis=0)
+        weight = self._variance / self._spread**2
+        strength = _fit(product, power, self._expected, weight, _STRENGTH)
+        misfit = (squares - 2 * strength * product + strength**2 * power) / self._variance
+        misfit += weight * (strength - self._expected)**2 / self._variance
+        lag = np.argmin(misfit + _AKAIKE * (LAGS > 0)[:, None], axis=0)
         return Estimate(
             delay, LAGS[lag], strength[lag, rows], turning[delay, rows], self._side,
-            self._throttle[delay, lag, rows])
+            self._mean_fall(), self._throttle[delay, lag, rows])
 
     def estimate(self) -> Estimate:
         """Return what the vehicles are thought to be like now."""
         return self._models()
 
 
+_EXACT = 0.05
+"""m/s^2 by which a model may be off without noise"""
+_FALL_SPREAD = 0.1
+"""m/s^2, standard deviation of gravity"""
+_AKAIKE = 2.0
+"""what a lag has to explain, in units of the variance of noise: one parameter (Akaike, 1974)"""
 _SLIGHT = 1e-6
 """(m/s^2)^2 or (rad/s^2)^2 by which, of models that say the same, the first is preferred"""
 
 
 def _fit(
-    product: F64, power: F64, expected: float, weight: float, bounds: tuple[float, float],
+    product: F64, power: F64, expected: float, weight: float | F64, bounds: tuple[float, float],
 ) -> F64:
     """Return the factor of least squares, towards what is expected while little is known."""
     factor: F64 = np.clip(

@@ -23,6 +23,36 @@ class Pull(NamedTuple):
     """`(2, N)` m/s^3, how it is about to change; 0 while the rocket coasts"""
 
 
+class Drifting(NamedTuple):
+    """A way to the axis under a constant side acceleration; arrays `(2, N)`."""
+
+    x: F64
+    """m"""
+    drift: F64
+    """m/s"""
+    opposed: F64
+    """m/s^2, part of the side acceleration that is held against"""
+    opposed_rate: F64
+    """m/s^3, how that is about to change"""
+
+
+def drift_upright(side: F64, time: F64, upright_time: float) -> Drifting:
+    """Return where to be `time` before touchdown so as to arrive at rest, on the axis, upright.
+
+    Against a side acceleration w a rocket leans, but for the last T = `upright_time`, in which it
+    leans less and less: then w (1 - t / T) is left and brings the rocket to rest that comes from
+    windward with w T / 2. Hence v = -w (t - t^2 / 2T) and x = w (t^2 / 2 - t^3 / 6T) for t < T.
+
+    :param side: `(2, N)` m/s^2.
+    :param time: `(N,)` s.
+    """
+    last = np.minimum(time, upright_time)
+    speed = last - last**2 / (2 * upright_time)
+    x = last**2 / 2 - last**3 / (6 * upright_time) + speed * (time - last)
+    falling = np.where(time < upright_time, -1 / upright_time, 0.0)
+    return Drifting(side * x, -side * speed, side * (last / upright_time), side * falling)
+
+
 @dataclass(frozen=True)
 class LateralLaw:
     """A critically damped pull whose time constant shrinks with the burn that is left.
@@ -35,7 +65,7 @@ class LateralLaw:
 
     power: float
     """p"""
-    least_time: float
+    least_time: float | F64
     """s, t is never thought shorter"""
     reach: float
     """m/s^2, counted on to stop the approach from far off"""

@@ -13,7 +13,7 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
-_JUMP = 3.0
+_JUMP = 10.0
 """m of height beyond the fall of a step that no flight shows, and no noise of the sensors"""
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
 from ppo_agent_node.pilots.hoverslam import FLOOR
 from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node.worlds import WorldSpec
 
 ROCKET_PILOTS: dict[str, type[ExpertPilot]] = {
-    pilot.name: pilot for pilot in (ExpertPilot, HoverslamPilot)}
+    pilot.name: pilot for pilot in (ExpertPilot, ExpertEstimator, HoverslamPilot)}
 """The pilots of rockets by name."""
 
 

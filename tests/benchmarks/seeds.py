@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a preset is worth: trained with several seeds, each flown on fresh starts without noise.
+
+Trainings run one after the other through `launch_scripts/train`, simulator and agent as nodes over
+DDS; a run that is there already is taken as it is. Clone and policy are then flown in process,
+which gives the same bits as over DDS.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks import machine
+from ppo_agent_node.evaluation.intervals import mean_interval
+from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
+from rocket_sim_node import worlds
+
+ROOT = Path(__file__).parents[2]
+_ROCKETS = 500
+
+
+def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
+    """Train with a seed; return the run and the seconds of wall clock, None if it was there.
+
+    :raises CalledProcessError: when the training failed.
+    """
+    run = options.runs / f'{options.world}-{options.preset}-{seed}'
+    if (run / 'evaluation.json').exists():
+        return run, None
+    began = time.monotonic()
+    subprocess.run(
+        [ROOT / 'launch_scripts' / 'train', f'world:={options.world}',
+         f'preset:={options.preset}', f'seed:={seed}', f'run_dir:={run}'], check=True,
+        stdout=subprocess.DEVNULL)
+    return run, time.monotonic() - began
+
+
+def figures(result: EvaluationResult) -> dict[str, Any]:
+    """Return the figures of an evaluation that a table shows."""
+    flown, landed = result.episodes, result.landed
+    count = int(landed.sum())
+    if not result.is_rocket:
+        return {
+            'landed': count, 'episodes': len(flown),
+            'mean_return': float(flown.episode_return.mean()),
+            'mean_return_interval': mean_interval(flown.episode_return),
+            'solved': float((flown.episode_return >= 200).mean())}
+    speed = flown.touchdown_speed[landed]
+    return {
+        'landed': count, 'episodes': len(flown),
+        'landing_rate_interval': wilson(count, len(flown)),
+        'mean_return': float(flown.episode_return.mean()),
+        'mean_return_interval': mean_interval(flown.episode_return),
+        'fuel_ratio': float(np.mean(flown.fuel_used[landed] / result.fuel_bound[landed])),
+        'touchdown_speed_p95': float(np.quantile(speed, 0.95)) if count else None,
+        'tanks_dry': float((flown.fuel_left <= 0).mean())}
+
+
+def fly(options: argparse.Namespace, pilot: Path | None, task: str) -> dict[str, Any]:
+    """Fly a policy file, or the scripted pilot, on a task such as `mix:7` from fresh starts."""
+    name, _, level = task.partition(':')
+    settings: dict[str, Any] = {}
+    if options.world != 'lunar_lander':
+        settings = {'conditions': name, 'observation': 'extended'}
+    world = worlds.make(options.world, _ROCKETS, **settings)
+    chosen: Pilot = scripted_pilot(world.spec) if pilot is None else PolicyPilot(pilot, world.spec)
+    return figures(evaluate(
+        world, chosen, options.episodes, options.seed,
+        **({'level': int(level)} if level else {})))
+
+
+def row(label: str, task: str, one: dict[str, Any]) -> str:
+    """Return a line of the table."""
+    low, high = one['mean_return_interval']
+    text = (f'{label:<10} {task:<12} {100 * one["landed"] / one["episodes"]:7.2f} %  '
+            f'{one["mean_return"]:8.3f} [{low:.3f}, {high:.3f}]')
+    if 'solved' in one:
+        return f'{text}  solved {100 * one["solved"]:.2f} %'
+    fast = one['touchdown_speed_p95'] or 0
+    return (f'{text}  fuel {one["fuel_ratio"]:.4f}  p95 {fast:.4f} m/s  '
+            f'dry {100 * one["tanks_dry"]:.2f} %')
+
+
+def main() -> None:
+    """Train, fly, print and write the figures."""
+    parser = argparse.ArgumentParser(prog='bench seeds', description=__doc__)
+    parser.add_argument('--world', default='rocket', choices=worlds.names())
+    parser.add_argument('--preset', default='default')
+    parser.add_argument('--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5])
+    parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
+                        help='conditions and level, such as mix:7; lander: nominal')
+    parser.add_argument('--episodes', type=int, default=10_000, help='for each task')
+    parser.add_argument('--seed', type=int, default=40_000_000, help='of the fresh starts')
+    parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
+    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}
+
+    def show(label: str, task: str, path: Path | None) -> None:
+        one = fly(options, path, task)
+        found['flown'].append({'pilot': label, 'task': task, **one})
+        print(row(label, task, one), flush=True)
+
+    for task in options.tasks:
+        show('scripted', task, None)
+    for seed in options.seeds:
+        run, seconds = train(options, seed)
+        took = json.loads((run / 'evaluation.json').read_text())['training_seed']
+        assert took == seed
+        print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s'),
+              flush=True)
+        found[f'seconds_{seed}'] = seconds
+        for name, label in (('cloned', f'clone {seed}'), ('policy', f'policy {seed}')):
+            path = run / f'{name}.safetensors'
+            for task in options.tasks if path.exists() else ():
+                show(label, task, path)
+    if options.output:
+        write_json(options.output, found)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pilots by name: the expert that identifies its vehicle, and gains from a file."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ppo_agent_node.pilots.choice import choose
+from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
+from rocket_sim_node import worlds
+
+
+def test_the_expert_that_identifies_its_vehicle_has_a_name() -> None:
+    spec = worlds.make('rocket').spec
+    chosen = choose('expert_estimator', spec)
+    assert isinstance(chosen.pilot, ExpertEstimator)
+    assert chosen.label == 'expert_estimator'
+
+
+def test_tuned_gains_are_flown_from_their_file(tmp_path: Path) -> None:
+    spec, path = worlds.make('rocket').spec, tmp_path / 'mix.json'
+    path.write_text(json.dumps({'pilot': 'expert', 'gains': {'flare_rate': 20.0}}))
+    chosen = choose(str(path), spec)
+    assert isinstance(chosen.pilot, ExpertPilot)
+    assert chosen.pilot.settings.flare_rate == 20.0
+    assert chosen.label == 'mix'
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('{', 'tuned gains'), ('[]', 'tuned gains'), ('{"pilot": "nobody", "gains": {}}', 'nobody'),
+    ('{"pilot": "expert", "gains": {"courage": 1}}', 'courage'),
+    ('{"pilot": "expert", "gains": {"flare_rate": -1}}', 'flare_rate'),
+])
+def test_a_file_that_holds_no_gains_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / 'bad.json'
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        choose(str(path), worlds.make('rocket').spec)
