@@ -43,7 +43,8 @@ class NetworkConfig:
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
     features: str = setting(
         'none', '', 'what actor and critic see beside the observation; descent: needed '
-        'deceleration, time to go, flare rate and what guidance weighs, worlds of rockets only',
+        'deceleration, time to go, flare rate and what guidance weighs; miss: also where it would '
+        'come down if nobody steered; worlds of rockets only',
         choices=KINDS)
     log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(

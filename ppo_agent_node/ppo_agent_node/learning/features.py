@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch import nn
 
-KINDS = ('none', 'descent')
+KINDS = ('none', 'descent', 'miss')
 
 _NEEDED = (
     'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
@@ -34,6 +34,8 @@ _WIDTHS = (
     0.1, 0.1, 0.1, 0.1,  # g: distance / t^2 and drift / t, along x and z
 )
 """within which a feature is linear"""
+_MISS_WIDTHS = (1.0, 1.0)
+"""m, the same for the zero-effort miss along x and z"""
 _FIRST_SCALES = (0.3,) * 13 + (3.0,) * 4
 """that bring features to the order of 1 where no samples are there to fit them: the logarithms go
 up to 10, and what guidance weighs is some hundredths of g until shortly before touchdown"""
@@ -45,16 +47,18 @@ class DescentFeatures(nn.Module):
     The scales of the world are kept with the weights, so that a policy file explains itself.
     """
 
-    count = len(_WIDTHS)
-    """How many features there are."""
     scale: Tensor
     width: Tensor
 
-    def __init__(self, names: Sequence[str], settings: Mapping[str, float]) -> None:
+    def __init__(
+        self, names: Sequence[str], settings: Mapping[str, float], miss: bool = False,
+    ) -> None:
         """Take the columns and scales of a world.
 
         :param names: of the D numbers of an observation.
         :param settings: of the world.
+        :param miss: append the zero-effort miss, how far from the pad the rocket would come down
+            if nothing were done about it (Zarchan, 'Tactical and strategic missile guidance').
         :raises ValueError: for a world whose observations are not those of a rocket.
         """
         super().__init__()
@@ -69,8 +73,11 @@ class DescentFeatures(nn.Module):
         # In the order of _NEEDED: metres, metres a second, 1, radians a second; then gravity.
         self.register_buffer('scale', torch.tensor(
             [position] * 2 + [velocity] * 3 + [1.0] * 2 + [spin] * 2 + [-position, gravity]))
-        self.first_scale = torch.tensor(_FIRST_SCALES)
-        self.register_buffer('width', torch.tensor(_WIDTHS)[:, None])
+        self._miss = miss
+        widths = _WIDTHS + _MISS_WIDTHS if miss else _WIDTHS
+        self.count = len(widths)
+        self.first_scale = torch.tensor(_FIRST_SCALES + (0.5, 0.5) if miss else _FIRST_SCALES)
+        self.register_buffer('width', torch.tensor(widths)[:, None])
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return the features `(..., F)` of observations `(..., D)`."""
@@ -82,10 +89,12 @@ class DescentFeatures(nn.Module):
         fall = -climb
         time = 2 * above / (fall.clamp_min(0.0) + (0.5 * gravity * above).sqrt())
         per_time = 1 / (gravity * time)
+        miss = (x + drift_x * time, z + drift_z * time) if self._miss else ()
         features = torch.stack((
             height, x, z, fall, drift_x, drift_z, up_x, up_z, spin_x, spin_z,
             fall * fall.abs() / (2 * gravity * above), time, fall / above,
-            x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time))
+            x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time,
+            *miss))
         return features.div_(self.width).asinh_().T.reshape(*observation.shape[:-1], self.count)
 
 
@@ -96,4 +105,4 @@ def make_features(
 
     :raises ValueError: for a world that lacks what they are computed from.
     """
-    return DescentFeatures(names, settings) if kind == 'descent' else None
+    return None if kind == 'none' else DescentFeatures(names, settings, kind == 'miss')

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The zero-effort miss as a feature: where a rocket would come down if nobody steered."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ppo_agent_node.learning.features import make_features
+from ppo_agent_node.learning.networks import Normaliser
+from rocket_sim_node import worlds
+
+
+def test_the_miss_is_the_offset_plus_drift_times_the_time_to_go() -> None:
+    """At 100 m and 20 m/s: t = 2 h / (v + sqrt(g h / 2)) with a centimetre on the height."""
+    env = worlds.make('rocket', num_envs=1)
+    env.position[:, 0] = 4.0, 105.2, -3.0
+    env.velocity[:, 0] = 1.5, -20.0, 0.5
+    features = make_features('miss', env.spec.observation_names, env.spec.settings)
+    assert features is not None
+    found = features(torch.from_numpy(env.observe()))[0].numpy()
+    time = 2 * 100.01 / (20.0 + np.sqrt(0.5 * 9.81 * 100.01))
+    assert np.sinh(found[-2:]) == pytest.approx(
+        [4.0 + 1.5 * time, -3.0 + 0.5 * time], rel=1e-3)
+    plain = make_features('descent', env.spec.observation_names, env.spec.settings)
+    assert plain is not None
+    assert found[:-2] == pytest.approx(plain(torch.from_numpy(env.observe()))[0].numpy())
+
+
+def test_what_nothing_has_fitted_is_of_the_order_of_one() -> None:
+    """Of starts of the whole task, no feature is beyond 5 and those of guidance are no dust."""
+    env = worlds.make('rocket', num_envs=500, level=7)
+    normaliser = Normaliser(15, make_features(
+        'miss', env.spec.observation_names, env.spec.settings))
+    seen = normaliser(torch.from_numpy(env.observe()))[:, 15:]
+    assert float(seen.abs().max()) < 5.0
+    assert (seen[:, -6:].std(0) > 0.05).all()
