@@ -101,14 +101,15 @@ def test_rounds_are_flown_by_the_clone_and_written_down(tmp_path: Path) -> None:
 
 
 def test_a_wide_level_is_demonstrated_as_often(tmp_path: Path) -> None:
-    _, lines, _ = imitate(tmp_path / 'run', demonstration_wide_level=8)
+    _, lines, _ = imitate(tmp_path / 'run', curriculum_wide_level=8, num_groups=2)
     assert [line['stage'] for line in lines].count('demonstrate') == 2
 
 
 def test_the_wide_level_has_the_headings_of_the_others(tmp_path: Path) -> None:
     env = worlds.make('rocket_planar', num_envs=2)
     config = make_config({
-        **SMALL, 'demonstration_spawn_heading': 180.0, 'demonstration_wide_level': 8})
+        **SMALL, 'demonstration_spawn_heading': 180.0, 'curriculum_wide_level': 8,
+        'num_groups': 2})
     run = RunFolder(tmp_path / 'run', resume=False)
     starts = Imitation(
         env.spec, config, ExpertPilot(env.spec), SerialFleet(env).fly,
@@ -164,6 +165,11 @@ def test_groups_fly_the_curriculums_level_and_the_wide_one_in_turn() -> None:
     assert config.reset_settings(3, 1)['level'] == 8
     assert config.reset_settings(3, 2)['level'] == 3
     assert config.reset_settings(3, 1)['dry_mass_factor_high'] == 1.05
+    harsher = make_config({
+        'curriculum_wide_level': 7, 'curriculum_wide_conditions': 'harsh', 'num_groups': 2,
+        'conditions': 'mix'}).curriculum
+    assert harsher.reset_settings(3, 0)['dry_mass_factor_high'] == 1.05
+    assert harsher.reset_settings(3, 1)['dry_mass_factor_high'] == 1.08
     assert [settings['level'] for settings in config.selection_settings] == [7, 8]
     with pytest.raises(ValueError, match=r'num_groups: got 1, expected 2 or more'):
         make_config({'curriculum_wide_level': 8})

@@ -26,6 +26,7 @@ from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import conditions
 
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
+_CONDITIONS = ('', *conditions.NAMES)
 
 
 @dataclass(frozen=True)
@@ -107,11 +108,14 @@ class CurriculumConfig:
         7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
     curriculum_wide_level: int = setting(
         0, '', "level that every second group of rockets flies in place of the curriculum's, and "
-        'that selection flies as well, so that one policy masters both; needs num_groups of 2 or '
-        'more; 0: none', 0, 8)
+        'that selection and demonstrations fly as well, so that one policy masters both; needs '
+        'num_groups of 2 or more; 0: none', 0, 8)
     conditions: str = setting(
         '', '', 'set of conditions that all episodes of the run draw from; empty: as the '
-        'simulator was started', choices=('', *conditions.NAMES))
+        'simulator was started', choices=_CONDITIONS)
+    curriculum_wide_conditions: str = setting(
+        '', '', 'set of conditions of those groups; empty: that of the others',
+        choices=_CONDITIONS)
     observation: str = setting(
         'standard', '', 'what the policy sees of a rocket; extended: also its last commands and '
         'accelerations, which the simulator has to be started with',
@@ -136,20 +140,27 @@ class CurriculumConfig:
     @property
     def selection_settings(self) -> tuple[dict[str, float], ...]:
         """What the world is reset with to select a policy, one flight each."""
-        wide = self.curriculum_wide_level
-        levels = (self.curriculum_final_level, wide) if wide else (self.curriculum_final_level,)
-        return tuple(self.task_settings(level) for level in levels)
+        plain = self.task_settings(self.curriculum_final_level)
+        return (plain, self.wide_settings) if self.curriculum_wide_level else (plain,)
 
-    def task_settings(self, level: int) -> dict[str, float]:
-        """Return what the world is reset with for a level under the run's conditions."""
-        drawn = conditions.settings(self.conditions) if self.conditions else {}
-        return {**drawn, **level_setting(level)}
+    @property
+    def wide_settings(self) -> dict[str, float]:
+        """What the world is reset with for what every second group flies."""
+        return self.task_settings(
+            self.curriculum_wide_level, self.curriculum_wide_conditions or self.conditions)
+
+    def task_settings(self, level: int, drawn: str | None = None) -> dict[str, float]:
+        """Return what the world is reset with for a level.
+
+        :param drawn: the set of conditions, by default the run's.
+        """
+        name = self.conditions if drawn is None else drawn
+        return {**(conditions.settings(name) if name else {}), **level_setting(level)}
 
     def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
         """Return what the world of a group is reset with for roll-outs."""
-        if group % 2 and self.curriculum_wide_level:
-            level = self.curriculum_wide_level
-        settings = self.task_settings(level)
+        wide = group % 2 and self.curriculum_wide_level
+        settings = self.wide_settings if wide else self.task_settings(level)
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
         return settings

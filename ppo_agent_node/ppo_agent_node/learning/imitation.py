@@ -136,11 +136,11 @@ class Imitation:
     def starts(self, waves: int) -> list[dict[str, float]]:
         """Return what each wave is reset with: so many as planned, then as many wider ones."""
         curriculum, demonstration = self._config.curriculum, self._config.demonstration
-        final, level = curriculum.curriculum_final_level, demonstration.demonstration_wide_level
+        final = curriculum.curriculum_final_level
         plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}
         turned = {name: plain[name] for name in ('spawn_heading',) if name in plain}
-        wide = {**curriculum.task_settings(level), **turned}
-        return [plain] * waves + ([wide] * waves if level else [])
+        wide = {**curriculum.wide_settings, **turned}
+        return [plain] * waves + ([wide] * waves if curriculum.curriculum_wide_level else [])
 
     def _count(self, episodes: Episodes) -> None:
         self.steps += int(episodes.length.max()) * self._spec.num_envs

@@ -37,9 +37,6 @@ class DemonstrationConfig:
     demonstration_spawn_heading: float = setting(
         float(UNSET), 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; "
         '-1: not turned', UNSET, 180.0)
-    demonstration_wide_level: int = setting(
-        0, '', 'level that as many further episodes are flown on, so that one policy flies both; '
-        '0: none', 0, 8)
     dagger_rounds: int = setting(
         0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
         'cloning is repeated on all samples', 0, 1000)
