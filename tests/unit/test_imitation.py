@@ -154,6 +154,16 @@ def test_hubers_loss_is_squared_near_and_linear_far(
     assert float(gradient) == pytest.approx(slope, rel=1e-5)
 
 
+@pytest.mark.parametrize(('wanted', 'output', 'error'), [
+    (-1.0, -1.1, 0.1), (-1.0, -1.3, 0.0), (1.0, 1.1, -0.1), (1.0, 1.3, 0.0), (0.5, 0.6, 0.1)])
+def test_a_bound_is_aimed_at_from_beyond(wanted: float, output: float, error: float) -> None:
+    policy = GaussianPolicy(2, 1, (4,), torch.Generator())
+    loss, gradient = policy.imitation(
+        torch.tensor([[output]]), torch.tensor([[wanted]]), margin=0.2)
+    assert float(loss) == pytest.approx(error**2, abs=1e-6)
+    assert float(gradient) == pytest.approx(2 * error, abs=1e-6)
+
+
 def test_the_teacher_flies_as_the_expert_unless_gentler_gains_are_given() -> None:
     assert make_config({}).demonstration.teacher_gains() == {}
     gentle = make_config(preset_values('original', 'rocket')).demonstration.teacher_gains()

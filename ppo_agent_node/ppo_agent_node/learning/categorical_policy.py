@@ -96,7 +96,7 @@ class CategoricalPolicy(Policy):
         return _finite(self._log_p(observation)).argmax(-1)
 
     def imitation(
-        self, output: Tensor, action: Tensor, huber_delta: float = 0.0,
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
     ) -> tuple[Tensor, Tensor]:
         """Return the cross entropy, nats, and its gradient: p_k - [k = a]."""
         log_p = output.log_softmax(0)

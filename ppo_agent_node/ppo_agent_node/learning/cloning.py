@@ -114,7 +114,8 @@ def clone(
             optimiser.gradient.zero_()
             for observation, action in pieces:
                 loss, error = student.imitation(
-                    network.forward(observation), action, config.clone_huber_delta)
+                    network.forward(observation), action, config.clone_huber_delta,
+                    config.clone_margin)
                 network.backward(error)
                 total += loss
             optimiser.step([learning_rate()], math.inf, stop - start)
@@ -123,7 +124,7 @@ def clone(
         loss_now = training_loss
         if len(validation):
             loss_now = _validation_loss(
-                student, demonstrations, validation, config.clone_huber_delta)
+                student, demonstrations, validation, config)
         if loss_now < least:
             least, best_epoch = loss_now, epoch
             best_weights = copy.deepcopy(student.state_dict())
@@ -135,11 +136,11 @@ def clone(
 
 
 def _validation_loss(
-    policy: Policy, demonstrations: Demonstrations, index: Tensor, huber_delta: float,
+    policy: Policy, demonstrations: Demonstrations, index: Tensor, config: CloneConfig,
 ) -> float:
     total = torch.zeros(())
     for part in index.split(8192):
         total += policy.imitation(
             policy.output(demonstrations.observation[part]).T, demonstrations.action[part],
-            huber_delta)[0]
+            config.clone_huber_delta, config.clone_margin)[0]
     return float(total) / len(index)

@@ -99,7 +99,7 @@ class GaussianPolicy(Policy):
         return self.output(observation)
 
     def imitation(
-        self, output: Tensor, action: Tensor, huber_delta: float = 0.0,
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
     ) -> tuple[Tensor, Tensor]:
         """Return the squared error, mean over the entries of an action, and its gradient.
 
@@ -107,11 +107,15 @@ class GaussianPolicy(Policy):
         estimation of a location parameter', 1964): where a pilot switches from one bound to the
         other an error of one step is large, and would drown the small ones that decide a landing.
 
-        To overshoot an action that is at its bound is no error: the world clips it.
+        To overshoot an action that is at its bound is no error: the world clips it. With a
+        margin it is aimed at from so far beyond, lest a small error leave the bound.
         """
         wanted = action.T
-        error = (output - wanted).masked_fill_(
-            (wanted >= 1) & (output > 1) | (wanted <= -1) & (output < -1), 0.0)
+        most, least = wanted >= 1, wanted <= -1
+        if margin:
+            wanted = wanted + margin * (most.to(wanted.dtype) - least.to(wanted.dtype))
+        error = output - wanted
+        error.masked_fill_(most & (error > 0) | least & (error < 0), 0.0)
         if huber_delta:
             near = error.clamp(-huber_delta, huber_delta)
             loss = (near * (2 * error - near)).sum() / len(output)

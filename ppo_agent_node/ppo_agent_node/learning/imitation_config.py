@@ -85,6 +85,9 @@ class CloneConfig:
     clone_huber_delta: float = setting(
         0.0, '', 'errors of an action count squared up to it and linearly beyond; 0: all squared',
         0.0, 2.0)
+    clone_margin: float = setting(
+        0.0, '', 'actions at a bound are aimed at from so far beyond, so that small errors do not '
+        'leave it', 0.0, 2.0)
     clone_validation_fraction: float = setting(
         0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
     clone_patience: int = setting(

@@ -85,11 +85,12 @@ class Policy(nn.Module):
         raise NotImplementedError
 
     def imitation(
-        self, output: Tensor, action: Tensor, huber_delta: float = 0.0,
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
     ) -> tuple[Tensor, Tensor]:
         """Return the loss of outputs `(K, S)` that shall imitate actions `(S, *action_shape)`.
 
         :param huber_delta: errors of continuous actions count linearly beyond it; 0: nowhere.
+        :param margin: continuous actions at a bound are aimed at from so far beyond.
         :return: its sum over the samples, and its gradient by the outputs `(K, S)`.
         """
         raise NotImplementedError
