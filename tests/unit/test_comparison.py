@@ -36,6 +36,7 @@ from rocket_sim_node.recording.place import PAUSE
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.recording.samples import WIDTH
 from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.worlds import conditions
 
 POLICIES = Path(side_by_side.__file__).parents[1] / 'policies'
 OUTCOMES = ('landed', 'too_fast')
@@ -102,6 +103,20 @@ def test_flights_are_those_of_the_evaluation(run: Path) -> None:
         assert len(flight.time) == flown.length[number] + 1
         assert flight.fuel[0] - flight.fuel[-1] == pytest.approx(
             flown.fuel_used[number], abs=1e-3)
+
+
+@pytest.mark.parametrize('drawn', ['', 'hoverslam'])
+def test_the_vehicles_are_those_of_the_run(tmp_path: Path, drawn: str) -> None:
+    """Also where the agent, not the simulator, was told of the conditions."""
+    folder = make_run(tmp_path / 'run', 'rocket', 512, clone=False)
+    config = yaml.safe_load((folder / 'config.yaml').read_text())
+    config['training']['conditions'] = drawn
+    (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+    flown = side_by_side.read_run(folder)
+    world = side_by_side.make_world(flown, 1, 7)
+    assert conditions.name_of(world.spec.settings) == (drawn or 'nominal')
+    expert = side_by_side.pilots(flown, world)[0][0][3]
+    assert expert.name == (drawn or 'expert')
 
 
 def test_size_and_layout(run: Path) -> None:

@@ -106,6 +106,23 @@ def test_nominal_conditions_are_the_world_as_it_was(name: str) -> None:
     assert default.snapshot() == named.snapshot()
 
 
+@BOTH
+def test_conditions_of_an_earlier_reset_leave_nothing_behind(name: str) -> None:
+    """A steady push follows gusts: it is that of a world in which no gust ever blew."""
+    world, fresh = make(name), make(name)
+    world.reset(3, conditions='harsh')
+    for action in actions(20):
+        world.step(action)
+    for settings in ({'side_acceleration': 1.0}, {}):
+        assert np.array_equal(world.reset(5, **settings), fresh.reset(5, **settings))
+        for action in actions(30):
+            same(world.step(action), fresh.step(action))
+        mine, theirs = world.telemetry(slice(None)), fresh.telemetry(slice(None))
+        assert np.array_equal(mine.disturbance, theirs.disturbance)
+        assert mine.disturbance.any() == bool(settings)
+        assert world.snapshot() == fresh.snapshot()
+
+
 def test_the_next_episode_draws_anew() -> None:
     """And begins with an empty line, an engine that is off and a gust of its own."""
     world = make('rocket', 3, conditions='harsh', time_limit=0.4, action_delay=4)

@@ -14,6 +14,7 @@ from ppo_agent_node.evaluation.fly_again import make
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots.choice import choose
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
@@ -44,6 +45,26 @@ def test_the_flights_are_those_of_the_evaluation(tmp_path: Path) -> None:
         assert outcome == result.episodes.outcome[number]
         mine = (flown.row == row) & (flown.episode == episode)
         assert np.count_nonzero(mine) == result.episodes.length[number] + 1
+
+
+@pytest.mark.parametrize('tuned', [False, True])
+def test_the_pilot_is_the_one_that_flew(tmp_path: Path, tuned: bool) -> None:
+    """The estimator, and gains of a file: the expert by default would fly otherwise."""
+    world = worlds.make('rocket', 4, spawn_height=40.0)
+    name = 'expert_estimator'
+    if tuned:
+        name = str(tmp_path / 'gains.json')
+        Path(name).write_text(json.dumps({'pilot': 'expert', 'gains': {'flare_rate': 3.0}}))
+    chosen = choose(name, world.spec)
+    result = evaluate(world, chosen.pilot, 4, 7, level=8, conditions='harsh')
+    summary = summarise(result, **chosen.facts)
+    write_json(tmp_path / 'evaluation.json', summary)
+    make(Failures(run_dir=str(tmp_path)))
+    flights = trajectories(tmp_path / 'failures.rrd')
+    lengths = dict(zip(result.episodes.row.tolist(), result.episodes.length.tolist(), strict=True))
+    assert len(flights) == len(summary['failed_starts']) > 0
+    for one in flights:
+        assert one.time[-1] == pytest.approx(lengths[one.row] * world.spec.dt, abs=1e-3)
 
 
 def test_where_all_landed_there_is_nothing_to_record(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,13 +13,13 @@ import torch
 from ppo_agent_node.learning.config import make_config
 from ppo_agent_node.learning.config import preset_values
 from ppo_agent_node.learning.demonstrations import fly_clone
+from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.imitation import Imitation
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import GaussianPolicy
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
 from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
@@ -78,16 +79,28 @@ def test_a_teacher_that_remembers_is_told_what_was_flown() -> None:
     assert (throttle[first + 1] >= 0.2 - 1e-6).all()
 
 
-def test_noise_is_told_to_a_teacher_that_remembers() -> None:
-    """It counts the fuel of the commands flown: twice as noisy, other commands are remembered."""
-    env = worlds.make('rocket', num_envs=4, seed=0, level=1)
-    teacher = ExpertEstimator(env.spec)
-    observation = env.reset(1, level=1)
-    teacher(observation)
-    teacher.flew(np.tile(np.array([1.0, 0.0, 0.0], np.float32), (4, 1)))
-    observation, *_ = env.step(np.tile(np.array([1.0, 0.0, 0.0], np.float32), (4, 1)))
-    teacher(observation)
-    assert teacher._memory.burnt == pytest.approx(2000 - env.telemetry(slice(None)).fuel, rel=0.1)
+class Remembering:
+    """Steers nothing, and keeps what it is told was flown."""
+
+    told: ClassVar[list[F32]] = []  # of the class, as flights are flown by copies
+
+    def __call__(self, observation: F32) -> F32:
+        return np.zeros((len(observation), 3), np.float32)
+
+    def flew(self, action: F32) -> None:
+        self.told.append(action.copy())
+
+
+def test_noise_is_told_to_a_teacher_that_remembers(monkeypatch: pytest.MonkeyPatch) -> None:
+    env, flown = world(4), []
+    step = env.step
+    monkeypatch.setattr(env, 'step', lambda action: (flown.append(action.copy()), step(action))[1])
+    Remembering.told.clear()
+    config = make_config({**SMALL, 'demonstration_noise': 0.2}).demonstration
+    fly(env, fly_wave(env.spec, Remembering(), config, {'level': 7}, 1, 0))
+    assert len(flown) > 50
+    assert np.std(flown) == pytest.approx(0.2, rel=0.1)
+    np.testing.assert_array_equal(Remembering.told, flown)
 
 
 def test_rounds_are_flown_by_the_clone_and_written_down(tmp_path: Path) -> None:

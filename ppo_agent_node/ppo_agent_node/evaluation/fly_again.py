@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.choice import EXPERT
 from ppo_agent_node.pilots.choice import POLICY
-from ppo_agent_node.pilots.choice import choose
 from rocket_sim_node import command_line
 from rocket_sim_node import worlds
 from rocket_sim_node.recording import touchdown
@@ -77,15 +76,16 @@ def make(wanted: Failures) -> str:
 def _pilot(folder: Path, figures: dict[str, Any], world: SimulatedWorld) -> Pilot:
     """Return who flew.
 
-    :raises FileNotFoundError: when the policy is not there any more.
+    :raises FileNotFoundError: when the file of the pilot is not there any more.
     :raises ValueError: when it is another one by now.
     """
-    name = figures['policy']
-    if name != POLICY:
-        # Scripted pilots have names of their own, such as that of the lander.
-        return choose(name if name == 'random' else EXPERT, world.spec, figures['seed']).pilot
-    path = Path(figures.get('policy_file') or folder / 'policy.safetensors')
-    chosen = choose(str(path.resolve()), world.spec)
+    name, file = figures['policy'], figures.get('policy_file')
+    if name != POLICY and not file:
+        # The expert's pilots have names of their own, such as that of the lander.
+        known = name if name in choice.NAMES else choice.EXPERT
+        return choice.choose(known, world.spec, figures['seed']).pilot
+    path = Path(file or folder / 'policy.safetensors')
+    chosen = choice.choose(str(path.resolve()), world.spec)
     expected = figures.get('policy_sha256')
     if expected and hashlib.sha256(path.read_bytes()).hexdigest() != expected:
         raise ValueError(f'{path}: is another policy than the one that was evaluated')

@@ -20,6 +20,7 @@ from rocket_sim_node.recording.flight import FlightBuffer
 from rocket_sim_node.recording.samples import Samples
 from rocket_sim_node.recording.stage import Stage
 from rocket_sim_node.recording.telemetry import joined
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import Telemetry
 
@@ -52,9 +53,12 @@ def read_run(path: Path) -> Run:
     try:
         training = values['training']
         world = str(values['world'])
+        # A run resets its world to its conditions, whatever the simulator was started with.
+        drawn = training.get('conditions')
         return Run(
-            path, world,
-            worlds.settings_from(world, values['world_settings']),
+            path, world, {
+                **worlds.settings_from(world, values['world_settings']),
+                **(conditions.settings(drawn) if drawn else {})},
             int(training['curriculum_final_level']), int(training['evaluation_seed']),
             int(training['demonstration_episodes']) > 0)
     except (KeyError, TypeError, AttributeError, ValueError) as error:

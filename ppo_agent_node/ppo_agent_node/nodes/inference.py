@@ -22,7 +22,8 @@ class InferenceParameters:
     """Parameters of mode `infer`, beside those of the connection."""
 
     policy: str = setting(
-        '', '', 'policy file; empty: of the newest finished run, else the one that ships')
+        '', '', 'policy file, or the name of one that ships; empty: of the newest finished run, '
+        'else the one that ships for the world')
     seed: int = setting(0, '', 'where the spawns start', 0, 2**62)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
     episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)

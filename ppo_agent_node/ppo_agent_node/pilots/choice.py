@@ -31,7 +31,7 @@ class Chosen:
     """what tables call it"""
     pilot: Pilot
     facts: dict[str, str] = field(default_factory=dict)
-    """of a policy: `policy_file` and `policy_sha256`"""
+    """of a policy and of tuned gains: `policy_file` and `policy_sha256`"""
     warning: str = ''
     """in what the world differs from the one that a policy was trained in"""
 
@@ -51,16 +51,14 @@ def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chose
     if name == ESTIMATOR:
         return Chosen(name, ROCKET_PILOTS[name](spec))
     if name.endswith('.json'):
-        return Chosen(Path(name).stem, tuned_pilot(Path(name), spec))
+        return Chosen(
+            Path(name).stem, tuned_pilot(Path(name), spec), _facts(Path(name)))
     if name == RANDOM:
         return Chosen(name, RandomPilot(spec, seed))
     given = policy if name == POLICY else name
     path = find_policy(given, spec.name)
     pilot = PolicyPilot(path, spec)
-    return Chosen(
-        _label(given) if given else name, pilot,
-        {'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()},
-        pilot.unfamiliar)
+    return Chosen(_label(given) if given else name, pilot, _facts(path), pilot.unfamiliar)
 
 
 def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
@@ -92,6 +90,12 @@ def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str
             label = f'{one.label} {number}'
         found.append(Chosen(label, one.pilot, one.facts, one.warning))
     return found
+
+
+def _facts(path: Path) -> dict[str, str]:
+    """Return what tells later whether the file of a pilot is still the one that flew."""
+    return {
+        'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 def _label(given: str) -> str:

@@ -120,7 +120,7 @@ def log_style(stream: rr.RecordingStream, stage: Stage, *, plotted: bool = True)
 def log_conditions(
     stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
 ) -> None:
-    """Log what was drawn, and wind and gusts as an arrow at the rocket."""
+    """Log what was drawn, and side acceleration and gusts as an arrow."""
     n = len(flight)
     stream.send_columns(
         scene.CONDITIONS, place.times(np.array([0]), stage.dt),

@@ -2,7 +2,7 @@
 """Conditions: how a flight may differ from the nominal one, as settings and as named sets.
 
 Each condition is a range, two settings `<name>_low` and `<name>_high`. An episode draws a value
-from it, uniformly and independently of the others; see :mod:`condition_draws`.
+from it, uniformly and independently of the others; see :func:`drawn_vehicle.draw`.
 """
 from __future__ import annotations
 

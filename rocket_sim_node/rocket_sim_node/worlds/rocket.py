@@ -89,6 +89,9 @@ class RocketWorld(RocketFlight):
             new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
         self._use(checked, new_seed)
         self.episode = episode
+        # Where the new conditions have no gusts, nothing else would end those of the old ones.
+        self.gust[:] = 0.0
+        self._disturbance[:] = 0.0
         self._begin(self._rows, first)
         self._reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
