@@ -21,7 +21,8 @@ from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.flight import SerialFleet
 
 SMALL = {
-    'demonstration_episodes': 16, 'clone_epochs': 2, 'hidden_sizes': '[16,16]', 'iterations': 4,
+    'demonstration_episodes': 16, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 2,
+    'hidden_sizes': '[16,16]', 'iterations': 4,
     'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
     'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
     'critic_warmup_iterations': 1,

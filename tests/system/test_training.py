@@ -60,7 +60,8 @@ def test_training_over_dds_equals_training_in_process(
     evaluation = json.loads((run / 'evaluation.json').read_text())
     assert evaluation['episodes'] == sum(evaluation['outcomes'].values()) == 20
     stages = [line['stage'] for line in log_without_times(run)]
-    assert stages == ['demonstrate'] * 2 + ['clone'] * 2 + ['finetune'] * 5
+    # Two waves on either level; an epoch before the round of DAgger and two after it.
+    assert stages == ['demonstrate'] * 4 + ['clone'] * 3 + ['finetune'] * 5
 
     recorder.signal(signal.SIGINT)
     assert recorder.wait(20.0) == 0, processes.logs()
