@@ -85,7 +85,7 @@ def test_the_quick_way_normalises_as_the_module_does() -> None:
     expected = learner.policy.network(normaliser(observation))
     torch.testing.assert_close(
         quick(learner.policy.normaliser, learner.policy.network)(observation), expected)
-    assert normaliser(observation).shape == (4, 15 + DescentFeatures.count)
+    assert normaliser(observation).shape == (4, 15 + features().count)
 
 
 def test_a_policy_file_flies_alike_and_older_files_have_no_features(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def learner(device: str = 'cpu', world: str = 'rocket') -> Learner:
 
 def batch(one: Learner) -> Batch:
     noise = streams.generator(1, 'n')
-    observation = torch.randn(256, len(one.policy.normaliser.mean), generator=noise)
+    observation = torch.randn(256, len(one.policy.normaliser.width), generator=noise)
     with torch.no_grad():
         action, log_prob = one.policy.sample(observation, noise)
         value = one.critic(observation)
@@ -215,7 +215,7 @@ def test_what_is_saved_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> Non
 @pytest.mark.parametrize(('damage', 'message'), [
     ({'policy_optimiser.steps': None}, r'x: holds tensors .*expected .*policy_optimiser\.steps'),
     ({'critic_optimiser.0.exp_avg': torch.zeros(3)},
-     r"x: tensor 'critic_optimiser\.0\.exp_avg' is .*\(3,\), expected .*\(16, 15\)"),
+     r"x: tensor 'critic_optimiser\.0\.exp_avg' is .*\(3,\), expected .*\(16, 32\)"),
     ({'policy.log_std': torch.full((3,), torch.nan)}, r"x: tensor 'policy\.log_std' has a value"),
 ])
 def test_what_does_not_fit_is_refused_and_changes_nothing(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,9 +20,11 @@ SEED = 50_000_000
     ('default', {'level': 1}, 256, 295.0),
     ('default', {'level': 7}, 256, 295.1),
     ('default', {'level': 8}, 252, 289.0),
+    ('robust', {'level': 7}, 255, 282.0),
+    ('robust', {'level': 7, 'conditions': 'mix'}, 254, 281.0),
 ])
 def test_a_rocket_policy_that_ships_flies_as_it_was_measured(
-        tmp_path: Path, name: str, task: dict[str, int], landed: int,
+        tmp_path: Path, name: str, task: dict[str, Any], landed: int,
         least_return: float) -> None:
     world = worlds.make('rocket', 256, observation='extended')
     pilot = PolicyPilot(find_policy(name, 'rocket', tmp_path), world.spec)

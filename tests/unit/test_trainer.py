@@ -34,7 +34,10 @@ from rocket_sim_node.worlds.flight import SerialFleet
 
 ROCKETS = 8
 SMALL: dict[str, Any] = {
-    'demonstration_episodes': 8, 'clone_epochs': 1, 'clone_batch_size': 256,
+    # A gentle teacher, which lands in spite of the noise.
+    'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
+    'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1,
+    'clone_epochs': 1, 'clone_batch_size': 256,
     'hidden_sizes': (16, 16), 'iterations': 6, 'n_steps': 40, 'scatter_steps': 60,
     'batch_size': 64, 'critic_warmup_iterations': 2, 'threads': 1, 'checkpoint_interval': 3,
     'selection_interval': 4, 'selection_episodes': 8, 'curriculum_landing_rate': 0.0,
