@@ -22,6 +22,7 @@ from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.reporting.training_pictures import cloning_figure
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.flight import SerialFleet
@@ -186,3 +187,16 @@ def test_groups_fly_the_curriculums_level_and_the_wide_one_in_turn() -> None:
     assert [settings['level'] for settings in config.selection_settings] == [7, 8]
     with pytest.raises(ValueError, match=r'num_groups: got 1, expected 2 or more'):
         make_config({'curriculum_wide_level': 8})
+
+
+def test_the_picture_marks_the_clone_of_the_last_round() -> None:
+    """Losses of earlier rounds may be smaller: they are of fewer samples, and easier ones."""
+    lines = [
+        {'stage': 'clone', 'iteration': 1, 'clone_loss': 0.2, 'clone_validation_loss': 0.1},
+        {'stage': 'clone', 'iteration': 2, 'clone_loss': 0.5, 'clone_validation_loss': 0.4,
+         'dagger_round': 1, 'landing_rate': 0.81},
+        {'stage': 'clone', 'iteration': 3, 'clone_loss': 0.4, 'clone_validation_loss': 0.3}]
+    (axes,) = cloning_figure(lines).axes
+    (star,) = (line for line in axes.lines if line.get_label() == 'kept')
+    assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([3.0], [0.3])
+    assert [text.get_text() for text in axes.texts] == ['81 % landed']

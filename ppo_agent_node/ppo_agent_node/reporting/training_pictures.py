@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MultipleLocator
 
 from ppo_agent_node.learning.scores import WINDOW
 from ppo_agent_node.learning.scores import moving_average
@@ -24,7 +24,11 @@ SMOOTHING = 0.2
 
 
 def cloning_figure(lines: Lines) -> Figure:
-    """Return training and validation loss over the epochs."""
+    """Return training and validation loss over the epochs.
+
+    Before each round of DAgger stands how often the clone landed that flew it. Each round adds
+    samples, so that only losses of the same round compare, and the last one's clone is kept.
+    """
     figure = Figure(figsize=(8, 4.2))
     axes = figure.add_subplot()
     epoch = column(lines, 'iteration')
@@ -33,13 +37,21 @@ def cloning_figure(lines: Lines) -> Figure:
               label='training')
     axes.plot(epoch, validation, color=VERMILION, marker='s', ms=4,
               label='validation, other episodes')
-    if np.isfinite(validation).any():
-        best = int(np.nanargmin(validation))
+    rounds = np.flatnonzero(np.isfinite(column(lines, 'dagger_round')))
+    landed = column(lines, 'landing_rate')
+    for number in rounds:
+        axes.axvline(epoch[number] - 0.5, color=GREY, lw=0.8, ls=':')
+        axes.annotate(f'{100 * landed[number]:.0f} % landed', (epoch[number] - 0.5, 0.02),
+                      xycoords=('data', 'axes fraction'), rotation=90, ha='right', va='bottom',
+                      fontsize=8)
+    first = int(rounds[-1]) if len(rounds) else 0
+    if np.isfinite(validation[first:]).any():
+        best = first + int(np.nanargmin(validation[first:]))
         axes.plot(epoch[best], validation[best], color=VERMILION, marker='*', ms=15, ls='',
                   label='kept')
     _dress(axes, 'epoch', 'loss (no unit)', 'Cloning the expert')
     axes.set_yscale('log')
-    axes.legend()
+    figure.legend(loc='outside lower center', ncols=3)
     return figure
 
 
@@ -81,7 +93,8 @@ def training_figure(lines: Lines) -> Figure:
         axes.step(iteration, values, where='mid', color=ORANGE, lw=1.8)
         axes.set_yscale(scale)
         if scale == 'linear':
-            axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+            axes.yaxis.set_major_locator(MultipleLocator(1))
+            axes.set_ylim(np.nanmin(values) - 0.6, np.nanmax(values) + 0.6)
         _dress(axes, 'iteration' if axes is below[-1] else '', label)
     figure.align_ylabels()
     figure.suptitle('Fine-tuning by PPO', x=0.01, ha='left')
