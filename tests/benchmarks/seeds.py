@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a preset is worth: trained with several seeds, each flown on fresh starts without noise.
+"""The worth of a preset: trained with several seeds, each flown on fresh starts without noise.
 
 Trainings run one after the other through `launch_scripts/train`, simulator and agent as nodes over
 DDS; a run that is there already is taken as it is. Clone and policy are then flown in process,

@@ -63,7 +63,7 @@ def flown() -> dict[str, Any]:
 
 
 def test_a_cell_is_the_evaluation_of_its_settings(flown: dict[str, Any]) -> None:
-    """Whoever flew before, and although a world with fewer observations flies alike."""
+    """The flights before it do not matter, nor does a world with fewer observations."""
     world = worlds.make('rocket', 6, **LOW)
     for pilot in (ExpertPilot(world.spec), RandomPilot(world.spec, 3)):
         for label, settings in ROWS.items():

@@ -82,7 +82,7 @@ def test_the_next_episode_knows_nothing_of_the_last(name: str) -> None:
 
 
 def test_turned_axes_turn_accelerations_and_actions() -> None:
-    """What a pilot did and felt is told in the axes in which it sees and steers."""
+    """Commands and accelerations are told in the axes in which a pilot sees and steers."""
     turned = make('rocket_planar', spawn_heading=180.0, spawn_height=390.0, conditions='mix')
     plain = make('rocket_planar', spawn_height=390.0, conditions='mix')
     cos, sin = turned._heading

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a pilot remembers of a flight, and when it forgets."""
+"""A pilot's memory of a flight, and when it is forgotten."""
 from __future__ import annotations
 
 import numpy as np

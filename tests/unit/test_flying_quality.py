@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a landing rate hides, against closed forms: dry tanks, hovering, ignitions, effort."""
+"""Dry tanks, hovering, ignitions and effort, against closed forms."""
 from __future__ import annotations
 
 import dataclasses

@@ -34,7 +34,7 @@ SEED = 20_000_000
 
 
 class Cell(NamedTuple):
-    """Who flies what."""
+    """A cell of the table: one pilot under one condition on one level."""
 
     pilot: str
     condition: str

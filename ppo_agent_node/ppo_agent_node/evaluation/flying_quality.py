@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a landing rate hides: dry tanks, time spent hovering, ignitions, control effort."""
+"""The figures that a landing rate hides: dry tanks, hovering, ignitions, control effort."""
 from __future__ import annotations
 
 from collections.abc import Mapping

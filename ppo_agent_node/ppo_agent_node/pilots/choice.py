@@ -25,7 +25,7 @@ NAMES = (POLICY, EXPERT, ESTIMATOR, RANDOM)
 
 @dataclass(frozen=True)
 class Chosen:
-    """Who flies."""
+    """A pilot with its name in tables."""
 
     label: str
     """what tables call it"""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a pilot remembers of a flight: that its engine is lit, and the fuel it has burnt.
+"""A pilot's memory of a flight: that the engine is lit, and the fuel it has burnt.
 
 A memory is kept for as long as a rocket's height goes on from one call to the next. Where it
 does not, because an episode began or other rockets are asked about, the row is forgotten.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a pilot of rockets sees: an observation in physical units."""
+"""An observation of a rocket in physical units, as pilots use it."""
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -22,7 +22,7 @@ _STEPS = 5
 
 @dataclass(frozen=True)
 class Expected:
-    """What is known beforehand of the forces on rockets."""
+    """Prior knowledge of the forces on rockets."""
 
     gravity: float
     """m/s^2"""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was drawn for a flight whose conditions are not nominal, and what that does to it.
+"""The conditions drawn for a flight that is not nominal, and their effect on it.
 
 Nothing of this is in a recording whose flights are all nominal.
 """

@@ -47,7 +47,7 @@ _WIND = 0.0, 'm/s', 'steady wind, horizontal, in any direction', 0.0, 100.0
 
 @dataclass(frozen=True)
 class ConditionSettings:
-    """What is drawn for each episode, and from which range; nominal by default."""
+    """The ranges that each episode draws from; nominal by default."""
 
     dry_mass_factor_low: float = _low(*_DRY_MASS)
     dry_mass_factor_high: float = _high(*_DRY_MASS)
@@ -98,7 +98,7 @@ FLAT_NAMES = tuple(_NOMINAL)
 RANGES = tuple(name.removesuffix(LOW) for name in FLAT_NAMES if name.endswith(LOW))
 """Names of the conditions that are ranges."""
 DRAWN_NAMES = (*RANGES, 'side_direction', 'wind_direction')
-"""What is drawn for an episode, in this order; directions in rad from x towards z."""
+"""The values drawn for an episode, in this order; directions in rad from x towards z."""
 
 
 def flatten(values: Mapping[str, Any]) -> dict[str, Any]:

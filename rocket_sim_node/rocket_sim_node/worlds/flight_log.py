@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is counted in flight for the report of an episode: control effort, hovering."""
+"""Counters for the report of an episode: control effort, hovering."""
 from __future__ import annotations
 
 import numpy as np
