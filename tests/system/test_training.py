@@ -92,7 +92,7 @@ def test_expert_pilot_lands(processes: Processes) -> None:
     ('ppo_agent_node', 'ppo_agent', {'clip_range': -1.0}, ('clip_range', '-1')),
     ('ppo_agent_node', 'ppo_agent', {'preset': 'best'}, ('preset', 'best', 'original')),
     ('ppo_agent_node', 'ppo_agent', {'run_dir': '/proc/run'}, ('/proc/run', 'not writable')),
-    ('ppo_agent_node', 'evaluate', {'episodes': 0}, ('episodes', '0', 'expected 1')),
+    ('ppo_agent_node', 'evaluate', {'episodes': -1}, ('episodes', '-1', 'expected 0')),
     ('ppo_agent_node', 'ppo_agent', {'patience': 0.5}, ('is it running',)),
 ])
 def test_bad_parameters_end_in_one_line_that_names_them(
