@@ -162,8 +162,7 @@ class HoverslamPilot(ExpertPilot):
         short = sight.speed < _SHORT * np.sqrt(2 * self._least * height)
         harmless = sight.speed**2 + 2 * self.vehicle.gravity * height < _HARMLESS**2
         off = coasting | (short & harmless)
-        throttle = np.where(off, 0.0, np.clip(wanted, self._floor, 1.0))
-        return throttle
+        return np.where(off, 0.0, np.clip(wanted, self._floor, 1.0))
 
 
 _TOLERANCE = 0.05
