@@ -198,7 +198,9 @@ def test_what_is_said_after_touchdown_is_not_learnt() -> None:
     assert (counts <= length - 25).all()
     assert (counts >= length - 100).all()
     free = worlds.make('rocket_planar', 12, seed=1, engine_cutoff=False)
-    steps = [Step(free.observe(), np.zeros((12, 3)), np.ones(12, np.bool_), episodes)] * 3
+    none = np.zeros(0, np.int64)
+    steps = [
+        Step(free.observe(), np.zeros((12, 3)), np.ones(12, np.bool_), episodes, none)] * 3
     assert steered(steps, free.spec.settings).all()
     assert steered(steps, worlds.make('rocket', 12).spec.settings).all()
 

@@ -2,12 +2,23 @@
 """A pilot's memory of a flight, and when it is forgotten."""
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from ppo_agent_node.evaluation import fly_again
+from ppo_agent_node.evaluation import side_by_side
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.learning.demonstrations import fly_clone
+from ppo_agent_node.learning.demonstrations import fly_wave
+from ppo_agent_node.learning.imitation_config import DemonstrationConfig
 from ppo_agent_node.pilots.memory import FlightMemory
 from ppo_agent_node.pilots.sight import look
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.flight import fly
 from rocket_sim_node.worlds.vehicle import RocketSettings
 
 
@@ -44,3 +55,93 @@ def test_a_row_is_forgotten_when_its_flight_does_not_go_on() -> None:
     assert np.isnan(memory.burnt[1]) and not memory.lit[1]
     assert (memory.burnt[2], memory.lit[2]) == (burnt[2], True)
     assert memory.look(look(elsewhere[:2], settings)).all()
+
+
+TIPPING: dict[str, Any] = {
+    'level': 7, 'spawn_angle': 85.0, 'spawn_spin': 1.0, 'spawn_speed': 0.0, 'seed': 3}
+"""Starts most of which tip over within a second, after a fall of less than 5 m."""
+
+
+def test_heights_do_not_tell_of_an_episode_that_begins_as_high() -> None:
+    """Why those who fly tell: rockets that tip over at once begin anew where they ended."""
+    world = worlds.make('rocket', 8, **TIPPING)
+    settings = world.spec.settings
+    guessing, told = FlightMemory(RocketSettings()), FlightMemory(RocketSettings())
+    told.begin()
+    observation, missed = world.observe(), 0
+    for _ in range(100):
+        guess = guessing.look(look(observation, settings))
+        told.look(look(observation, settings))
+        for memory in (guessing, told):
+            memory.command(np.ones(8))
+        observation, *_, info = world.step(np.tile(np.array([1, 0, 0], np.float32), (8, 1)))
+        rows = info['final_rows']
+        told.begin(rows)
+        missed += len(rows) - np.count_nonzero(guess[rows])
+        fuel = world.telemetry(slice(None)).fuel
+        full = told.burnt.copy()
+        full[rows] = 0.0
+        assert 2000 - full == pytest.approx(fuel, rel=1e-6)
+    assert missed > 8
+
+
+def test_noise_of_any_size_does_not_end_a_flight_that_is_told_of() -> None:
+    """Of 50 m here: heights jump, and yet the fuel is counted on."""
+    world = worlds.make(
+        'rocket', 4, seed=1, level=7, sensor_noise_low=100.0, sensor_noise_high=100.0)
+    memory, settings = FlightMemory(RocketSettings()), world.spec.settings
+    memory.begin()
+    assert memory.look(look(world.observe(), settings)).all()
+    for _ in range(50):
+        memory.command(np.ones(4))
+        observation, *_ = world.step(np.tile(np.array([1, 0, 0], np.float32), (4, 1)))
+        assert not memory.look(look(observation, settings)).any()
+    assert 2000 - memory.burnt == pytest.approx(world.telemetry(slice(None)).fuel, rel=1e-6)
+
+
+class Listening:
+    """Steers nothing; compares what it is told of episodes with what it sees of their starts."""
+
+    name = 'listening'
+    told: list[list[int]]
+
+    def __init__(self) -> None:
+        """Begin with nothing told; the list is shared by all copies."""
+        self.told = []
+
+    def __deepcopy__(self, memo: object) -> Listening:
+        return self
+
+    def __call__(self, observation: F32) -> NDArray[Any]:
+        return np.zeros((len(observation), 3), np.float32)
+
+    def begin(self, rows: NDArray[np.int64] | None = None) -> None:
+        self.told.append([] if rows is None else rows.tolist())
+
+
+def test_all_who_fly_tell_when_episodes_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """First of all rows, then of each that finished, in the order of the steps."""
+    world = worlds.make('rocket', 6, seed=0, level=7, spawn_height=30.0, spawn_angle=80.0)
+    finished: list[list[int]] = []
+    step = world.step
+
+    def record(action: NDArray[Any]) -> Any:
+        answer = step(action)
+        if len(rows := answer[-1]['final_rows']):
+            finished.append(rows.tolist())
+        return answer
+
+    monkeypatch.setattr(world, 'step', record)
+    config = DemonstrationConfig(demonstration_noise=0.0)
+    for flown in (
+        lambda pilot: evaluate(world, pilot, 30, 5),
+        lambda pilot: side_by_side.fly(world, pilot, 5),
+        lambda pilot: fly_again.fly_again(world, pilot, 5, [(0, 1), (3, 2)]),
+        lambda pilot: fly(world, fly_wave(world.spec, pilot, config, {'level': 7}, 1, 0)),
+        lambda pilot: fly(world, fly_clone(world.spec, Listening(), pilot, {'level': 7}, 1)),
+    ):
+        finished.clear()
+        pilot = Listening()
+        flown(pilot)
+        assert pilot.told == [[], *finished]
+        assert len(finished) > 1

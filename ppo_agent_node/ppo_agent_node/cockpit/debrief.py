@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
+from ppo_agent_node.pilots.base import tell_begun
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
@@ -112,6 +113,7 @@ class ExpertFlight:
             self._world = worlds.make(spec.name, 1, seed, **settings)
             self._pilot = scripted_pilot(self._world.spec)
             self._observation = self._world.reset(seed)
+            tell_begun(self._pilot)
         except ValueError:
             self._left = 0
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.base import tell_begun
 from ppo_agent_node.pilots.choice import POLICY
 from rocket_sim_node import command_line
 from rocket_sim_node import worlds
@@ -111,10 +112,12 @@ def fly_again(
         return states.take(np.array([start in wanted for start in both], np.bool_))
 
     observation = world.reset(seed)
+    tell_begun(pilot)
     parts = [(0, chosen(world.telemetry(rows)))]
     step = 0
     while left:
-        observation = world.step(pilot(observation))[0]
+        observation, _, _, _, info = world.step(pilot(observation))
+        tell_begun(pilot, info['final_rows'])
         step += 1
         ended = chosen(world.finished)
         left -= set(zip(ended.row.tolist(), ended.episode.tolist(), strict=True))

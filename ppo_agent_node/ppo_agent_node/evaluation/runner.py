@@ -15,6 +15,7 @@ from ppo_agent_node.evaluation.bounds import StraightDropBound
 from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.base import tell_begun
 from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
@@ -160,9 +161,11 @@ def evaluation_flight(
     ends: list[NDArray[np.float32]] = []
     done = 0
     pilot = copy.deepcopy(pilot)  # as it was given, whenever the flight begins anew
+    tell_begun(pilot)
     while done < episodes:
         observation, _, _, _, info = yield pilot(observation)
         rows: NDArray[np.int64] = info['final_rows']
+        tell_begun(pilot, rows)
         if not len(rows):
             continue
         counts = left[rows] > 0

@@ -11,6 +11,7 @@ import numpy as np
 
 from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.base import tell_begun
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
@@ -119,11 +120,13 @@ def fly(world: SimulatedWorld, pilot: Pilot, seed: int) -> Samples:
     :raises ValueError: for a seed out of range.
     """
     observation = world.reset(seed)
+    tell_begun(pilot)
     flying = np.arange(world.spec.num_envs)
     parts: list[tuple[int, Telemetry]] = [(0, world.telemetry(flying))]
     step = 0
     while flying.size:
-        observation = world.step(pilot(observation))[0]
+        observation, _, _, _, info = world.step(pilot(observation))
+        tell_begun(pilot, info['final_rows'])
         step += 1
         ended = world.finished.take(np.flatnonzero(np.isin(world.finished.row, flying)))
         flying = np.setdiff1d(flying, ended.row)

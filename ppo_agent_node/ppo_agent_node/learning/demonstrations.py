@@ -17,9 +17,10 @@ from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.flights import fly_once
-from ppo_agent_node.learning.flights import tell_flown
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import DemonstrationConfig
+from ppo_agent_node.pilots.base import tell_begun
+from ppo_agent_node.pilots.base import tell_flown
 from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
 from ppo_agent_node.pilots.scripted import rocket_pilot
 from rocket_sim_node.worlds import Episodes
@@ -129,6 +130,7 @@ def fly_wave(
     observation = yield Reset(
         streams.derived_seed(seed, 'demonstrations', wave), settings)
     pilot = copy.deepcopy(expert)  # as it was given, whenever the flight begins anew
+    tell_begun(pilot)
     steps = yield from fly_once(observation, pilot, disturb)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     landed = np.zeros(spec.num_envs, np.bool_)
@@ -149,9 +151,11 @@ def fly_clone(
     observation = yield Reset(seed, settings)
     steps = yield from fly_once(observation, pilot)
     expert, labelled = copy.deepcopy(expert), []
+    tell_begun(expert)
     for step in steps:
         labelled.append(step._replace(action=expert(step.observation)))
         tell_flown(expert, step.action)
+        tell_begun(expert, step.ended)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_)), episodes
 

@@ -12,19 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ppo_agent_node.pilots.base import tell_begun
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.flight import Flight
 
 Pilot = Callable[[F32], NDArray[Any]]
-
-
-def tell_flown(pilot: Pilot, action: NDArray[Any]) -> None:
-    """Tell a pilot that remembers its commands that another action was flown instead."""
-    flew = getattr(pilot, 'flew', None)
-    if flew is not None:
-        flew(action)
 
 
 class Step(NamedTuple):
@@ -38,6 +32,8 @@ class Step(NamedTuple):
     """`(N,)`, whose first episode had not ended before it"""
     episodes: Episodes
     """first episodes that ended with it"""
+    ended: NDArray[np.int64]
+    """`(K,)` rows in which an episode ended with it, the first or a later one"""
 
 
 def fly_once(
@@ -50,6 +46,7 @@ def fly_once(
     Rockets that end early fly on, but count no more: so short episodes are not over-represented.
 
     :param observation: `(N, D)`, of the world as it is.
+    :param pilot: is told of episodes that begin on the way.
     :param disturb: what is flown, given what the pilot wants.
     """
     steps: list[Step] = []
@@ -59,9 +56,12 @@ def fly_once(
         before, was_flying = observation, flying
         observation, _, _, _, info = yield disturb(action)
         episodes: Episodes = info['episodes']
+        ended: NDArray[np.int64] = info['final_rows']
+        tell_begun(pilot, ended)
         flying = was_flying.copy()
-        flying[info['final_rows']] = False
-        steps.append(Step(before, action, was_flying, episodes.take(was_flying[episodes.row])))
+        flying[ended] = False
+        steps.append(Step(
+            before, action, was_flying, episodes.take(was_flying[episodes.row]), ended))
     return steps
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from rclpy.node import Node
 
 from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.pilots.base import tell_begun
 from rocket_sim_node.wire.client import Client
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -61,7 +62,9 @@ def fly(
         try:
             if observation is None:
                 observation = client.reset(seed, **settings)
+                tell_begun(pilot)
             observation, _, _, _, info = client.step(pilot(observation))
+            tell_begun(pilot, info['final_rows'])
         except EnvironmentRestarted as error:
             node.get_logger().warning(f'{error}: starting anew')
             observation = None

@@ -15,7 +15,6 @@ import numpy as np
 from ppo_agent_node.pilots.descent import Descent
 from ppo_agent_node.pilots.descent import DescentProfile
 from ppo_agent_node.pilots.descent import TimeToGo
-from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.expert import ExpertSettings
 from ppo_agent_node.pilots.filtering import VELOCITY
 from ppo_agent_node.pilots.filtering import turn
@@ -24,7 +23,7 @@ from ppo_agent_node.pilots.identification import Estimate
 from ppo_agent_node.pilots.identification import Identification
 from ppo_agent_node.pilots.lateral import Pull
 from ppo_agent_node.pilots.lateral import drift_upright
-from ppo_agent_node.pilots.memory import FlightMemory
+from ppo_agent_node.pilots.remembering import RememberingExpert
 from ppo_agent_node.pilots.sight import Sight
 from ppo_agent_node.pilots.state_filter import Expected
 from ppo_agent_node.pilots.state_filter import StateFilter
@@ -73,11 +72,8 @@ class EstimatorSettings(ExpertSettings):
         1.0, '', 'share of the lag of the engine that commands make up for', 0.0, 1.0)
 
 
-class ExpertEstimator(ExpertPilot):
-    """Lands rockets whose mass, thrust, RCS, lag, delay and side wind are not told. A `Pilot`.
-
-    Remembers a flight for as long as its row goes on; see :class:`FlightMemory`.
-    """
+class ExpertEstimator(RememberingExpert):
+    """Lands rockets whose mass, thrust, RCS, lag, delay and side wind are not told. A `Pilot`."""
 
     name = 'expert_estimator'
     settings_class = EstimatorSettings
@@ -90,14 +86,12 @@ class ExpertEstimator(ExpertPilot):
         """
         super().__init__(spec, **gains)
         self._by_the_book = self._full
-        self._begin(0)
+        self._prepare(0)
 
-    def _begin(self, count: int) -> None:
+    def _prepare(self, count: int) -> None:
         """Forget all flights, and be ready for `count` rockets."""
         v, gain = self.vehicle, self.settings
         self._count = count
-        self._flown: F32 | None = None
-        self._memory = FlightMemory(v)
         self._identification = Identification(
             v, count, gain.side_memory, gain.expected_strength, gain.strength_spread)
         self._filter = StateFilter(count, v.dt, Expected(
@@ -111,18 +105,11 @@ class ExpertEstimator(ExpertPilot):
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
         if len(observation) != self._count:
-            self._begin(len(observation))
-        elif self._flown is not None:
-            self._note(self._flown)
-        self._flown = super().__call__(observation)
-        return self._flown
-
-    def flew(self, action: F32) -> None:
-        """Take note that another action `(N, 3)` is flown than the last one asked for."""
-        self._flown = np.clip(action, -1.0, 1.0)
+            self._prepare(len(observation))
+        return super().__call__(observation)
 
     def _note(self, action: F32) -> None:
-        """Take note of the action that was flown since the last call."""
+        """Take note of the action `(N, 3)` that was flown since the last call."""
         throttle = (action[:, 0].astype(np.float64) + 1) / 2
         self._identification.command(throttle, action[:, 1:].T.astype(np.float64))
         # Fuel flows as the engine follows.

@@ -16,9 +16,8 @@ from ppo_agent_node.pilots.braking import BrakingProfile
 from ppo_agent_node.pilots.braking import last_steps
 from ppo_agent_node.pilots.descent import Descent
 from ppo_agent_node.pilots.descent import TimeToGo
-from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.expert import ExpertSettings
-from ppo_agent_node.pilots.memory import FlightMemory
+from ppo_agent_node.pilots.remembering import RememberingExpert
 from ppo_agent_node.pilots.sight import Sight
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
@@ -53,7 +52,7 @@ class HoverslamSettings(ExpertSettings):
         0.05, '', 'least planned deceleration, from the least (0) to the most (1)', 0.0, 1.0)
 
 
-class HoverslamPilot(ExpertPilot):
+class HoverslamPilot(RememberingExpert):
     """Lands rockets whose engine has a least throttle and may be lit once. A `Pilot`.
 
     An observation does not tell whether the engine burns. A rocket is lit when this pilot lit it,
@@ -72,19 +71,6 @@ class HoverslamPilot(ExpertPilot):
         """
         self._floor = spec.settings[FLOOR]
         super().__init__(spec, **gains)
-        self._memory = FlightMemory(self.vehicle)
-        self._flown: F32 | None = None
-
-    def __call__(self, observation: F32) -> F32:
-        """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
-        if self._flown is not None and len(self._flown) == len(observation):
-            self._memory.command((self._flown[:, 0].astype(np.float64) + 1) / 2)
-        self._flown = super().__call__(observation)
-        return self._flown
-
-    def flew(self, action: F32) -> None:
-        """Take note that another action `(N, 3)` is flown than the last one asked for."""
-        self._flown = np.clip(action, -1.0, 1.0)
 
     def _descent(self, net: float | F64) -> BrakingProfile:
         v, gain = self.vehicle, self.settings
