@@ -302,6 +302,30 @@ def test_a_landing_is_followed_by_the_contact_model() -> None:
     assert len(after) > 25
 
 
+def test_mass_and_gravity_are_those_of_the_flight() -> None:
+    """A third of the gravity lets it fall 9 times less before it touches, and rock longer."""
+    names = ('mass_factor', 'gravity_factor')
+    stage = Stage.build('rocket', 0.02, OUTCOMES, REAL.settings, names)
+    layout = Layout(conditions=2)
+
+    def drawn(gravity: float, mass: float = 23_000.0) -> Settling:
+        plain = landing(np.deg2rad(6.0)).values
+        values = np.concatenate((plain, np.tile((1.0, gravity), (len(plain), 1))), axis=1)
+        values[:, FIELDS['mass']] = mass
+        settling, = touchdown.follow([Flight(0, 0, 0, 'landed', values, layout)], stage)
+        assert settling is not None
+        return settling
+
+    nominal, = touchdown.follow([landing(np.deg2rad(6.0))], REAL)
+    assert nominal is not None
+    same = drawn(1.0)
+    np.testing.assert_array_equal(same.values[:, :WIDTH], nominal.values)
+    assert len(drawn(0.3).values) > 1.3 * len(same.values)
+    heavy = drawn(1.0, 26_000.0)
+    assert not np.allclose(heavy.values[5], same.values[5])
+    assert (heavy.values[:, FIELDS['mass']] == 26_000.0).all()
+
+
 def test_only_landings_of_rocket_are_followed() -> None:
     others = [landing(0.0, 'timeout'), landing(0.0, 'too_fast')]
     assert touchdown.follow(others, REAL) == [None, None]

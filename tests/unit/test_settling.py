@@ -40,7 +40,7 @@ def touch_down(
     return settle(
         np.array([[3.0, 5.1, 4.0]]),
         (attitude() if orientation is None else orientation)[None],
-        np.array([velocity]), np.array([spin]), np.array([500.0]),
+        np.array([velocity]), np.array([spin]), np.array([22_500.0]),
         {**SETTINGS, **settings}, trajectory)
 
 
@@ -138,11 +138,11 @@ def test_planes_are_all_alike() -> None:
     velocity[:, 1] -= 1.0
     spin = rng.uniform(-0.2, 0.2, (count, 3))
     turn = Rotation.from_euler('y', rng.uniform(-180, 180, (count, 1)), degrees=True)
-    fuel = rng.uniform(0, 2000, count)
-    one = settle(position, orientation.as_quat(), velocity, spin, fuel, SETTINGS)
+    mass = rng.uniform(22_000, 24_000, count)
+    one = settle(position, orientation.as_quat(), velocity, spin, mass, SETTINGS)
     two = settle(
         turn.apply(position), (turn * orientation).as_quat(), turn.apply(velocity),
-        turn.apply(spin), fuel, SETTINGS)
+        turn.apply(spin), mass, SETTINGS)
     assert np.array_equal(one.verdict, two.verdict)
     assert turn.apply(one.position) == pytest.approx(two.position, abs=1e-6)
     assert one.time == pytest.approx(two.time)
@@ -188,7 +188,7 @@ def test_rows_do_not_depend_on_each_other() -> None:
     velocity = np.array([(0.5, -1.0, 0.2), (2.0, -2.0, 0.0), (0.0, -0.1, 0.0)])
     arguments = (
         np.full((3, 3), 5.0), np.stack([attitude(lean) for lean in (5.0, 9.0, 0.0)]), velocity,
-        np.zeros((3, 3)), np.full(3, 100.0))
+        np.zeros((3, 3)), np.full(3, 22_100.0))
     together = settle(*arguments, SETTINGS)
     first = settle(*(argument[:1] for argument in arguments), SETTINGS)
     assert np.array_equal(together.position[:1], first.position)
@@ -222,11 +222,11 @@ def test_what_the_expert_lands_stands() -> None:
         seen, *_ = world.step(pilot(seen))
         told.append(world.finished.take(world.finished.outcome == 0))
     landed = [state for state in told if len(state.row)]
-    position, orientation, velocity, spin, fuel = (
+    position, orientation, velocity, spin, mass = (
         np.concatenate([getattr(state, name) for state in landed]) for name in (
-            'position', 'orientation', 'linear_velocity', 'angular_velocity', 'fuel'))
-    assert len(fuel) >= 100
-    end = settle(position, orientation, velocity, spin, fuel, world.spec.settings)
+            'position', 'orientation', 'linear_velocity', 'angular_velocity', 'mass'))
+    assert len(mass) >= 100
+    end = settle(position, orientation, velocity, spin, mass, world.spec.settings)
     assert set(end.names()) == {'stands'}
     assert np.abs(end.position - position).max() < 0.1
 
@@ -243,7 +243,7 @@ def test_it_is_the_touchdown_of_rocket_planar() -> None:
     at = world.telemetry(np.arange(1))
     assert at.contact.any()
     end = settle(
-        at.position, at.orientation, at.linear_velocity, at.angular_velocity, at.fuel,
+        at.position, at.orientation, at.linear_velocity, at.angular_velocity, at.mass,
         world.spec.settings)
     for _ in range(300):
         if world.step(idle)[2][0]:
@@ -261,13 +261,24 @@ def test_the_ground_is_there_however_far_it_slides(speed: float) -> None:
     assert end.standing.tolist() == [False]
 
 
-def test_the_fuel_left_counts_as_mass() -> None:
-    """A heavier one turns less for the same torque of friction, as inertia is a constant."""
-    def turned(fuel: float) -> float:
+def test_a_heavier_one_turns_less() -> None:
+    """For the same torque of friction, as inertia is a constant."""
+    def turned(mass: float) -> float:
         end = settle(
             np.array([[0.0, 5.1, 0.0]]), attitude(8.0)[None], np.array([[1.0, -1.0, 0.0]]),
-            np.zeros((1, 3)), np.array([fuel]), SETTINGS, trajectory=True)
+            np.zeros((1, 3)), np.array([mass]), SETTINGS, trajectory=True)
         assert end.trajectory is not None
         return float(end.trajectory.angular_velocity[5, 0, 2])
 
-    assert abs(turned(0.0) - turned(2_000.0)) > 1e-3
+    assert abs(turned(22_000.0) - turned(24_000.0)) > 1e-3
+
+
+def test_gravity_is_that_of_each_row() -> None:
+    """It slides v^2 / (2 mu g) far, upright and on both feet: less where there is more of it."""
+    gravity = np.array([0.5, 1.0, 2.0]) * G
+    count = len(gravity)
+    end = settle(
+        np.tile((0.0, HEIGHT, 0.0), (count, 1)), np.tile(attitude(), (count, 1)),
+        np.tile((2.0, 0.0, 0.0), (count, 1)), np.zeros((count, 3)), np.full(count, 23_000.0),
+        SETTINGS | {'foot_friction': 0.3}, gravity=gravity)
+    assert end.moved == pytest.approx(2.0**2 / (2 * 0.3 * gravity), abs=0.03)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,13 @@ from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import rotation
+from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.settling import Settlement
 
 SETTINGS = worlds.make('rocket').spec.settings
+
+
+ONES = np.ones(4)
 
 
 def ends(*states: tuple[float, float, float, float]) -> np.ndarray:
@@ -47,7 +53,7 @@ def test_gentle_touchdowns_stand_and_fast_ones_do_not() -> None:
     """One that leans and turns on topples; 3.9 m/s is beyond the legs; the last is in the air."""
     found = after_touchdown(
         ends((3, 0, 0, 0), (0, 0, 40, 1.5), (0, 3.9, 0, 0), (0, 0, 0, 0)), np.full(4, 800.0),
-        np.array((True, True, True, False)), SETTINGS)
+        np.array((True, True, True, False)), SETTINGS, ONES, ONES)
     assert found.standing.tolist() == [True, False, False, False]
     assert found.verdicts == {'stands': 1, 'slides': 1, 'bounces': 0, 'tips_over': 1}
     assert found.rest_distance == pytest.approx([3.0], abs=0.01)
@@ -56,14 +62,14 @@ def test_gentle_touchdowns_stand_and_fast_ones_do_not() -> None:
 def test_many_are_followed_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     last = ends(*rng.uniform((-20, -4, -30, -1), (20, 4, 30, 1), (23, 4)).tolist())
-    arguments = last, rng.uniform(500, 1500, 23), rng.random(23) < 0.8, SETTINGS
+    arguments = last, rng.uniform(500, 1500, 23), rng.random(23) < 0.8, SETTINGS, *np.ones((2, 23))
     whole = after_touchdown(*arguments)
     monkeypatch.setattr(standing, '_TOGETHER', 4)
     parts = after_touchdown(*arguments)
     assert (parts.verdicts, parts.verdict) == (whole.verdicts, whole.verdict)
     assert np.array_equal(parts.standing, whole.standing)
     assert parts.rest_distance == pytest.approx(whole.rest_distance, rel=1e-9)
-    nobody = after_touchdown(last, arguments[1], np.zeros(23, np.bool_), SETTINGS)
+    nobody = after_touchdown(last, arguments[1], np.zeros(23, np.bool_), *arguments[3:])
     assert not nobody.standing.any() and set(nobody.verdict) == {''}
 
 
@@ -79,6 +85,53 @@ def test_an_evaluation_tells_how_many_stand(world: str) -> None:
         assert summary['settling'] == {'stands': 20, 'slides': 0, 'bounces': 0, 'tips_over': 0}
         assert summary['rest_distance']['p95'] < 0.05
     json.dumps(summary, allow_nan=False)
+
+
+class Falling:
+    """Leaves the engine off."""
+
+    name = 'falling'
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        return np.tile(np.array([-1, 0, 0], np.float32), (len(observation), 1))
+
+
+def test_what_was_drawn_is_what_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mass and gravity of each episode are those that the world's telemetry has of it."""
+    asked: list[tuple[np.ndarray, np.ndarray]] = []
+    real = standing.settle
+
+    def listen(*arguments: Any, gravity: np.ndarray, **others: Any) -> Settlement:
+        asked.append((arguments[4], gravity))
+        return real(*arguments, gravity=gravity, **others)
+
+    monkeypatch.setattr(standing, 'settle', listen)
+    env = worlds.make('rocket', num_envs=5)
+    flown: list[Telemetry] = []
+    step = env.step
+
+    def record(action: np.ndarray) -> Any:
+        answer = step(action)
+        flown.append(env.finished)
+        return answer
+
+    monkeypatch.setattr(env, 'step', record)
+    result = evaluate(
+        env, Falling(), 20, 4, level=1, dry_mass_factor_low=0.9,
+        dry_mass_factor_high=1.1, gravity_factor_low=0.95, gravity_factor_high=1.05)
+    assert result.settled is not None
+    (mass, gravity), = asked
+    names = list(env.spec.condition_names)
+    known = {
+        (int(row), int(episode)): (mass, drawn[names.index('gravity_factor')])
+        for part in flown for row, episode, mass, drawn in zip(
+            part.row, part.episode, part.mass, part.conditions, strict=True)}
+    ground = result.episodes.take(result.ground)
+    expected = np.array([
+        known[key] for key in zip(ground.row.tolist(), ground.episode.tolist(), strict=True)])
+    assert len(expected) > 10 and np.ptp(expected[:, 0]) > 2000
+    np.testing.assert_array_equal(mass, expected[:, 0])
+    np.testing.assert_array_equal(gravity, 9.81 * expected[:, 1])
 
 
 def test_who_does_not_come_down_does_not_stand() -> None:

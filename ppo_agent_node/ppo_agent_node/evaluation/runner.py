@@ -16,15 +16,20 @@ from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.base import tell_begun
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node import worlds
 from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.conditions import DRAWN_NAMES
+from rocket_sim_node.worlds.drawn_vehicle import draw
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.vehicle import RocketSettings
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
 """Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
@@ -80,8 +85,20 @@ class EvaluationResult:
         """
         if self.spec.name != 'rocket' or self.settings.get('sensor_noise_high', 0) > 0:
             return None
+        drawn = self._drawn()
         return after_touchdown(
-            self.final_observation, self.episodes.fuel_left, self.ground, self.settings)
+            self.final_observation, self.episodes.fuel_left, self.ground, self.settings,
+            drawn['dry_mass_factor'], drawn['gravity_factor'])
+
+    def _drawn(self) -> dict[str, F64]:
+        """Return what was drawn for the episodes of a world of rockets, `(K,)` each, by name.
+
+        The world says nothing of it to pilots, but it follows from the seed.
+        """
+        flown = settings_module.build(
+            RocketSettings, worlds.settings_from('rocket', self.settings))
+        return dict(zip(DRAWN_NAMES, draw(
+            self.seed, self.episodes.row, self.episodes.episode, flown), strict=True))
 
     @property
     def dry(self) -> NDArray[np.bool_] | None:

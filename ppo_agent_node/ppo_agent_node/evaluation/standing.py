@@ -32,7 +32,7 @@ class Standing:
 
 def after_touchdown(
     observation: NDArray[np.float32], fuel: F64, ground: NDArray[np.bool_],
-    settings: Mapping[str, float],
+    settings: Mapping[str, float], dry_mass_factor: F64, gravity_factor: F64,
 ) -> Standing:
     """Let the contact model take over from the ends of episodes.
 
@@ -41,16 +41,18 @@ def after_touchdown(
     :param fuel: `(K,)` kg left in the tank.
     :param ground: `(K,)` which episodes ended on the ground.
     :param settings: of world `rocket`.
+    :param dry_mass_factor: `(K,)` what was drawn for the episodes, as `gravity_factor`.
     """
     last = observation[ground].astype(np.float64)
     position = last[:, 0:3] * settings['position_scale']
     velocity = last[:, 3:6] * settings['velocity_scale']
     spin = last[:, 9:12] * settings['spin_scale']
-    fuel = fuel[ground]
+    mass = settings['dry_mass'] * dry_mass_factor[ground] + fuel[ground]
+    gravity = settings['gravity'] * gravity_factor[ground]
     # Each has bodies of its own and all its moments, which together would fill the memory.
     parts = [
-        settle(position[part], _swing(last[part, 6:9]), velocity[part], spin[part], fuel[part],
-               settings)
+        settle(position[part], _swing(last[part, 6:9]), velocity[part], spin[part], mass[part],
+               settings, gravity=gravity[part])
         for part in (slice(start, start + _TOGETHER)
                      for start in range(0, max(len(last), 1), _TOGETHER))]
     upright, verdict, places = (

@@ -22,6 +22,9 @@ _SETTLE = tuple(OUTCOMES[code] for code in (LANDED, TIPPED, OFF_PAD))
 """Outcomes that are followed; of a touchdown that is too fast the legs would not hold."""
 _FASTEST, _FASTEST_SPIN, _FARTHEST = 100.0, 20.0, 1e5
 """m/s, rad/s and m from the pad with which no rocket touches down"""
+_LIGHTEST, _HEAVIEST, _STRONGEST = 0.1, 1e9, 1e3
+"""kg, kg and m/s^2: no settings and conditions make lighter rockets, heavier ones, more gravity"""
+_GRAVITY = 'gravity_factor'
 
 
 def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
@@ -34,7 +37,8 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     ends: list[Settling | None] = [None] * len(flights)
     chosen = [
         place for place, flight in enumerate(flights)
-        if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)]
+        if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)
+        and 0.0 <= _gravity(flight, stage) <= _STRONGEST]
     if not chosen:
         return ends
     last = Flight(0, 0, 0, '', np.stack([
@@ -42,7 +46,8 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     settled = settle(
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
         frames.vector_from_ros(last.linear_velocity),
-        frames.vector_from_ros(last.angular_velocity), last.fuel, stage.settings, trajectory=True)
+        frames.vector_from_ros(last.angular_velocity), last.mass, stage.settings, trajectory=True,
+        gravity=np.array([_gravity(flights[place], stage) for place in chosen]))
     course, names = settled.trajectory, settled.names()
     assert course is not None
     for lane, place in enumerate(chosen):
@@ -58,6 +63,14 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     return ends
 
 
+def _gravity(flight: Flight, stage: Stage) -> float:
+    """Return the gravity of a flight, m/s^2."""
+    names = stage.condition_names
+    known = _GRAVITY in names and flight.layout.conditions == len(names)
+    factor = float(flight.conditions[-1, names.index(_GRAVITY)]) if known else 1.0
+    return factor * stage.settings['gravity']
+
+
 def _may_be(flight: Flight) -> bool:
     """Return whether the contact model has an answer: anybody may say what a rocket ends with."""
     def last(name: str) -> float:
@@ -65,6 +78,6 @@ def _may_be(flight: Flight) -> bool:
 
     return bool(
         not flight.layout.legs and not flight.layout.heights
-        and flight.mass[-1] > 0.0 <= flight.fuel[-1]
+        and _LIGHTEST <= flight.mass[-1] <= _HEAVIEST and flight.fuel[-1] >= 0.0
         and last('linear_velocity') < _FASTEST and last('angular_velocity') < _FASTEST_SPIN
         and abs(last('orientation') - 1.0) < 1e-3 and last('position') < _FARTHEST)

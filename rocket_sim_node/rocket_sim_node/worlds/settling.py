@@ -6,10 +6,11 @@ World `rocket` ends at touchdown. For evaluations and recordings the contact mod
 (see LandingPlane), as in the classic planar landing-stability analyses.
 
 What the projection leaves out: lean, spin and (where the lean decides) velocity across the plane;
-yaw; where the four legs point, as in every plane two lead and two trail; and the air. Touchdown is
-judged by the height of the origin, and by then a foot may be in the ground, by tilt or by what the
-last step went too far: the vehicle is lifted until it just touches. Legs are rigid and do not
-break: of a landing that was too fast the verdict says what would happen if they held.
+yaw; where the four legs point, as in every plane two lead and two trail; and the air, with what
+conditions push sideways. Touchdown is judged by the height of the origin, and by then a foot may
+be in the ground, by tilt or by what the last step went too far: the vehicle is lifted until it
+just touches. Legs are rigid and do not break: of a landing that was too fast the verdict says
+what would happen if they held.
 """
 from __future__ import annotations
 
@@ -106,8 +107,8 @@ class _Course(NamedTuple):
 
 
 def settle(
-    position: F64, orientation: F64, velocity: F64, spin: F64, fuel: F64,
-    settings: Mapping[str, float], trajectory: bool = False,
+    position: F64, orientation: F64, velocity: F64, spin: F64, mass: F64,
+    settings: Mapping[str, float], trajectory: bool = False, gravity: F64 | None = None,
 ) -> Settlement:
     """Let K rockets that have touched down come to rest, engine and RCS cut.
 
@@ -115,10 +116,11 @@ def settle(
     :param orientation: `(K, 4)` quaternion x y z w.
     :param velocity: `(K, 3)` m/s.
     :param spin: `(K, 3)` rad/s.
-    :param fuel: `(K,)` kg.
+    :param mass: `(K,)` kg, with the fuel that is left.
     :param settings: those of world `rocket`, and of the legs where they are not the default;
         others are passed over.
     :param trajectory: whether to return all moments.
+    :param gravity: `(K,)` m/s^2; by default that of the settings.
     :raises ValueError: for a setting out of range.
     """
     s = settings_module.build(PlanarSettings, {
@@ -131,13 +133,14 @@ def settle(
     zero = np.zeros_like(plane.lean)
     below = planar_contact.heights(corners, zero, np.sin(plane.lean), np.cos(plane.lean)).min(1)
     first = np.stack((zero, -below, plane.lean), axis=1)
-    course = _touch_down(first, plane.rates(velocity, spin), s.dry_mass + fuel, feet, s)
+    pull = np.full(len(mass), s.gravity) if gravity is None else gravity
+    course = _touch_down(first, plane.rates(velocity, spin), mass, pull, feet, s)
     last = course.pose[-1]
     foot = feet[np.where(plane.lean > 0, planar_vehicle.LEFT, planar_vehicle.RIGHT)]
     moved = np.abs(_foot_x(last, foot) - _foot_x(first, foot))
     tilt = np.abs(np.rad2deg(np.arctan2(np.sin(last[:, 2]), np.cos(last[:, 2]))))
     standing = course.resting & ~course.hull & (tilt < s.landed_tilt)
-    verdict = np.full(len(fuel), STANDS, np.uint8)
+    verdict = np.full(len(mass), STANDS, np.uint8)
     verdict[moved > SLIDE_LENGTH] = SLIDES
     verdict[course.rebound > BOUNCE_HEIGHT] = BOUNCES
     verdict[~standing] = TIPS_OVER
@@ -155,7 +158,9 @@ def _foot_x(pose: F64, foot: F64) -> F64:
     return where
 
 
-def _touch_down(pose: F64, velocity: F64, mass: F64, feet: F64, s: PlanarSettings) -> _Course:
+def _touch_down(
+    pose: F64, velocity: F64, mass: F64, gravity: F64, feet: F64, s: PlanarSettings,
+) -> _Course:
     """Follow vehicles in their planes until all are at rest or the time for it is up."""
     count = len(mass)
     most = max(1, int(np.floor(s.touchdown_limit / s.dt + 1e-9)))
@@ -166,13 +171,13 @@ def _touch_down(pose: F64, velocity: F64, mass: F64, feet: F64, s: PlanarSetting
     rows = np.arange(count)
     if not count:
         return course
-    contact = PlanarContact(count, s)
+    contact, falling = PlanarContact(count, s), np.zeros((count, 3))
+    falling[:, 1] = -gravity
     contact.begin(rows, pose, velocity, mass)
     contact.step(rows[:0], np.zeros((0, 3)))
     for step in range(1, most + 1):
         pose, velocity = course.pose[-1].copy(), np.zeros_like(velocity)
-        pose[rows], velocity[rows] = contact.step(
-            rows, np.tile((0.0, -s.gravity, 0.0), (len(rows), 1)))
+        pose[rows], velocity[rows] = contact.step(rows, falling[rows])
         touching = course.contact[-1].copy()
         touching[rows] = contact.feet[rows]
         course.hull[rows] |= contact.hull[rows]
