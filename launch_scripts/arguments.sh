@@ -16,7 +16,7 @@ launch_arguments() {
 usage() {
   printf 'Usage: %s [NAME:=VALUE ...]\n\n%s\n\nArguments:\n' "$0" "$2"
   sed -n -e '/^- arg: {/{' -e ':a' -e '/}$/!{N;ba' -e '}' -e 's/\n */ /g' \
-    -e "s/^- arg: {name: \([a-z_]*\),* *\(default: \([^,]*\),\)* *description: '\(.*\)'}/  \1\t\4\t\3/p" \
+    -e "s/^- arg: {name: \([a-z_]*\),* *\(default: '*\([^,']*\)'*,\)* *description: '\(.*\)'}/\1\t\4\t\3/p" \
     -e '}' "$1" | awk -F '\t' '{printf "  %-22s %s%s\n", $1, $2, ($3 == "" ? "" : " [" $3 "]")}'
 }
 

@@ -124,8 +124,8 @@ def test_on_a_terminal_nothing_but_the_display_is_shown(
         'stopped; go on with:', f'  {TRAIN} run_dir:={run} resume:=true']
 
 
-def test_a_file_of_overrides_and_settings_beside_it_are_refused(processes: Processes) -> None:
-    process = train(processes, 'agent_overrides:=mine.yaml', 'seed:=7')
+def test_a_file_of_settings_and_settings_beside_it_are_refused(processes: Processes) -> None:
+    process = train(processes, 'agent_settings:=mine.yaml', 'seed:=7')
     assert process.wait(30.0) == 2
     assert process.output() == (
-        "train: agent_overrides: got a file and 'seed' beside it, expected one of the two\n")
+        "train: agent_settings: got a file and 'seed' beside it, expected one of the two\n")

@@ -63,3 +63,17 @@ def test_rockets_are_seen_with_the_extended_observation(given: list[str], seen: 
         ['bash', '-euc', program, 'land', str(SCRIPTS), *given], text=True, capture_output=True,
         timeout=20)
     assert (done.stdout.strip(), done.stderr) == (seen, '')
+
+
+@pytest.mark.parametrize('command', ['train', 'evaluate', 'land', 'fly'])
+def test_help_names_each_argument_with_its_default(command: str) -> None:
+    told = subprocess.run(
+        [SCRIPTS / command, '--help'], text=True, capture_output=True, timeout=20)
+    assert (told.returncode, told.stderr) == (0, '')
+    launch = yaml.safe_load((SCRIPTS / f'{command}.launch.yaml').read_text())['launch']
+    arguments = [entry['arg'] for entry in launch if 'arg' in entry]
+    lines = [line for line in told.stdout.split('Arguments:\n')[1].splitlines() if line][
+        :len(arguments)]
+    for argument, line in zip(arguments, lines, strict=True):
+        default = f' [{argument["default"]}]' if argument.get('default') else ''
+        assert line == f'  {argument["name"]:<22} {argument["description"]}{default}'
