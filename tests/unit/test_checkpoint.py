@@ -244,3 +244,18 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 def _contents(path: Path, made: GaussianPolicy) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     content = sealed_file.read(path, 'policy').content
     return {name: tensor.clone() for name, tensor in made.state_dict().items()}, content
+
+
+@pytest.mark.parametrize('name', [
+    'observation_names', 'action_names', 'continuous', 'action_count', 'hidden_sizes'])
+def test_a_policy_that_does_not_say_what_it_needs_is_refused(tmp_path: Path, name: str) -> None:
+    spec, path = worlds.make('rocket').spec, tmp_path / 'policy.safetensors'
+    network = NetworkConfig(hidden_sizes=(4,))
+    policy = make_policy(spec, network, torch.Generator())
+    save_policy(path, policy, spec, network, 1, {})
+    tensors, found = sealed_file.read(path, 'policy')
+    del found[name]
+    sealed_file.write(path, 'policy', tensors, found)
+    with pytest.raises(ValueError, match=(
+            rf'policy\.safetensors: {name} of the policy is not there, expected observation_')):
+        load_policy(path, spec)

@@ -313,6 +313,23 @@ def test_a_run_from_before_there_was_a_setting_goes_on_with_its_default(
     assert_equal(straight, path)
 
 
+def test_a_run_from_before_its_world_had_a_setting_is_refused(
+        straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = copy_name(tmp_path)
+    shutil.copytree(straight, path)
+    real = run_state.description
+
+    def of_newer_version(spec: Any, config: Config) -> dict[str, Any]:
+        found = real(spec, config)
+        return {**found, 'world_settings': {**found['world_settings'], 'moons': 2.0}}
+
+    monkeypatch.setattr(run_state, 'description', of_newer_version)
+    with pytest.raises(ValueError, match=(
+            r'iteration_000006\.safetensors: moons of the run is not there, expected 2\.0; '
+            r'the run is from before there was such a setting of its world, begin another$')):
+        train(path, resume=True)
+
+
 def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path) -> None:
     path = copy_name(tmp_path)
     shutil.copytree(straight, path)

@@ -18,6 +18,9 @@ from rocket_sim_node import settings
 from rocket_sim_node.worlds import WorldSpec
 
 POLICY = 'policy'
+_NEEDED = (
+    'observation_names', 'action_names', 'continuous', 'action_count', 'hidden_sizes')
+"""What the description of a policy has to say."""
 
 
 def save_policy(
@@ -55,16 +58,21 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
         found and what was expected.
     """
     tensors, content = sealed_file.read(path, POLICY)
-    spec = _narrowed(path, spec, content.get('observation_names'))
+    for name in _NEEDED:
+        if name not in content:
+            raise ValueError(
+                f'{path}: {name} of the policy is not there, expected {", ".join(_NEEDED)}')
+    spec = _narrowed(path, spec, content['observation_names'])
     for name, ours in (
         ('observation_names', list(spec.observation_names)),
         ('action_names', list(spec.action_names)),
         ('continuous', spec.continuous), ('action_count', spec.action_count),
     ):
-        if content.get(name) != ours:
+        if content[name] != ours:
             raise ValueError(
-                f'{path}: {name} of the policy, for world {_short(content.get("world"))!r}, is '
-                f'{_short(content.get(name))}, expected {ours} of world {spec.name!r}')
+                f'{path}: {name} of the policy, for world '
+                f'{_short(content.get("world", "unknown"))!r}, is {_short(content[name])}, '
+                f'expected {ours} of world {spec.name!r}')
     network = _network(path, content)
     _expect_room(path, tensors, network, spec)
     policy = make_policy(spec, network, torch.Generator())
@@ -121,7 +129,7 @@ def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:
     """Return the shape of the network; older files name neither activation nor features."""
     try:
         return settings.build(NetworkConfig, {
-            'hidden_sizes': content.get('hidden_sizes'),
+            'hidden_sizes': content['hidden_sizes'],
             'activation': content.get('activation', 'tanh'),
             'features': content.get('features', 'none')})
     except (ValueError, TypeError) as error:

@@ -29,6 +29,9 @@ _FREE_TO_CHANGE = frozenset(
 """Settings that do not change what is learnt but for rounding, so that a resumed run may have
 others."""
 
+_NOTHING = object()
+"""in place of a setting that a description does not have"""
+
 
 @dataclass(frozen=True)
 class RunState:
@@ -148,13 +151,17 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
         pairs = [
             (name, found[name], expected[name]) for name in ('world', 'num_envs')
         ] + [
-            (name, {**before[group], **found[group]}.get(name), value)
+            (name, {**before[group], **found[group]}.get(name, _NOTHING), value)
             for group in ('training', 'world_settings')
             for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
         ]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f'{path}: has no description of its run: {error!r}') from error
     for name, theirs, ours in pairs:
+        if theirs is _NOTHING:
+            raise ValueError(
+                f'{path}: {name} of the run is not there, expected {ours}; the run is from before '
+                'there was such a setting of its world, begin another')
         if _plain(theirs) != _plain(ours):
             raise ValueError(
                 f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
