@@ -90,6 +90,15 @@ def test_levels_are_for_worlds_that_have_them() -> None:
         check_world(load_preset('default', 'rocket'), lander)
 
 
+@pytest.mark.parametrize('name', ['conditions', 'curriculum_wide_conditions'])
+def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
+    asked = load_preset('default', 'lunar_lander', **{name: 'harsh'})
+    with pytest.raises(ValueError, match=(
+            f"^{name}: got 'harsh', expected none, as world 'lunar_lander' has no conditions$")):
+        check_world(asked, worlds.make('lunar_lander').spec)
+    check_world(load_preset('default', 'rocket', **{name: 'harsh'}), worlds.make('rocket').spec)
+
+
 def test_headings_are_for_worlds_that_have_them() -> None:
     """Else a run would end after cloning, when the world refuses the reset."""
     turned = load_preset('default', 'rocket_planar')

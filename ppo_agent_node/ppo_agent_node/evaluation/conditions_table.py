@@ -22,7 +22,6 @@ from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.scripted import for_vehicle
 from rocket_sim_node.worlds import VectorEnv
-from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import SerialFleet
@@ -81,7 +80,7 @@ def fly_table_with(
     :raises ValueError: without pilots, levels or rows, for a world that has no conditions, and for
         what its reset refuses.
     """
-    check_world(fleet.spec)
+    conditions.check_world(fleet.spec, 'all')
     cells = [Cell(pilot, label, level)
              for pilot in pilots for level in levels for label in rows]
     if not cells:
@@ -116,15 +115,6 @@ def fly_table_with(
         'cells': [_figures(cell, result) for cell, result in zip(cells, results, strict=True)],
         'world_settings': fleet.spec.settings,
     }
-
-
-def check_world(spec: WorldSpec) -> None:
-    """Check that a world has conditions.
-
-    :raises ValueError: when it has none.
-    """
-    if not set(conditions.FLAT_NAMES) <= set(spec.settings):
-        raise ValueError(f'conditions: world {spec.name!r} has none, expected one of rockets')
 
 
 def _figures(cell: Cell, result: EvaluationResult) -> dict[str, Any]:

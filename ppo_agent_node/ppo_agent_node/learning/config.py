@@ -283,10 +283,9 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
             f'world {spec.name!r} has {"" if levels else "no "}levels')
-    drawn = config.curriculum.conditions
-    if drawn and not set(conditions.FLAT_NAMES) <= set(spec.settings):
-        raise ValueError(
-            f'conditions: got {drawn!r}, expected none, as world {spec.name!r} has no conditions')
+    for name in ('conditions', 'curriculum_wide_conditions'):
+        if drawn := getattr(config.curriculum, name):
+            conditions.check_world(spec, drawn, name)
     seen = 'extended' if 'command_1_throttle' in spec.observation_names else 'standard'
     if 'observation' in spec.settings and config.curriculum.observation != seen:
         raise ValueError(

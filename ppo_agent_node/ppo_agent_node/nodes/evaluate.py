@@ -119,7 +119,7 @@ def _settings(options: EvaluationParameters, spec: WorldSpec) -> dict[str, float
     """
     if not options.conditions:
         return {}
-    conditions_table.check_world(spec)
+    conditions.check_world(spec, options.conditions)
     return {} if options.conditions == ALL else conditions.settings(options.conditions)
 
 

@@ -371,10 +371,8 @@ class Link:
 
         :raises ValueError: for conditions that do not exist, or that this world does not have.
         """
-        if 'conditions' in settings and not self.spec.condition_names:
-            raise ValueError(
-                f'conditions: got {settings["conditions"]!r:.200}, expected none, as world '
-                f'{self.spec.name!r} has no conditions')
+        if 'conditions' in settings:
+            conditions.check_world(self.spec, settings['conditions'])
         return conditions.flatten(settings)
 
     def _judge(self, command: Command, response: Any, now: float) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 from typing import cast
 
 from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import WorldSpec
 
 LOW, HIGH = '_low', '_high'
 
@@ -187,6 +188,18 @@ def settings(name: str) -> dict[str, float]:
     if name not in NAMES:
         raise ValueError(f'conditions: got {name!r:.200}, expected one of {", ".join(NAMES)}')
     return dict(_SETS[name])
+
+
+def check_world(spec: WorldSpec, asked: object, name: str = 'conditions') -> None:
+    """Check that a world of which conditions are asked has them.
+
+    :param asked: which.
+    :param name: of the setting that asks.
+    :raises ValueError: when it has none; names setting and world.
+    """
+    if not set(FLAT_NAMES) <= set(spec.settings):
+        raise ValueError(
+            f'{name}: got {asked!r:.200}, expected none, as world {spec.name!r} has no conditions')
 
 
 def name_of(values: Mapping[str, Any]) -> str:
