@@ -27,6 +27,8 @@ def try_starts(fly: Fly, config: Config) -> None:
     first, final = curriculum.curriculum_start_level, curriculum.curriculum_final_level
     starts = {f'curriculum, level {level}': curriculum.reset_settings(level)
               for level in (first, final)}
+    if curriculum.curriculum_wide_level:
+        starts['curriculum_wide_level'] = curriculum.reset_settings(final, group=1)
     if curriculum.curriculum_start_reach:
         starts['curriculum_start_reach'] = {
             **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run asks of its simulators before there is anything to lose."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from ppo_agent_node.learning import rehearsal
+from ppo_agent_node.learning.config import load_preset
+from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+
+ROBUST = load_preset('robust')
+HARSH, MIX = ({**conditions.settings(name), 'level': 7} for name in ('harsh', 'mix'))
+
+
+class Simulators:
+    """Take note of resets, and refuse those that are in `refused`."""
+
+    def __init__(self, *refused: dict[str, float]) -> None:
+        """Begin with nothing asked."""
+        self.refused, self.asked = refused, []
+
+    def fly(self, flights: Sequence[Callable[[], Flight[Any]]]) -> Iterator[None]:
+        for begin in flights:
+            command = next(begin())
+            assert isinstance(command, Reset)
+            self.asked.append(command.settings)
+            if command.settings in self.refused:
+                raise ValueError('no such weather here')
+            yield None
+
+
+def test_all_starts_of_a_run_are_tried() -> None:
+    """Those of `robust`: its level, the wider one under harsher conditions, demonstrations."""
+    simulators = Simulators()
+    rehearsal.try_starts(simulators.fly, ROBUST)
+    demonstrations = simulators.asked[-1]
+    assert simulators.asked[:-1] == [MIX, HARSH]
+    assert demonstrations.items() > {**conditions.settings('mix'), 'level': 7}.items()
+    assert 'spawn_angle' in demonstrations
+
+
+def test_who_asked_for_a_start_that_is_refused_is_told() -> None:
+    with pytest.raises(ValueError, match=r'^curriculum_wide_level: no such weather here$'):
+        rehearsal.try_starts(Simulators(HARSH).fly, ROBUST)
+    with pytest.raises(ValueError, match=r'^curriculum, level 7: no such weather here$'):
+        rehearsal.try_starts(Simulators(MIX).fly, ROBUST)
+    reverse = load_preset('from_scratch')
+    reached = {'level': 7, 'spawn_reach': reverse.curriculum.curriculum_start_reach}
+    with pytest.raises(ValueError, match=r'^curriculum_start_reach: no such weather here$'):
+        rehearsal.try_starts(Simulators(reached).fly, reverse)
