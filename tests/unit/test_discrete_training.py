@@ -22,6 +22,7 @@ from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.ending import Result
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.learner import Learner
@@ -30,7 +31,6 @@ from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.scores import ScoreLines
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.reporting.pictures import draw

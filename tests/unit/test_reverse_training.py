@@ -11,10 +11,10 @@ import torch
 
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.ending import Result
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.flight import SerialFleet

@@ -19,11 +19,12 @@ from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
 from ppo_agent_node.learning.config import make_config
+from ppo_agent_node.learning.crew import Crew
+from ppo_agent_node.learning.ending import Result
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.rollout import in_order
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Result
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import free_memory
@@ -378,7 +379,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
     given: list[tuple[str, int]] = []
     told: list[Status] = []
     flying = [False]
-    fly = Trainer._fly
+    fly = Crew.fly
 
     def flown(*arguments: Any) -> Any:
         flying[0] = True
@@ -389,7 +390,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
         assert not flying[0]
         given.append((told[-1].stage, told[-1].iteration))
 
-    monkeypatch.setattr(Trainer, '_fly', flown)
+    monkeypatch.setattr(Crew, 'fly', flown)
     monkeypatch.setattr(free_memory, 'PERIOD', 0.0)
     monkeypatch.setattr(free_memory, 'give_back', give_back)
     # A critic that learns alone in another thread may have done so before anyone looks.

@@ -1,11 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When fine-tuning ends: after its iterations or episodes, or once it is good enough."""
+"""When fine-tuning ends, after its iterations or episodes or once it is good enough, and how."""
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from ppo_agent_node.learning.journal import Progress
+from ppo_agent_node.learning.selection import Score
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a run ended."""
+
+    finished: bool
+    """False when it was stopped; it can be resumed"""
+    iterations: int
+    """done, of fine-tuning"""
+    best: Score | None
+    """of the policy in `policy`; None when none has been flown yet"""
+    policy: Path
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ppo_agent_node.learning.config import Config
@@ -42,12 +43,16 @@ def try_starts(fly: Fly, config: Config) -> None:
             raise ValueError(f'{whose}: {error}') from error
 
 
-def try_snapshots(fly: Fly, worlds: Sequence[bytes]) -> None:
+def try_snapshots(fly: Fly, path: Path, worlds: Sequence[bytes]) -> None:
     """Go into the snapshots that a resumed run goes on from.
 
-    :raises ValueError: for one that the simulator refuses.
+    :param path: of the file that they are in.
+    :raises ValueError: for one that the simulator refuses; names the file.
     """
-    list(fly([functools.partial(_go_into, world) for world in worlds]))
+    try:
+        list(fly([functools.partial(_go_into, world) for world in worlds]))
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from error
 
 
 def _begin(settings: dict[str, float]) -> Flight[None]:

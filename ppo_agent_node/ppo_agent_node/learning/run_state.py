@@ -2,17 +2,14 @@
 """What a run is at the start of an iteration, besides the weights, and how it is written down."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import torch
-from torch import Tensor
 
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import describe
@@ -51,6 +48,32 @@ class RunState:
     reset_iteration: int = 0
     """after which the world was last reset"""
 
+    @property
+    def best_return(self) -> float:
+        """Most that a flight without noise returned on average so far."""
+        return self.best.mean_return if self.best else -math.inf
+
+    def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
+        """Return the state with the curriculum after more episodes, as they ended.
+
+        :param landed: whether each one landed.
+        :param hardest: the same of those that began highest, for a reverse curriculum.
+        """
+        if self.reverse.over:
+            return replace(self, curriculum=self.curriculum.advance(landed))
+        return replace(self, reverse=self.reverse.advance(hardest))
+
+    def news(self, before: RunState) -> str:
+        """Return how the task became harder since, empty if it did not."""
+        level, reverse = self.curriculum.level, self.reverse
+        if level != before.curriculum.level:
+            return f'level {before.curriculum.level} -> {level}'
+        if reverse.reach == before.reverse.reach:
+            return ''
+        if reverse.over:
+            return f'the whole task, level {level}'
+        return f'reach {before.reverse.reach:.2f} -> {reverse.reach:.2f} m'
+
 
 def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
     """Return every setting of a run, for `config.yaml`."""
@@ -84,28 +107,6 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
         'best': asdict(state.best) if state.best else None,
         'description': description(spec, config),
     }
-
-
-def world_tensors(worlds: Sequence[bytes]) -> dict[str, Tensor]:
-    """Return the snapshots of the groups' worlds as tensors of bytes, by name."""
-    return {
-        _world_name(group): torch.from_numpy(np.frombuffer(world, np.uint8).copy())
-        for group, world in enumerate(worlds)}
-
-
-def take_worlds(path: Path, tensors: dict[str, Tensor], groups: int) -> list[bytes]:
-    """Take the snapshots of the groups' worlds out of a checkpoint's tensors.
-
-    :raises ValueError: when one is missing.
-    """
-    missing = [name for name in map(_world_name, range(groups)) if name not in tensors]
-    if missing:
-        raise ValueError(f'{path}: has no tensor {missing[0]!r}')
-    return [tensors.pop(_world_name(group)).numpy().tobytes() for group in range(groups)]
-
-
-def _world_name(group: int) -> str:
-    return f'world.{group}' if group else 'world'
 
 
 def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:

@@ -8,10 +8,15 @@ from collections.abc import Iterable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+from typing import NamedTuple
 
+from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import fly_once
+from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.policies import without_noise
 from rocket_sim_node.worlds import Episodes
@@ -72,3 +77,61 @@ def fly_selection(
     landed = int((flown.outcome == spec.outcomes.index('landed')).sum())
     return Score(
         iteration, len(flown), landed, float(flown.episode_return.mean())), sum(lengths) * rockets
+
+
+class Selected(NamedTuple):
+    """A flight without noise, and what it says of the policy."""
+
+    score: Score
+    better: bool
+    """than all before"""
+    steps: int
+    """of rockets, that it took"""
+    numbers: dict[str, Any]
+    """for the log"""
+
+
+class Selector:
+    """Flies the policies of a run without noise when that is due, and tells how they do."""
+
+    def __init__(
+        self, spec: WorldSpec, config: Config, journal: Journal,
+        fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]],
+    ) -> None:
+        """Take the run, and who flies."""
+        self._spec, self._config, self._journal, self._fly = spec, config, journal, fly
+
+    def due(self, iteration: int, landing_rate: float) -> bool:
+        """Tell whether the policy is due for such a flight, and worth one.
+
+        :param landing_rate: of the last episodes of roll-outs; NaN before the first.
+        """
+        config, least = self._config.run, self._config.run.selection_from_landing_rate
+        return iteration % config.selection_interval == 0 and (
+            least == 0 or landing_rate >= least)
+
+    def select(self, policy: Policy, iteration: int, best: Score | None) -> Selected:
+        """Fly the policy of an iteration.
+
+        :param best: the best score so far.
+        """
+        config = self._config
+        score, steps = fly_selection(
+            self._fly, self._spec, policy, iteration, config.curriculum.selection_settings,
+            config.run.selection_episodes, config.run.seed)
+        better = best is None or score.mean_return > best.mean_return
+        low, high = wilson(score.landed, score.episodes)
+        self._journal.keep(
+            selection_iteration=score.iteration, selection_landing_rate_low=low,
+            selection_landing_rate_high=high, selection_return=score.mean_return,
+            selection_landing_rate=score.landing_rate)
+        self.tell(score if better else best)
+        return Selected(score, better, steps, {
+            'selection_return': score.mean_return, 'selection_landing_rate': score.landing_rate})
+
+    def tell(self, best: Score | None) -> None:
+        """Let all reports from now on say which policy is the best, where there is one."""
+        if best:
+            self._journal.keep(
+                best_iteration=best.iteration, best_landing_rate=best.landing_rate,
+                best_return=best.mean_return)

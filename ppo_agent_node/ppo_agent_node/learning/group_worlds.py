@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds of a run's groups: begun anew, flown for roll-outs, and snapshots in between."""
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.flights import scatter
+from ppo_agent_node.learning.policies import Policy
+from ppo_agent_node.learning.policies import without_noise
+from ppo_agent_node.learning.rehearsal import Fly
+from ppo_agent_node.learning.rollout import Ended
+from ppo_agent_node.learning.rollout import Rollout
+from ppo_agent_node.learning.rollout import in_order
+from ppo_agent_node.learning.run_state import RunState
+from ppo_agent_node.learning.sealed_file import Tensors
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Snapshot
+
+
+class GroupWorlds:
+    """Where the world of each group is."""
+
+    def __init__(self, spec: WorldSpec, config: Config, fly: Fly) -> None:
+        """Take who flies; there is no world yet."""
+        self._spec, self._config, self._fly = spec, config, fly
+        self.snapshots = [b''] * config.ppo.num_groups
+        """of each group: the last moment of its world that is certain"""
+
+    def tensors(self) -> Tensors:
+        """Return the snapshots as tensors of bytes, by name."""
+        return {
+            _name(group): torch.from_numpy(np.frombuffer(snapshot, np.uint8).copy())
+            for group, snapshot in enumerate(self.snapshots)}
+
+    def take(self, path: Path, tensors: Tensors) -> None:
+        """Take the snapshots out of a checkpoint's tensors.
+
+        :raises ValueError: when one is missing; names the file.
+        """
+        names = [_name(group) for group in range(len(self.snapshots))]
+        for name in names:
+            if name not in tensors:
+                raise ValueError(f'{path}: has no tensor {name!r}')
+        self.snapshots = [tensors.pop(name).numpy().tobytes() for name in names]
+
+    def reset(self, policy: Policy, state: RunState) -> int:
+        """Begin new episodes as the curricula have them, and get them out of step.
+
+        :return: rocket steps that were taken for it.
+        """
+        config, pilot = self._config, without_noise(policy)
+        level, reach = state.curriculum.level, state.reverse.reset_settings()
+        # Those that begin at all heights are out of step by themselves.
+        steps = config.ppo.scatter_steps if state.reverse.over else 0
+
+        def begin(group: int) -> Flight[bytes]:
+            seed = self._seed(state, group)
+            settings = {**config.curriculum.reset_settings(level, group), **reach}
+            observation = yield Reset(seed, settings)
+            yield from scatter(
+                self._spec, observation, pilot, steps, np.random.default_rng(seed))
+            snapshot: bytes = yield Snapshot()
+            return snapshot
+
+        self.snapshots = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self.snapshots))]))
+        return steps * self._spec.num_envs * len(self.snapshots)
+
+    def roll_out(self, rollout: Rollout, policy: Policy, iteration: int) -> list[list[Ended]]:
+        """Fly the roll-out of an iteration; return what ended in each group."""
+        def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
+            noise = streams.generator(
+                self._config.run.seed, 'roll-out', iteration, *_later(group))
+            return rollout.flight(group, self.snapshots[group], policy, noise)
+
+        flown = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self.snapshots))]))
+        self.snapshots = [snapshot for _, snapshot in flown]
+        return [ended for ended, _ in flown]
+
+    def hardest(self, flown: Sequence[Sequence[Ended]], state: RunState) -> Episodes:
+        """Return the episodes that began highest, of all that ended in a roll-out.
+
+        None of a run that has no reverse curriculum, or none any more.
+        """
+        if state.reverse.over:
+            return NO_EPISODES
+        return in_order([
+            state.reverse.hardest(ended, self._seed(state, group))
+            for group, ended in enumerate(flown)])
+
+    def _seed(self, state: RunState, group: int) -> int:
+        """Return what the world of a group was last reset with."""
+        return streams.derived_seed(
+            self._config.run.seed, 'world', state.reset_iteration, *_later(group))
+
+
+def _name(group: int) -> str:
+    return f'world.{group}' if group else 'world'
+
+
+def _later(group: int) -> tuple[int, ...]:
+    """Return the index of a group for its random streams: the first has those of one alone."""
+    return (group,) if group else ()
