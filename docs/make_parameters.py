@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from ppo_agent_node.learning import config
+from ppo_agent_node.learning.presets import preset_names
+from ppo_agent_node.learning.presets import preset_values
 from ppo_agent_node.nodes import acting
 from ppo_agent_node.nodes import connection
 from ppo_agent_node.nodes import evaluate
@@ -49,10 +51,10 @@ def table(title: str, infos: Iterable[SettingInfo]) -> str:
 def presets(world: str) -> str:
     """Return a heading and a Markdown table of what the presets of a world set."""
     defaults = {info.name: info.default for info in config.describe()}
-    names = sorted(config.preset_names(world), key=lambda name: (name != 'default', name))
+    names = sorted(preset_names(world), key=lambda name: (name != 'default', name))
     values = [{
         name: tuple(value) if isinstance(value, list) else value
-        for name, value in config.preset_values(preset, world).items()} for preset in names]
+        for name, value in preset_values(preset, world).items()} for preset in names]
     lines = [f'### Presets of `{world}`', '', f'| name | {" | ".join(names)} |',
              f'| --- |{" --- |" * len(names)}']
     for name, default in defaults.items():

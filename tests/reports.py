@@ -14,7 +14,7 @@ from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds

@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot

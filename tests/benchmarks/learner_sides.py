@@ -63,8 +63,8 @@ class Ours:
     def __init__(self, options: Options, **changes: Any) -> None:
         import torch
 
-        from ppo_agent_node.learning.config import load_preset
         from ppo_agent_node.learning.learner import Learner
+        from ppo_agent_node.learning.presets import load_preset
         from ppo_agent_node.learning.rollout import Batch
         from rocket_sim_node import worlds
 

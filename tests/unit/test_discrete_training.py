@@ -20,13 +20,13 @@ from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.config import make_config
 from ppo_agent_node.learning.ending import Result
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.journal import TIMES
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import CategoricalPolicy
+from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.scores import ScoreLines

@@ -11,13 +11,13 @@ import pytest
 import torch
 
 from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.config import preset_values
 from ppo_agent_node.learning.demonstrations import fly_clone
 from ppo_agent_node.learning.demonstrations import fly_wave
 from ppo_agent_node.learning.imitation import Imitation
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.policies import GaussianPolicy
+from ppo_agent_node.learning.presets import preset_values
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.pilots.expert import ExpertPilot
 from ppo_agent_node.pilots.hoverslam import HoverslamPilot

@@ -15,13 +15,13 @@ from ppo_agent_node.learning import learner as learner_module
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.adam import FlatAdam
 from ppo_agent_node.learning.backpropagation import Backpropagation
-from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.learner import Learner
 from ppo_agent_node.learning.learner import find_device
 from ppo_agent_node.learning.minibatches import Minibatches
 from ppo_agent_node.learning.networks import mlp
 from ppo_agent_node.learning.policy_file import load_policy
 from ppo_agent_node.learning.policy_file import save_policy
+from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.rollout import Batch
 from ppo_agent_node.learning.run_state import _same
 from ppo_agent_node.learning.run_state import description

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from ppo_agent_node.learning import config
+from ppo_agent_node.learning import presets
 from ppo_agent_node.learning.config import check_world
-from ppo_agent_node.learning.config import load_preset
-from ppo_agent_node.learning.config import preset_names
-from ppo_agent_node.learning.config import preset_values
+from ppo_agent_node.learning.presets import load_preset
+from ppo_agent_node.learning.presets import preset_names
+from ppo_agent_node.learning.presets import preset_values
 from rocket_sim_node import worlds
 
 
@@ -63,7 +63,7 @@ def test_one_world_may_begin_with_the_presets_of_another(
     for world, text in (('one', 'gamma: 0.5\nn_steps: 7\n'), ('two', 'like: one\nn_steps: 9\n')):
         (tmp_path / world).mkdir()
         (tmp_path / world / 'default.yaml').write_text(text)
-    monkeypatch.setattr(config, '_PRESETS', tmp_path)
+    monkeypatch.setattr(presets, '_PRESETS', tmp_path)
     assert preset_values('default', 'two') == {'gamma': 0.5, 'n_steps': 9}
     assert load_preset('default', 'two').ppo.gamma == 0.5
 

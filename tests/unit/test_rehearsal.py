@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from ppo_agent_node.learning import rehearsal
-from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.presets import load_preset
 from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset

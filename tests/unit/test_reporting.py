@@ -137,7 +137,7 @@ def test_the_settings_that_differ_from_the_preset_are_marked(run: Path) -> None:
 
 def test_the_original_preset_is_recognised(tmp_path: Path) -> None:
     run = load(write_training(tmp_path / 'run'))
-    values = settings_table.learning_config.load_preset('original', 'rocket', gamma=0.5).flat()
+    values = settings_table.presets.load_preset('original', 'rocket', gamma=0.5).flat()
     name, preset = settings_table.nearest_preset(run.world, values)
     assert name == 'original'
     assert preset['gamma'] != 0.5

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ppo_agent_node.learning.config import CurriculumConfig
+from ppo_agent_node.learning.curriculum_config import CurriculumConfig
 from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes

@@ -2,7 +2,7 @@
 """The settings of a training run: one dataclass a concern, one flat namespace of names.
 
 The names become ROS parameters one to one, and the keys of the presets and of a run's
-`config.yaml`. Presets are files of such names and values, for each world its own.
+`config.yaml`.
 """
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
-from importlib import resources
 from typing import Any
 
-import yaml
-
+from ppo_agent_node.learning.curriculum_config import CurriculumConfig
 from ppo_agent_node.learning.features import KINDS
 from ppo_agent_node.learning.imitation_config import UNSET
 from ppo_agent_node.learning.imitation_config import CloneConfig
@@ -24,9 +22,6 @@ from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import conditions
-
-_PRESETS = resources.files('ppo_agent_node') / 'presets'
-_CONDITIONS = ('', *conditions.NAMES)
 
 
 @dataclass(frozen=True)
@@ -92,78 +87,6 @@ class PPOConfig:
         True, '', 'advantages of a minibatch get mean 0 and standard deviation 1')
     critic_warmup_iterations: int = setting(
         12, '', 'first iterations that train the critic only', 0, 1_000_000)
-
-
-def level_setting(level: int) -> dict[str, float]:
-    """Return what a world is reset with for a curriculum level, nothing for 0: its own."""
-    return {'level': level} if level else {}
-
-
-@dataclass(frozen=True)
-class CurriculumConfig:
-    """When the task gets harder."""
-
-    curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
-    curriculum_final_level: int = setting(
-        7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
-    curriculum_wide_level: int = setting(
-        0, '', "level that every second group of rockets flies in place of the curriculum's, and "
-        'that selection and demonstrations fly as well, so that one policy masters both; needs '
-        'num_groups of 2 or more; 0: none', 0, 8)
-    conditions: str = setting(
-        '', '', 'set of conditions that all episodes of the run draw from; empty: as the '
-        'simulator was started', choices=_CONDITIONS)
-    curriculum_wide_conditions: str = setting(
-        '', '', 'set of conditions of those groups; empty: that of the others',
-        choices=_CONDITIONS)
-    observation: str = setting(
-        'standard', '', 'what the policy sees of a rocket; extended: also its last commands and '
-        'accelerations, which the simulator has to be started with',
-        choices=('standard', 'extended'))
-    curriculum_landing_rate: float = setting(
-        0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
-    curriculum_window: int = setting(
-        64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
-    curriculum_start_reach: float = setting(
-        0.0, 'm', 'the reverse curriculum: first of all, roll-outs begin up to so high above '
-        "touchdown, the world's spawn_reach, then ever higher; 0: at the spawn height", 0.0, 1e4)
-    curriculum_reach_growth: float = setting(
-        1.2, '', 'by this factor, when the highest starts land', 1.000001, 1e4)
-    curriculum_reach_landing_rate: float = setting(
-        0.95, '', 'landing rate over the window that is enough for it', 0.0, 1.0)
-    curriculum_reach_hardest: float = setting(
-        0.2, '', 'part of the starts, the highest, that this rate is of', 1e-3, 1.0)
-    curriculum_heading: float = setting(
-        0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
-        'spawn_heading; rocket_planar only', 0.0, 180.0)
-
-    @property
-    def selection_settings(self) -> tuple[dict[str, float], ...]:
-        """What the world is reset with to select a policy, one flight each."""
-        plain = self.task_settings(self.curriculum_final_level)
-        return (plain, self.wide_settings) if self.curriculum_wide_level else (plain,)
-
-    @property
-    def wide_settings(self) -> dict[str, float]:
-        """What the world is reset with for what every second group flies."""
-        return self.task_settings(
-            self.curriculum_wide_level, self.curriculum_wide_conditions or self.conditions)
-
-    def task_settings(self, level: int, drawn: str | None = None) -> dict[str, float]:
-        """Return what the world is reset with for a level.
-
-        :param drawn: the set of conditions, by default the run's.
-        """
-        name = self.conditions if drawn is None else drawn
-        return {**(conditions.settings(name) if name else {}), **level_setting(level)}
-
-    def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
-        """Return what the world of a group is reset with for roll-outs."""
-        wide = group % 2 and self.curriculum_wide_level
-        settings = self.wide_settings if wide else self.task_settings(level)
-        if self.curriculum_heading:
-            settings['spawn_heading'] = self.curriculum_heading
-        return settings
 
 
 @dataclass(frozen=True)
@@ -303,41 +226,3 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         if value != unset and 'spawn_heading' not in spec.settings:
             raise ValueError(
                 f'{name}: got {value:g}, expected none, as world {spec.name!r} has no headings')
-
-
-def preset_names(world: str | None = None) -> tuple[str, ...]:
-    """Return the names of the presets that ship for a world, or for any."""
-    return tuple(sorted({
-        preset.name.removesuffix('.yaml') for folder in _PRESETS.iterdir()
-        if folder.is_dir() and world in (None, folder.name)
-        for preset in folder.iterdir() if preset.name.endswith('.yaml')}))
-
-
-def preset_values(name: str, world: str) -> dict[str, Any]:
-    """Return the values that a preset sets in a world, by name, unchecked.
-
-    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of the
-    same name comes first, or a preset by world and name, as in `rocket/from_scratch`.
-
-    :raises ValueError: when there is no such preset.
-    """
-    known = preset_names(world)
-    if name not in known:
-        raise ValueError(
-            f'unknown preset {name!r} of world {world!r}, '
-            f'expected one of {", ".join(known) or "none"}')
-    values = dict(yaml.safe_load((_PRESETS / world / f'{name}.yaml').read_text('utf-8')))
-    like = values.pop('like', None)
-    if not like:
-        return values
-    world, _, other = like.partition('/')
-    return {**preset_values(other or name, world), **values}
-
-
-def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config:
-    """Return the settings of a world's preset, some of them overridden.
-
-    :raises ValueError: for an unknown preset or setting, or a value out of range.
-    :raises TypeError: for a value of another kind.
-    """
-    return make_config({**preset_values(name, world), **overrides})

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from dataclasses import replace
 
-from ppo_agent_node.learning.config import CurriculumConfig
+from ppo_agent_node.learning.curriculum_config import CurriculumConfig
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import replace
 
-from ppo_agent_node.learning.config import CurriculumConfig
+from ppo_agent_node.learning.curriculum_config import CurriculumConfig
 from ppo_agent_node.learning.rollout import Ended
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import spawn

@@ -14,7 +14,7 @@ from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluation_flight
-from ppo_agent_node.learning.config import level_setting
+from ppo_agent_node.learning.curriculum_config import level_setting
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.pilots.base import Pilot
 from rocket_sim_node.wire import stopping

@@ -29,7 +29,7 @@ from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import checked
 from ppo_agent_node.cockpit.instruments import read
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
-from ppo_agent_node.learning.config import level_setting
+from ppo_agent_node.learning.curriculum_config import level_setting
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node.recording.samples import FIELDS
 from rocket_sim_node.wire import qos

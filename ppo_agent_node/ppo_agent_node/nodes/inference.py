@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ppo_agent_node.learning.config import level_setting
+from ppo_agent_node.learning.curriculum_config import level_setting
 from ppo_agent_node.nodes.connection import ConnectionParameters
 from ppo_agent_node.nodes.connection import make_client
 from ppo_agent_node.nodes.flying import fly

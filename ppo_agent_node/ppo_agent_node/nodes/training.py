@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.learning import config as learning_config
+from ppo_agent_node.learning import presets
 from ppo_agent_node.learning.cloning import NothingLanded
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.run_folder import RunFolder
@@ -49,7 +50,7 @@ class TrainingParameters:
         "and those that come; empty: the one in the agent's own namespace")
     preset: str = setting(
         'default', '', 'where the settings of the run begin',
-        choices=learning_config.preset_names())
+        choices=presets.preset_names())
 
 
 def train(node: Node, executor: Executor, parameters: Parameters) -> int:
@@ -157,7 +158,7 @@ def _config(
     """
     values = saved
     if not saved or preset != TrainingParameters.preset:
-        values = {**saved, **learning_config.preset_values(preset, world)}
+        values = {**saved, **presets.preset_values(preset, world)}
     return learning_config.make_config(
         parameters.declare_infos(learning_config.describe(), values))
 

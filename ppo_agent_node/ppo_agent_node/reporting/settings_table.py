@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ppo_agent_node.learning import config as learning_config
+from ppo_agent_node.learning import presets
 from ppo_agent_node.reporting.run_files import Run
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds import registry
@@ -65,8 +66,8 @@ def sections(run: Run) -> list[Section]:
 def nearest_preset(world: str, training: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return the preset from which the fewest settings differ, and its values; '' without any."""
     best: tuple[int, str, dict[str, Any]] = (len(training) + 1, '', {})
-    for name in learning_config.preset_names(world):
-        values = learning_config.load_preset(name, world).flat()
+    for name in presets.preset_names(world):
+        values = presets.load_preset(name, world).flat()
         off = sum(
             _text(value) != _text(values.get(key)) for key, value in training.items()
             if key not in _UNREMARKABLE)
