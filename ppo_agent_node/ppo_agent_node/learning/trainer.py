@@ -30,6 +30,7 @@ from ppo_agent_node.learning.config import check_world
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.ending import Ending
+from ppo_agent_node.learning.episode_rollout import EpisodeRollout
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.imitation import Imitation
@@ -56,6 +57,7 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
 
 T = TypeVar('T')
@@ -116,7 +118,8 @@ class Trainer:
             Curriculum.begin(config.curriculum),
             ReverseCurriculum.begin(config.curriculum, spec))
         groups = config.ppo.num_groups
-        self._rollout = Rollout(
+        self._rollout = EpisodeRollout(
+            spec.num_envs, config.ppo.start_copies, groups) if self._whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy, groups)
         self._give_back = free_memory.NowAndThen()
         self._worlds = [b''] * groups
@@ -243,7 +246,7 @@ class Trainer:
         def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
             noise = streams.generator(
                 self._config.run.seed, 'roll-out', iteration, *later(group))
-            return rollout.flight(group, self._worlds[group], policy, noise)
+            return rollout.flight(group, self._begin_rollout(group), policy, noise)
 
         flown = list(self._fly([
             functools.partial(begin, group) for group in range(len(self._worlds))]))
@@ -260,7 +263,7 @@ class Trainer:
             reverse = reverse.advance(scores.landed(self._hardest(flown), outcomes))
         self._state = replace(
             state, iteration=iteration, curriculum=curriculum, reverse=reverse,
-            steps=state.steps + rollout.reward.numel(),
+            steps=state.steps + rollout.steps,
             episodes=state.episodes + len(episodes))
         message = ''
         if curriculum.level != state.curriculum.level:
@@ -283,6 +286,21 @@ class Trainer:
             **state.reverse.figures(), **scores.figures(episodes, outcomes),
             **asdict(diagnostics), **policy.diagnostics(), **numbers)
 
+    @property
+    def _whole_episodes(self) -> bool:
+        """Whether a roll-out is of whole episodes, from fresh starts."""
+        return self._config.ppo.start_copies > 1
+
+    def _begin_rollout(self, group: int) -> Reset | Restore:
+        """Return where the next roll-out of a group begins: mostly where the last one ended."""
+        if not self._whole_episodes:
+            return Restore(self._worlds[group])
+        seed = streams.derived_seed(
+            self._config.run.seed, 'starts', self._state.iteration, *later(group))
+        return Reset(seed, {
+            **self._config.curriculum.reset_settings(self._state.curriculum.level, group),
+            'spawn_copies': self._config.ppo.start_copies})
+
     def _hardest(self, flown: Sequence[tuple[list[Ended], bytes]]) -> Episodes:
         """Return the episodes that began highest, of all that ended in a roll-out."""
         return in_order([
@@ -298,8 +316,10 @@ class Trainer:
         config, pilot = self._config, without_noise(self._learner.policy)
         self._state = replace(self._state, reset_iteration=self._state.iteration)
         level, reach = self._state.curriculum.level, self._state.reverse.reset_settings()
-        # Those that begin at all heights are out of step by themselves.
-        steps = config.ppo.scatter_steps if self._state.reverse.over else 0
+        # Those that begin at all heights are out of step by themselves, and whole episodes need
+        # not be.
+        scattered = self._state.reverse.over and not self._whole_episodes
+        steps = config.ppo.scatter_steps if scattered else 0
 
         def begin(group: int) -> Flight[bytes]:
             seed = self._world_seed(group)
