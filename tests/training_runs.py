@@ -12,6 +12,7 @@ from processes import Processes
 from safetensors.torch import load_file
 
 from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.run_folder import RunFolder
@@ -82,6 +83,6 @@ def evaluate_in_process(run: Path) -> Path:
     result = evaluate(
         world, PolicyPilot(run / 'policy.safetensors', world.spec), SMALL['evaluation_episodes'],
         config.run.evaluation_seed, level=config.curriculum.curriculum_final_level)
-    metrics.write_json(
-        run / 'evaluation.json', metrics.summarise(result, training_seed=SMALL['seed']))
+    metrics.write_json(run / 'evaluation.json', metrics.summarise(
+        result, **solve_sample(result).figures(result), training_seed=SMALL['seed']))
     return run

@@ -218,5 +218,5 @@ def test_reset_takes_the_settings_of_the_curriculum_and_conditions() -> None:
     """Those and no more."""
     assert worlds.reset_settings('rocket') == (
         'level', 'spawn_height', 'spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin',
-        'spawn_reach', *conditions.FLAT_NAMES)
+        'spawn_reach', 'spawn_copies', *conditions.FLAT_NAMES)
     assert set(spawn.CURRICULUM_SETTINGS) <= set(RocketSettings.__dataclass_fields__)

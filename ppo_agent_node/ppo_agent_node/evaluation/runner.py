@@ -98,7 +98,8 @@ class EvaluationResult:
         flown = settings_module.build(
             RocketSettings, worlds.settings_from('rocket', self.settings))
         return dict(zip(DRAWN_NAMES, draw(
-            self.seed, self.episodes.row, self.episodes.episode, flown), strict=True))
+            self.seed, self.episodes.row // flown.spawn_copies, self.episodes.episode, flown),
+            strict=True))
 
     @property
     def dry(self) -> NDArray[np.bool_] | None:

@@ -58,6 +58,10 @@ class PPOConfig:
     num_groups: int = setting(
         1, '', "batches of the simulator's num_envs rockets in a roll-out; each is flown by "
         'whichever simulator is free, so there should be as many as simulators, or more', 1, 4096)
+    start_copies: int = setting(
+        1, '', 'rockets that fly each start, in roll-outs of one whole episode a rocket: an '
+        'advantage is the return of an episode beside those of its copies. 1: roll-outs of '
+        'n_steps, judged by the critic', 1, 4096)
     scatter_steps: int = setting(
         512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
         'episode; 0: not', 0, 1_000_000)
@@ -80,6 +84,10 @@ class PPOConfig:
     log_std_learning_rate: float = setting(
         1e-3, '', 'of Adam for the log standard deviation, at the first iteration', 0.0, 1.0)
     learning_rate_decay: bool = setting(True, '', 'all rates fall linearly to 0 at the end')
+    desired_kl: float = setting(
+        0.0, 'nats', "after an update that moved the policy by over twice as much, the actor's "
+        'learning rate is divided by 1.5, after one by less than half multiplied; 0: as it is',
+        0.0, 1e3)
     target_kl: float = setting(
         0.03, 'nats', 'an update ends early beyond this divergence; 0: never', 0.0, 1e3)
     reward_scale: float = setting(0.01, '', 'the learner sees rewards times this', 1e-9, 1e9)
@@ -87,6 +95,11 @@ class PPOConfig:
         True, '', 'advantages of a minibatch get mean 0 and standard deviation 1')
     critic_warmup_iterations: int = setting(
         12, '', 'first iterations that train the critic only', 0, 1_000_000)
+
+    @property
+    def whole_episodes(self) -> bool:
+        """Whether a roll-out is of whole episodes, from fresh starts."""
+        return self.start_copies > 1
 
 
 @dataclass(frozen=True)
@@ -181,6 +194,10 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'curriculum_start_level: got {levels.curriculum_start_level}, expected 1 to '
             f'curriculum_final_level, {levels.curriculum_final_level}, or both 0')
+    if config.ppo.start_copies > 1 and levels.curriculum_start_reach:
+        raise ValueError(
+            f'start_copies: got {config.ppo.start_copies}, expected 1 with '
+            f'curriculum_start_reach {levels.curriculum_start_reach:g}')
     if levels.curriculum_wide_level and config.ppo.num_groups < 2:
         raise ValueError(
             f'num_groups: got {config.ppo.num_groups}, expected 2 or more with '
@@ -214,6 +231,10 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'observation: got {config.curriculum.observation!r}, but the simulator was started '
             f'with observation:={seen}; expected the same of both')
+    copies = config.ppo.start_copies
+    if copies > 1 and 'spawn_copies' not in spec.settings:
+        raise ValueError(
+            f'start_copies: got {copies}, expected 1, as world {spec.name!r} has no spawn_copies')
     reach = config.curriculum.curriculum_start_reach
     if reach and 'spawn_reach' not in spec.settings:
         raise ValueError(

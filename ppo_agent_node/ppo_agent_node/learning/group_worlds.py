@@ -11,6 +11,7 @@ import torch
 
 from ppo_agent_node.learning import streams
 from ppo_agent_node.learning.config import Config
+from ppo_agent_node.learning.episode_rollout import EpisodeRollout
 from ppo_agent_node.learning.flights import scatter
 from ppo_agent_node.learning.policies import Policy
 from ppo_agent_node.learning.policies import without_noise
@@ -25,6 +26,7 @@ from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
 
 
@@ -61,8 +63,10 @@ class GroupWorlds:
         """
         config, pilot = self._config, without_noise(policy)
         level, reach = state.curriculum.level, state.reverse.reset_settings()
-        # Those that begin at all heights are out of step by themselves.
-        steps = config.ppo.scatter_steps if state.reverse.over else 0
+        # Those that begin at all heights are out of step by themselves, and whole episodes need
+        # not be.
+        scattered = state.reverse.over and not config.ppo.whole_episodes
+        steps = config.ppo.scatter_steps if scattered else 0
 
         def begin(group: int) -> Flight[bytes]:
             seed = self._seed(state, group)
@@ -77,17 +81,30 @@ class GroupWorlds:
             functools.partial(begin, group) for group in range(len(self.snapshots))]))
         return steps * self._spec.num_envs * len(self.snapshots)
 
-    def roll_out(self, rollout: Rollout, policy: Policy, iteration: int) -> list[list[Ended]]:
-        """Fly the roll-out of an iteration; return what ended in each group."""
+    def roll_out(
+        self, rollout: Rollout | EpisodeRollout, policy: Policy, state: RunState,
+    ) -> list[list[Ended]]:
+        """Fly the roll-out of the next iteration; return what ended in each group."""
         def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
             noise = streams.generator(
-                self._config.run.seed, 'roll-out', iteration, *_later(group))
-            return rollout.flight(group, self.snapshots[group], policy, noise)
+                self._config.run.seed, 'roll-out', state.iteration + 1, *_later(group))
+            return rollout.flight(group, self._begin(group, state), policy, noise)
 
         flown = list(self._fly([
             functools.partial(begin, group) for group in range(len(self.snapshots))]))
         self.snapshots = [snapshot for _, snapshot in flown]
         return [ended for ended, _ in flown]
+
+    def _begin(self, group: int, state: RunState) -> Reset | Restore:
+        """Return where the next roll-out of a group begins: mostly where the last one ended."""
+        config = self._config
+        if not config.ppo.whole_episodes:
+            return Restore(self.snapshots[group])
+        seed = streams.derived_seed(
+            config.run.seed, 'starts', state.iteration, *_later(group))
+        return Reset(seed, {
+            **config.curriculum.reset_settings(state.curriculum.level, group),
+            'spawn_copies': config.ppo.start_copies})
 
     def hardest(self, flown: Sequence[Sequence[Ended]], state: RunState) -> Episodes:
         """Return the episodes that began highest, of all that ended in a roll-out.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 from typing import TypeVar
 
 import torch
@@ -21,13 +22,27 @@ from ppo_agent_node.learning.networks import Critic
 from ppo_agent_node.learning.policies import make_policy
 from ppo_agent_node.learning.ppo import Diagnostics
 from ppo_agent_node.learning.rollout import Batch
-from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.learning.sealed_file import Tensors
 from rocket_sim_node.worlds import WorldSpec
 
 _VALUED_AT_ONCE = 4096
 """Observations; many more would leave the processor's cache between the layers."""
+_RATE_STEP = 1.5
+"""by which the actor's rate changes after an update, see `desired_kl`"""
+_RATE_BOUNDS = (1e-3, 1e3)
+_RATE_FACTOR = 'rate_factor'
 M = TypeVar('M', bound=nn.Module)
+
+
+class Samples(Protocol):
+    """A roll-out that has been flown."""
+
+    def batch(
+        self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
+        reward_scale: float,
+    ) -> Batch:
+        """Return all samples, flat, with their advantages."""
+        ...
 
 
 def find_device(name: str) -> torch.device:
@@ -65,6 +80,8 @@ class Learner:
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width
+        self._rate_factor = torch.ones((), dtype=torch.float64)
+        """of the actor's learning rate, see `_adapt_rate`"""
         self._policy_update = ppo.PolicyUpdate(self._there(self.policy), self._ppo)
         self._critic_update = ppo.CriticUpdate(self._there(self.critic), self._ppo)
 
@@ -73,7 +90,7 @@ class Learner:
         return network if self.device == here else copy.deepcopy(network).to(self.device)
 
     def learn(
-        self, iteration: int, rollout: Rollout, poll: Callable[[], None],
+        self, iteration: int, rollout: Samples, poll: Callable[[], None],
     ) -> tuple[Diagnostics, float]:
         """Improve both networks by one roll-out; return how it went and the learning rate.
 
@@ -108,14 +125,16 @@ class Learner:
         c = self._ppo
         self._carry(there=True)
         part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
-        rates = [c.actor_learning_rate * part]
+        rates = [c.actor_learning_rate * part * float(self._rate_factor)]
         if self.policy.noise_parameters():
             rates.append(c.log_std_learning_rate * part)
         diagnostics = ppo.update(
             self._policy_update, self._critic_update, batch.to(self.device),
             streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
-            train_policy=iteration > c.critic_warmup_iterations, poll=poll)
+            train_policy=iteration > c.critic_warmup_iterations,
+            train_critic=c.start_copies == 1, poll=poll)
+        self._adapt_rate(diagnostics.approx_kl)
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)
         for name, network in (('policy', self.policy), ('critic', self.critic)):
@@ -124,6 +143,19 @@ class Learner:
                     f'iteration {iteration}: the weights of the {name} are not finite any more: '
                     'rewards or learning rates are too large; resumed with these it ends so again')
         return diagnostics, rates[0]
+
+    def _adapt_rate(self, divergence: float) -> None:
+        """Keep the policy's steps near the size wanted, nats; NaN where there was none.
+
+        As `schedule='adaptive'` of rsl_rl does (Rudin et al., 'Learning to walk in minutes using
+        massively parallel deep reinforcement learning', 2022). While the deviation is small any
+        fixed rate is wrong: the same step of the weights is ever more deviations of an action.
+        """
+        desired, (least, most) = self._ppo.desired_kl, _RATE_BOUNDS
+        if desired and divergence > 2 * desired:
+            self._rate_factor.div_(_RATE_STEP).clamp_min_(least)
+        elif desired and divergence < desired / 2:
+            self._rate_factor.mul_(_RATE_STEP).clamp_max_(most)
 
     def _carry(self, there: bool) -> None:
         """Copy the networks to the device, or back, where it is another one."""
@@ -145,6 +177,8 @@ class Learner:
         :raises ValueError: when they do not fit; nothing changes.
         """
         sealed_file.expect_tensors(path, tensors, self._state())
+        if self._ppo.desired_kl:
+            self._rate_factor.copy_(tensors[_RATE_FACTOR])
         for kind, part in self._parts().items():
             mine = {name.removeprefix(f'{kind}.'): tensor for name, tensor in tensors.items()
                     if name.startswith(f'{kind}.')}
@@ -157,6 +191,7 @@ class Learner:
             'critic_optimiser': self._critic_update.optimiser}
 
     def _state(self) -> dict[str, Tensor]:
-        return {
+        adapted = {_RATE_FACTOR: self._rate_factor} if self._ppo.desired_kl else {}
+        return adapted | {
             f'{kind}.{name}': tensor for kind, part in self._parts().items()
             for name, tensor in part.state_dict().items()}

@@ -200,6 +200,7 @@ def update(
     policy_rates: Sequence[float],
     critic_rate: float,
     train_policy: bool = True,
+    train_critic: bool = True,
     poll: Poll = lambda: None,
 ) -> Diagnostics:
     """Improve policy and critic in place.
@@ -213,6 +214,7 @@ def update(
     :param generator: shuffles the samples.
     :param policy_rates: learning rates of the network and of the noise parameters, if any.
     :param train_policy: False trains the critic only.
+    :param train_critic: False trains the policy only.
     :param poll: called before each minibatch, or while they are learnt from; may raise to end
         the update half-way.
     """
@@ -224,7 +226,7 @@ def update(
         return policy.run(batch, orders, policy_rates, poll) if train_policy else PolicyNews()
 
     def run_critic(poll: Poll) -> float:
-        return critic.run(batch, orders, critic_rate, poll)
+        return critic.run(batch, orders, critic_rate, poll) if train_critic else NAN
 
     if device.type == 'cpu':
         news, value_loss = both(run_policy, run_critic, poll)

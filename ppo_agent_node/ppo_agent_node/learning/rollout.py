@@ -17,6 +17,7 @@ from ppo_agent_node.learning.gae import advantages_and_returns
 from ppo_agent_node.learning.policies import Policy
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.flight import Flight
+from rocket_sim_node.worlds.flight import Reset
 from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import Snapshot
 
@@ -95,12 +96,18 @@ class Rollout:
         self._finals: list[list[tuple[int, Tensor, Tensor]]] = [[] for _ in range(groups)]
         self._last = torch.zeros(shape[1], observation_size)
 
+    @property
+    def steps(self) -> int:
+        """Rocket steps of a roll-out, of all groups."""
+        return self.reward.numel()
+
     @torch.no_grad()
     def flight(
-        self, group: int, begin: bytes, policy: Policy, generator: torch.Generator,
+        self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
     ) -> Flight[tuple[list[Ended], bytes]]:
-        """Fly T steps from a snapshot, overwriting what was here of a group, from 0.
+        """Fly T steps, overwriting what was here of a group, from 0.
 
+        :param begin: puts the world where it begins, into a snapshot as a rule.
         :return: the episodes that finished, step by step, and the snapshot after the last step.
         """
         first = group * self._rockets
@@ -113,7 +120,7 @@ class Rollout:
         finals = self._finals[group]
         finals.clear()
         sample = policy.sampler(self.log_prob[:, columns], generator)
-        observation = yield Restore(begin)
+        observation = yield begin
         for step in range(len(self.reward)):
             observations[step] = observation
             actions[step] = action = sample(step, seen[step]).numpy()

@@ -22,6 +22,7 @@ from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.ending import Ending
 from ppo_agent_node.learning.ending import Result
+from ppo_agent_node.learning.episode_rollout import EpisodeRollout
 from ppo_agent_node.learning.flights import Pilot
 from ppo_agent_node.learning.group_worlds import GroupWorlds
 from ppo_agent_node.learning.imitation import Imitation
@@ -84,7 +85,9 @@ class Trainer:
         self._state = RunState(
             Curriculum.begin(config.curriculum),
             ReverseCurriculum.begin(config.curriculum, spec))
-        self._rollout = Rollout(
+        self._rollout = EpisodeRollout(
+            spec.num_envs, config.ppo.start_copies, config.ppo.num_groups,
+        ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             config.ppo.num_groups)
         self._crew = Crew(fleet, stop_requested, self._journal.message)
@@ -187,7 +190,7 @@ class Trainer:
         """Fly a roll-out, learn from it, and see what follows."""
         iteration, state = self._state.iteration + 1, self._state
         rollout, policy = self._rollout, self._learner.policy
-        flown = self._worlds.roll_out(rollout, policy, iteration)
+        flown = self._worlds.roll_out(rollout, policy, state)
         episodes = in_order(flown)
         with tensor_threads(self._config.run.threads):
             diagnostics, learning_rate = self._learner.learn(
@@ -197,7 +200,7 @@ class Trainer:
             state.advance(
                 scores.landed(episodes, outcomes),
                 scores.landed(self._worlds.hardest(flown, state), outcomes)),
-            iteration=iteration, steps=state.steps + rollout.reward.numel(),
+            iteration=iteration, steps=state.steps + rollout.steps,
             episodes=state.episodes + len(episodes))
         if message := self._state.news(state):
             self._reset_world()

@@ -86,6 +86,7 @@ class DrawnVehicles:
         self, row: Rows, episode: Rows,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]]:
         """Return conditions `(K, C)`, what they make `(K, M)` and keys `(K, 2)` of episodes."""
+        row = row // self._settings.spawn_copies
         drawn = draw(self._seed, row, episode, self._settings)
         keys = [random_streams.keys(self._seed, row, episode, s) for s in (_GUSTS, _NOISE)]
         return drawn.T, self._make(drawn).T, np.stack(keys, axis=1)

@@ -113,7 +113,8 @@ class RocketPlanarWorld(RocketWorld):
         if not self.settings.spawn_heading:
             self._heading[:, rows] = [[1.0], [0.0]]
             return
-        unit = random_streams.uniform(self._seed, rows, self.episode[rows], 1, _HEADINGS)[0]
+        streams = rows // self.settings.spawn_copies
+        unit = random_streams.uniform(self._seed, streams, self.episode[rows], 1, _HEADINGS)[0]
         angle = np.deg2rad(unit * self.settings.spawn_heading)
         self._heading[:, rows] = np.cos(angle), np.sin(angle)
 

@@ -42,7 +42,7 @@ LEVELS: dict[int, SpawnRange] = {
 }
 
 SPAWN_SETTINGS = ('spawn_angle', 'spawn_position', 'spawn_speed', 'spawn_spin')
-CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS, 'spawn_reach')
+CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS, 'spawn_reach', 'spawn_copies')
 """Settings that a reset may change."""
 
 _MAX_ATTEMPTS = 1000
@@ -139,6 +139,7 @@ def draw(
 
     An attitude beyond the tilt limit is drawn again, so that no episode starts terminated. Starts
     below `spawn_height`, see `spawn_reach`, are in proportion to their height above touchdown.
+    With `spawn_copies` so many rockets, one after the other, share the first one's stream.
 
     :param row: `(K,)` rockets.
     :param episode: `(K,)` their episodes.
@@ -146,6 +147,7 @@ def draw(
         attitudes that are drawn again.
     :raises ValueError: when no allowed attitude turns up in 1 000 draws.
     """
+    row = row // task.spawn_copies
     unit = random_streams.uniform(seed, row, episode, 10)
     if in_plane:
         unit[_OUT_OF_PLANE] = 0.0

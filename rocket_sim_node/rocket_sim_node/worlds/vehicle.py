@@ -49,6 +49,9 @@ class TaskSettings:
     spawn_reach: float = setting(
         0.0, 'm', 'episodes begin at heights up to it above touchdown, uniform, with angle, '
         'position, speed and spin in proportion; 0: all at spawn_height', 0.0, 1e4)
+    spawn_copies: int = setting(
+        1, '', 'rockets, one after the other, whose episodes begin alike and have equal '
+        'conditions, gusts and noise, so that only their actions tell them apart', 1, 16_384)
     touchdown_height: float = setting(5.2, 'm', 'height of the origin when it stands', 0.0, 1e4)
     landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 1e-6, 1e3)
     landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 1e-6, 180.0)
