@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation.conditions_table import Cell
@@ -167,6 +168,26 @@ def test_heat_maps_show_every_value(pilots: tuple[str, ...]) -> None:
             for condition in conditions.SINGLE for pilot in pilots]
         assert [label.get_text() for label in axes.get_xticklabels()] == list(pilots)
     assert [label.get_text() for label in panels[0].get_yticklabels()] == list(conditions.SINGLE)
+
+
+@pytest.mark.parametrize('pilots', [
+    ('policy', 'expert'), ('robust', 'default', 'expert', 'expert_estimator'),
+    ('robust', 'default', 'hoverslam', 'expert', 'expert_estimator', 'random')])
+def test_values_stay_within_their_cells_and_names_within_the_picture(
+        pilots: tuple[str, ...]) -> None:
+    table = made(pilots)
+    for place, cell in enumerate(table['cells']):
+        cell['mean_return'] = (-104.25, 295.25)[place % 2]
+    with style.styled():
+        figure = heat_maps(table)
+        FigureCanvasAgg(figure).draw()
+        panels = [axes for half in figure.subfigs for axes in half.axes if axes.images]
+        for axes in panels:
+            room = axes.get_window_extent().width / len(pilots)
+            assert all(text.get_window_extent().width < room for text in axes.texts)
+            names = [label.get_window_extent() for label in axes.get_xticklabels()]
+            assert all(name.x1 < figure.bbox.x1 for name in names)
+        assert {'-104', '295.2'} <= {text.get_text() for text in panels[-1].texts}
 
 
 def test_the_report_shows_the_table(tmp_path: Path) -> None:

@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from ppo_agent_node.evaluation.conditions_files import cell_of
 from ppo_agent_node.reporting.style import plain
 
-_WIDTH = 10.5
-_ROW = 0.26
-"""inches"""
-_FITTING = 8
-"""columns of a half that fit into that width"""
+_LEAST_WIDTH = 10.5
+_ROW, _COLUMN = 0.26, 0.46
+_LETTER = 0.06
+"""inches along the edge, of a letter of a name over a column"""
 _MARGIN = 1.9
-"""inches for titles, names of pilots and the scale"""
+"""inches for titles, names of pilots and the scale, and for those of conditions"""
 _MIDDLE = 0.5
 """Luminance below which writing is white."""
 _DARK = '#111111'
@@ -56,8 +55,8 @@ def short_rate(value: float) -> str:
 
 
 def short_return(value: float) -> str:
-    """Return a return with one digit."""
-    return f'{value:.1f}'
+    """Return a return with one digit, without where crashes make it less than nothing."""
+    return f'{value:.1f}' if value >= 0 else f'{value:.0f}'
 
 
 _FIGURES = (
@@ -73,12 +72,16 @@ def heat_maps(table: Mapping[str, Any]) -> Figure:
 
     :param table: as in `conditions.json`.
     """
-    count = len(table['conditions'])
-    more = max(0, len(table['pilots']) * len(table['levels']) - _FITTING)
-    figure = Figure(figsize=(_WIDTH + 0.9 * more, _MARGIN + _ROW * count))
-    # Labels of the rows stand at the left half only.
+    pilots, levels = table['pilots'], len(table['levels'])
+    # Slanted names reach over the right end of their panel.
+    panel = _COLUMN * len(pilots) + (_LETTER * max(map(len, pilots)) if _slanted(pilots) else 0.1)
+    width = max(_LEAST_WIDTH, _MARGIN + len(_FIGURES) * levels * panel)
+    figure = Figure(figsize=(width, _MARGIN + _ROW * len(table['conditions'])))
+    # Names of the conditions stand at the left half only.
+    plain_half = (width - _MARGIN) / len(_FIGURES)
     halves = figure.subfigures(
-        1, len(_FIGURES), width_ratios=(1.35, 1.0), wspace=0.0, squeeze=False)
+        1, len(_FIGURES), width_ratios=(plain_half + _MARGIN, plain_half), wspace=0.0,
+        squeeze=False)
     for number, shown in enumerate(_FIGURES):
         _half(halves[0, number], table, shown, labelled=number == 0)
     return figure
@@ -120,7 +123,7 @@ def _write(
 
 def _name(panel: Axes, pilots: Sequence[str], conditions: Sequence[str]) -> None:
     """Put names to columns and rows, and white lines between cells."""
-    slanted = len(pilots) > 2 or max(map(len, pilots)) > _LONG
+    slanted = _slanted(pilots)
     panel.set_xticks(
         range(len(pilots)), [plain(name) for name in pilots], fontsize=8.5,
         rotation=30 if slanted else 0, ha='left' if slanted else 'center')
@@ -132,3 +135,8 @@ def _name(panel: Axes, pilots: Sequence[str], conditions: Sequence[str]) -> None
     low, high = panel.get_ylim()
     panel.hlines(np.arange(high + 1, low), -0.5, len(pilots) - 0.5, color='white', linewidth=1)
     panel.vlines(np.arange(0.5, len(pilots) - 1), high, low, color='white', linewidth=1)
+
+
+def _slanted(pilots: Sequence[str]) -> bool:
+    """Return whether names are too many or too long to stand side by side."""
+    return len(pilots) > 2 or max(map(len, pilots)) > _LONG
