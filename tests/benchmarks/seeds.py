@@ -30,6 +30,8 @@ from rocket_sim_node import worlds
 
 ROOT = Path(__file__).parents[2]
 _ROCKETS = 500
+SEED = 40_000_000
+"""of the fresh starts"""
 
 
 def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
@@ -103,7 +105,7 @@ def main() -> None:
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
                         help='conditions and level, such as mix:7; lander: nominal')
     parser.add_argument('--episodes', type=int, default=10_000, help='for each task')
-    parser.add_argument('--seed', type=int, default=40_000_000, help='of the fresh starts')
+    parser.add_argument('--seed', type=int, default=SEED, help='of the fresh starts')
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
