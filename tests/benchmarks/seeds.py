@@ -11,6 +11,7 @@ import argparse
 import json
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,20 +19,24 @@ import numpy as np
 import torch
 
 from benchmarks import machine
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.conditions_files import aligned
+from ppo_agent_node.evaluation.conditions_files import percent
 from ppo_agent_node.evaluation.intervals import mean_interval
 from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
-from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 
 ROOT = Path(__file__).parents[2]
-_ROCKETS = 500
+ROCKETS = 500
 SEED = 40_000_000
 """of the fresh starts"""
+_ALIASES = {'scripted': choice.EXPERT}
 
 
 def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
@@ -66,34 +71,57 @@ def figures(result: EvaluationResult) -> dict[str, Any]:
         'landing_rate_interval': wilson(count, len(flown)),
         'mean_return': float(flown.episode_return.mean()),
         'mean_return_interval': mean_interval(flown.episode_return),
-        'fuel_ratio': float(np.mean(flown.fuel_used[landed] / result.fuel_bound[landed])),
+        'fuel_ratio': metrics.fuel_ratio(result),
         'touchdown_speed_p95': float(np.quantile(speed, 0.95)) if count else None,
         'tanks_dry': float((flown.fuel_left <= 0).mean())}
 
 
-def fly(options: argparse.Namespace, pilot: Path | None, task: str) -> dict[str, Any]:
-    """Fly a policy file, or the scripted pilot, on a task such as `mix:7` from fresh starts."""
+def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, Any]:
+    """Fly a pilot on a task such as `mix:7` from fresh starts.
+
+    :param pilot: a policy file, or a name as `evaluate` takes it; `scripted` is the expert.
+    """
     name, _, level = task.partition(':')
     settings: dict[str, Any] = {}
     if options.world != 'lunar_lander':
         settings = {'conditions': name, 'observation': 'extended'}
-    world = worlds.make(options.world, _ROCKETS, **settings)
-    chosen: Pilot = scripted_pilot(world.spec) if pilot is None else PolicyPilot(pilot, world.spec)
+    world = worlds.make(options.world, ROCKETS, **settings)
+    chosen: Pilot = (
+        PolicyPilot(pilot, world.spec) if isinstance(pilot, Path) else
+        choice.choose(_ALIASES.get(pilot, pilot), world.spec, options.seed).pilot)
     return figures(evaluate(
         world, chosen, options.episodes, options.seed,
         **({'level': int(level)} if level else {})))
 
 
+def markdown(flown: Sequence[dict[str, Any]]) -> str:
+    """Return the rows of a table for the documents: a line a pilot, two columns a task."""
+    tasks = list(dict.fromkeys(one['task'] for one in flown))
+    found = {(one['pilot'], one['task']): one for one in flown}
+    heads = [text for task in tasks
+             for text in (f'{task.replace(":", ", level ")}: landed', 'mean return')]
+    lines = [['pilot', *heads]]
+    for pilot in dict.fromkeys(one['pilot'] for one in flown):
+        line = [pilot]
+        for task in tasks:
+            one = found[pilot, task]
+            low, high = one['mean_return_interval']
+            line += [f'{percent(one["landed"] / one["episodes"])} %',
+                     f'{one["mean_return"]:.2f} [{low:.2f}, {high:.2f}]']
+        lines.append(line)
+    return aligned(lines)
+
+
 def row(label: str, task: str, one: dict[str, Any]) -> str:
     """Return a line of the table."""
     low, high = one['mean_return_interval']
-    text = (f'{label:<10} {task:<12} {100 * one["landed"] / one["episodes"]:7.2f} %  '
+    text = (f'{label:<16} {task:<12} {100 * one["landed"] / one["episodes"]:7.2f} %  '
             f'{one["mean_return"]:8.3f} [{low:.3f}, {high:.3f}]')
     if 'solved' in one:
         return f'{text}  solved {100 * one["solved"]:.2f} %'
-    fast = one['touchdown_speed_p95'] or 0
-    return (f'{text}  fuel {one["fuel_ratio"]:.4f}  p95 {fast:.4f} m/s  '
-            f'dry {100 * one["tanks_dry"]:.2f} %')
+    if one['landed']:
+        text += f'  fuel {one["fuel_ratio"]:.4f}  p95 {one["touchdown_speed_p95"]:.4f} m/s'
+    return f'{text}  dry {100 * one["tanks_dry"]:.2f} %'
 
 
 def main() -> None:
@@ -104,6 +132,10 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5])
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
                         help='conditions and level, such as mix:7; lander: nominal')
+    parser.add_argument(
+        '--pilots', nargs='+', default=['scripted'],
+        help='who flies beside clone and policy: scripted, random, expert_estimator, names of '
+        'policies that ship, files')
     parser.add_argument('--episodes', type=int, default=10_000, help='for each task')
     parser.add_argument('--seed', type=int, default=SEED, help='of the fresh starts')
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
@@ -112,13 +144,14 @@ def main() -> None:
     torch.set_num_threads(1)
     found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}
 
-    def show(label: str, task: str, path: Path | None) -> None:
-        one = fly(options, path, task)
+    def show(label: str, task: str, pilot: str | Path) -> None:
+        one = fly(options, pilot, task)
         found['flown'].append({'pilot': label, 'task': task, **one})
         print(row(label, task, one), flush=True)
 
-    for task in options.tasks:
-        show('scripted', task, None)
+    for name in options.pilots:
+        for task in options.tasks:
+            show(name, task, name)
     for seed in options.seeds:
         run, seconds = train(options, seed)
         took = json.loads((run / 'evaluation.json').read_text())['training_seed']
@@ -130,6 +163,7 @@ def main() -> None:
             path = run / f'{name}.safetensors'
             for task in options.tasks if path.exists() else ():
                 show(label, task, path)
+    print(f'\n{markdown(found["flown"])}')
     if options.output:
         write_json(options.output, found)
 

@@ -2,7 +2,9 @@
 """Seeds: what trains, what selects and what is reported never meet the same starts."""
 from __future__ import annotations
 
+import argparse
 import itertools
+import json
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -104,3 +106,25 @@ def test_a_run_is_selected_and_evaluated_on_starts_that_it_did_not_train_on(
 
 def _rows(starts: Sequence[NDArray[Any]] | NDArray[Any]) -> set[bytes]:
     return {start.tobytes() for start in starts}
+
+
+def test_the_benchmark_of_seeds_puts_its_rows_into_a_table(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of a pilot that lands nothing, of which there is no fuel and no touchdown to tell."""
+    monkeypatch.setattr(bench_seeds, 'ROCKETS', 8)
+    options = argparse.Namespace(world='rocket', episodes=8, seed=77)
+    task = 'mix:7'
+    flown = [{'pilot': name, 'task': task, **bench_seeds.fly(options, name, task)}
+             for name in ('random', 'robust')]
+    crashed, landed = flown
+    assert (crashed['landed'], crashed['fuel_ratio'], crashed['touchdown_speed_p95']) == (
+        0, None, None)
+    assert bench_seeds.row('random', task, crashed).startswith('random           mix:7')
+    assert '  fuel 1.' in bench_seeds.row('robust', task, landed)
+    head, _, first, second = bench_seeds.markdown(flown).splitlines()
+    assert [cell.strip() for cell in head.split('|')][1:4] == [
+        'pilot', 'mix, level 7: landed', 'mean return']
+    assert first.split('|')[2].strip() == '0.00 %'
+    assert second.split('|')[2].strip() == f'{100 * landed["landed"] / 8:.2f} %'
+    assert f'{landed["mean_return"]:.2f} [' in second
+    json.dumps(flown, allow_nan=False)
