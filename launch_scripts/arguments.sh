@@ -43,6 +43,27 @@ parse_arguments() {
   done
 }
 
+# one_of NAME CHOICE...: ends with an error when an argument is given as none of these.
+one_of() {
+  local name=$1 choice
+  shift
+  [[ -n ${values[$name]:-} ]] || return 0
+  for choice; do
+    [[ $choice != "${values[$name]}" ]] || return 0
+  done
+  die "$name: got '${values[$name]}', expected one of $*"
+}
+
+# check_names CONDITION...: ends with an error for a world or conditions that there are not, before
+# nodes are started that would say so among others. More conditions than all know may be given.
+check_names() {
+  one_of world rocket rocket_planar lunar_lander
+  one_of conditions nominal mix harsh hoverslam "$@"
+  if [[ ${values[world]:-rocket} != rocket* && ${values[conditions]:-nominal} != nominal ]]; then
+    die "conditions: got '${values[conditions]}', expected none, as world '${values[world]}' has no conditions"
+  fi
+}
+
 # absolute NAME: makes the path in an argument absolute, so that it means the same to every node.
 # The shell leaves a ~ behind := as it is.
 absolute() {

@@ -72,8 +72,8 @@ def check(info: SettingInfo, value: object) -> Value:
             kind = 'true or false' if isinstance(info.default, bool) else 'a string'
             raise TypeError(f'{info.name}: got {value!r}, expected {kind}')
         if info.choices and value not in info.choices:
-            raise ValueError(
-                f'{info.name}: got {value!r}, expected one of {", ".join(info.choices)}')
+            choices = ', '.join(choice or "''" for choice in info.choices)
+            raise ValueError(f'{info.name}: got {value!r}, expected one of {choices}')
         return value
     number = _number(info, value, whole=isinstance(info.default, int))
     return int(number) if isinstance(info.default, int) else number

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import conditions
+
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 PROGRAM = """
 . "$1/arguments.sh"
@@ -77,3 +80,26 @@ def test_help_names_each_argument_with_its_default(command: str) -> None:
     for argument, line in zip(arguments, lines, strict=True):
         default = f' [{argument["default"]}]' if argument.get('default') else ''
         assert line == f'  {argument["name"]:<22} {argument["description"]}{default}'
+
+
+@pytest.mark.parametrize(('command', 'given', 'message'), [
+    *((command, ['conditions:=foo'], "conditions: got 'foo', expected one of nominal mix harsh ")
+      for command in ('train', 'evaluate', 'land', 'fly')),
+    ('train', ['conditions:=all'], "conditions: got 'all', expected one of nominal mix"),
+    ('land', ['world:=mars'], "world: got 'mars', expected one of rocket rocket_planar lunar"),
+    ('train', ["conditions:=it's"], "conditions: got 'it's', expected one of"),
+    ('evaluate', ['conditions:=mix harsh'], "conditions: got 'mix harsh', expected one of"),
+    ('evaluate', ['world:=lunar_lander', 'conditions:=all'],
+     "conditions: got 'all', expected none, as world 'lunar_lander' has no conditions")])
+def test_names_that_there_are_not_are_refused_before_anything_starts(
+        command: str, given: list[str], message: str) -> None:
+    done = subprocess.run(
+        [SCRIPTS / command, *given], text=True, capture_output=True, timeout=20)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith(f'{command}: {message}') and done.stderr.count('\n') == 1
+
+
+def test_the_scripts_know_all_worlds_and_conditions() -> None:
+    text = (SCRIPTS / 'arguments.sh').read_text()
+    assert f'  one_of world {" ".join(worlds.names())}\n' in text
+    assert f'  one_of conditions {" ".join(conditions.NAMES)} "$@"\n' in text
