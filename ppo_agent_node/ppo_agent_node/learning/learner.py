@@ -65,6 +65,8 @@ class Learner:
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width
+        for name in set(network.hidden_observations.split()) & set(spec.observation_names):
+            self.policy.normaliser.hide(spec.observation_names.index(name))
         self._policy_update = ppo.PolicyUpdate(self._there(self.policy), self._ppo)
         self._critic_update = ppo.CriticUpdate(self._there(self.critic), self._ppo)
 
@@ -95,6 +97,14 @@ class Learner:
         part = (iteration - 1) / (c.iterations - 1)
         return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
 
+    def entropy_coefficient(self, iteration: int) -> float:
+        """Return the weight of the entropy bonus of an iteration, from 1."""
+        c = self._ppo
+        if c.entropy_coefficient_final < 0:
+            return c.entropy_coefficient
+        part = (iteration - 1) / c.iterations
+        return (1 - part) * c.entropy_coefficient + part * c.entropy_coefficient_final
+
     def _values(self, observation: Tensor) -> Tensor:
         """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
         return torch.cat([
@@ -115,7 +125,8 @@ class Learner:
             self._policy_update, self._critic_update, batch.to(self.device),
             streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
-            train_policy=iteration > c.critic_warmup_iterations, poll=poll)
+            train_policy=iteration > c.critic_warmup_iterations, poll=poll,
+            entropy_coefficient=self.entropy_coefficient(iteration))
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)
         for name, network in (('policy', self.policy), ('critic', self.critic)):
