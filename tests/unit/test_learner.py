@@ -103,11 +103,11 @@ def test_advantages_are_normalised_by_minibatch(count: int) -> None:
         torch.testing.assert_close(part, expected)
 
 
-def learner(device: str = 'cpu', world: str = 'rocket') -> Learner:
+def learner(device: str = 'cpu', world: str = 'rocket', **changes: Any) -> Learner:
     spec = worlds.make(world, num_envs=4).spec
-    return Learner(spec, load_preset(
-        'default', world, hidden_sizes=(16, 16), batch_size=64, device=device, threads=1,
-        critic_warmup_iterations=0))
+    return Learner(spec, load_preset('default', world, **{
+        'hidden_sizes': (16, 16), 'batch_size': 64, 'device': device, 'threads': 1,
+        'critic_warmup_iterations': 0, **changes}))
 
 
 def batch(one: Learner) -> Batch:
@@ -243,3 +243,55 @@ def test_the_discount_goes_from_the_first_iterations_to_the_last_geometrically()
     assert Learner(spec, load_preset('quick', gamma=0.995)).gamma(7) == 0.995
     alone = Learner(spec, load_preset('quick', gamma_first=0.9, gamma=0.995, iterations=1))
     assert alone.gamma(1) == 0.995
+
+
+def test_the_entropy_bonus_goes_from_the_first_iteration_to_the_end_linearly() -> None:
+    """As the learning rates do: it would be there one iteration after the last."""
+    spec = worlds.make('lunar_lander').spec
+
+    def weights(**changes: float) -> list[float]:
+        config = load_preset('quick', 'lunar_lander', iterations=4, **changes)
+        return [Learner(spec, config).entropy_coefficient(k) for k in (1, 2, 3, 4)]
+
+    assert weights(entropy_coefficient=0.01, entropy_coefficient_final=0.03) == pytest.approx(
+        [0.01, 0.015, 0.02, 0.025])
+    assert weights(entropy_coefficient=0.01, entropy_coefficient_final=0.0) == pytest.approx(
+        [0.01, 0.0075, 0.005, 0.0025])
+    assert weights(entropy_coefficient=0.01) == [0.01] * 4
+
+
+def test_the_entropy_bonus_of_the_iteration_is_what_counts() -> None:
+    def learnt(first: float, final: float) -> list[torch.Tensor]:
+        one = learner(
+            world='lunar_lander', iterations=2, entropy_coefficient=first,
+            entropy_coefficient_final=final)
+        one.improve(2, batch(one), lambda: None)
+        return list(one.tensors().values())
+
+    falling, half, whole = learnt(1.0, 0.0), learnt(0.5, -1.0), learnt(1.0, -1.0)
+    assert all(map(torch.equal, falling, half))
+    assert not all(map(torch.equal, falling, whole))
+
+
+def test_the_policy_does_not_see_what_is_hidden_and_the_critic_does() -> None:
+    one = learner(world='lunar_lander', hidden_observations='left_contact angle of_no_world')
+    names = worlds.make('lunar_lander').spec.observation_names
+    observation = torch.zeros(len(names), len(names))
+    observation.fill_diagonal_(1.0)
+    nothing = torch.zeros(1, len(names))
+    for network, hidden in ((one.policy.output, {'left_contact', 'angle'}), (one.critic, set())):
+        with torch.no_grad():
+            told = [
+                name for name, row in zip(names, observation, strict=True)
+                if not torch.equal(network(row[None]), network(nothing))]
+        assert set(names) - set(told) == hidden
+
+
+def test_a_policy_that_does_not_see_all_is_saved_as_such(tmp_path: Path) -> None:
+    one = learner(world='lunar_lander', hidden_observations='left_contact')
+    spec = worlds.make('lunar_lander', num_envs=4).spec
+    config = load_preset('default', 'lunar_lander', hidden_sizes=(16, 16))
+    save_policy(tmp_path / 'policy', one.policy, spec, config.network, 1, {})
+    found = load_policy(tmp_path / 'policy', spec)[0]
+    assert torch.equal(found.normaliser.scale, one.policy.normaliser.scale)
+    assert int((found.normaliser.scale == 0).sum()) == 1

@@ -141,6 +141,20 @@ def test_entries_with_a_width_are_seen_logarithmically() -> None:
     assert torch.equal(copied.width, normaliser.width)
 
 
+def test_what_is_hidden_counts_as_0_whatever_is_fitted_and_is_shown_to_others() -> None:
+    normaliser, other = Normaliser(2), Normaliser(2)
+    normaliser.hide(1)
+    samples = torch.randn(500, 2) * 3 + 5
+    assert not normaliser(samples)[:, 1].any()
+    normaliser.fit(samples)
+    assert not normaliser(samples)[:, 1].any()
+    assert float(normaliser(samples)[:, 0].std()) == pytest.approx(1, abs=1e-4)
+    other.copy_from(normaliser)
+    torch.testing.assert_close(other(samples)[:, 1], samples[:, 1] - samples[:, 1].mean())
+    normaliser.copy_from(other)
+    assert not normaliser(samples)[:, 1].any()
+
+
 @pytest.mark.parametrize('rows', [0, 1, 31, 32, 257])
 @pytest.mark.parametrize(('inputs', 'outputs'), [(3, 31), (15, 32), (200, 65)])
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])

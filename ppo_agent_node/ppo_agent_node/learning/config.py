@@ -37,6 +37,9 @@ class NetworkConfig:
         'names that the world lacks are passed over')
     fine_width: float = setting(
         0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
+    hidden_observations: str = setting(
+        '', '', 'observations, by name, that the policy does not see and the critic does; names '
+        'that the world lacks are passed over')
     features: str = setting(
         'none', '', 'what actor and critic see beside the observation; descent: needed '
         'deceleration, time to go, flare rate and what guidance weighs; miss: also where it would '
@@ -77,6 +80,9 @@ class PPOConfig:
         'geometrically; -1: gamma throughout', -1.0, 1.0)
     gae_lambda: float = setting(0.99, '', 'lambda of generalised advantages', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
+    entropy_coefficient_final: float = setting(
+        -1.0, '', 'that at the end, to which it goes linearly; -1: the same throughout', -1.0,
+        100.0)
     max_grad_norm: float = setting(
         0.5, '', 'gradients of each network are clipped to it', 1e-9, 1e9)
     actor_learning_rate: float = setting(3e-5, '', 'of Adam, at the first iteration', 0.0, 1.0)

@@ -80,6 +80,8 @@ class Learner:
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width
+        for name in set(network.hidden_observations.split()) & set(spec.observation_names):
+            self.policy.normaliser.hide(spec.observation_names.index(name))
         self._rate_factor = torch.ones((), dtype=torch.float64)
         """of the actor's learning rate, see `_adapt_rate`"""
         self._policy_update = ppo.PolicyUpdate(self._there(self.policy), self._ppo)
@@ -112,6 +114,14 @@ class Learner:
         part = (iteration - 1) / (c.iterations - 1)
         return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
 
+    def entropy_coefficient(self, iteration: int) -> float:
+        """Return the weight of the entropy bonus of an iteration, from 1."""
+        c = self._ppo
+        if c.entropy_coefficient_final < 0:
+            return c.entropy_coefficient
+        part = (iteration - 1) / c.iterations
+        return (1 - part) * c.entropy_coefficient + part * c.entropy_coefficient_final
+
     def _values(self, observation: Tensor) -> Tensor:
         """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
         return torch.cat([
@@ -133,7 +143,8 @@ class Learner:
             streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
             train_policy=iteration > c.critic_warmup_iterations,
-            train_critic=c.start_copies == 1, poll=poll)
+            train_critic=c.start_copies == 1, poll=poll,
+            entropy_coefficient=self.entropy_coefficient(iteration))
         self._adapt_rate(diagnostics.approx_kl)
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)

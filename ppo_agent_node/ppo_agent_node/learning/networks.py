@@ -87,7 +87,8 @@ class Normaliser(nn.Module):
 
     Entries with a `width` are bent first, asinh(x / width): linear within the width and
     logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. The features, if
-    any, are appended. Then all get mean 0 and standard deviation 1.
+    any, are appended. Then all get mean 0 and standard deviation 1; those that are hidden are 0,
+    as their scale is.
     """
 
     width: Tensor
@@ -121,15 +122,22 @@ class Normaliser(nn.Module):
             return bent
         return torch.cat((bent, self.features(observation)), -1)
 
+    def hide(self, column: int) -> None:
+        """Let an observation count as 0, for good."""
+        self.scale[column] = 0.0
+
     def fit(self, observation: Tensor, least: float = 1e-3) -> None:
         """Take mean and deviation from samples `(S, D)`; deviations below `least` count as it."""
         bent = self._bend(observation)
         self.mean.copy_(bent.mean(0))
-        self.scale.copy_(1 / bent.std(0).clamp_min(least))
+        hidden = self.scale == 0
+        self.scale.copy_(1 / bent.std(0).clamp_min(least)).masked_fill_(hidden, 0.0)
 
     def copy_from(self, other: Normaliser) -> None:
-        """Take the numbers from another."""
+        """Take the numbers from another, but hide what was hidden here and nothing else."""
+        hidden = self.scale == 0
         self.load_state_dict(other.state_dict())
+        self.scale.masked_fill_(other.scale == 0, 1.0).masked_fill_(hidden, 0.0)
 
 
 def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Tensor]:

@@ -127,6 +127,7 @@ class PolicyUpdate:
     @torch.inference_mode()
     def run(
         self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
+        entropy_coefficient: float,
     ) -> PolicyNews:
         """Learn from each order of the samples, until the policy has moved too far."""
         config = self.config
@@ -145,7 +146,7 @@ class PolicyUpdate:
             learnt = stop = 0
             for start, stop, pieces in minibatches:
                 poll()
-                self._find_gradient(pieces)
+                self._find_gradient(pieces, entropy_coefficient)
                 if config.target_kl and config.target_kl < (kl := _divergence(
                         log_ratio[start:stop])):
                     break
@@ -167,7 +168,9 @@ class PolicyUpdate:
             approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
             grad_norm=sum(norms) / len(norms) if norms else NAN, updates=len(norms))
 
-    def _find_gradient(self, pieces: Sequence[tuple[Tensor, ...]]) -> None:
+    def _find_gradient(
+        self, pieces: Sequence[tuple[Tensor, ...]], entropy_coefficient: float,
+    ) -> None:
         """Set the optimiser's gradient to that of a minibatch; fill in the results."""
         config = self.config
         self.optimiser.gradient.zero_()
@@ -177,7 +180,7 @@ class PolicyUpdate:
             entropy.copy_(found.entropy)
             by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
             error, by_noise = self.policy.likelihood_gradient(
-                found, action, by_log_prob, -config.entropy_coefficient)
+                found, action, by_log_prob, -entropy_coefficient)
             self._network.backward(error)
             for parameter, gradient in zip(self._noise, by_noise, strict=True):
                 self.optimiser.gradient_of(parameter).add_(gradient)
@@ -202,6 +205,7 @@ def update(
     train_policy: bool = True,
     train_critic: bool = True,
     poll: Poll = lambda: None,
+    entropy_coefficient: float | None = None,
 ) -> Diagnostics:
     """Improve policy and critic in place.
 
@@ -217,13 +221,19 @@ def update(
     :param train_critic: False trains the policy only.
     :param poll: called before each minibatch, or while they are learnt from; may raise to end
         the update half-way.
+    :param entropy_coefficient: weight of the entropy bonus, by default that of the settings.
     """
     device = batch.value.device
     orders = [torch.randperm(len(batch.value), generator=generator).to(device)
               for _ in range(policy.config.n_epochs)]
 
+    if entropy_coefficient is None:
+        entropy_coefficient = policy.config.entropy_coefficient
+
     def run_policy(poll: Poll) -> PolicyNews:
-        return policy.run(batch, orders, policy_rates, poll) if train_policy else PolicyNews()
+        if not train_policy:
+            return PolicyNews()
+        return policy.run(batch, orders, policy_rates, poll, entropy_coefficient)
 
     def run_critic(poll: Poll) -> float:
         return critic.run(batch, orders, critic_rate, poll) if train_critic else NAN
