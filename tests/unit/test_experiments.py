@@ -208,9 +208,9 @@ def of_transfer() -> dict[str, Any]:
 
 DRAWN = (
     (claims, claims_plot, of_claims,
-     'direct PPO fails: confirmed; cloning first lands: confirmed; PPO then softens: confirmed'),
+     'Direct PPO fails: confirmed; cloning first lands: confirmed; PPO then softens: confirmed'),
     (ingredients, ingredients_plot, of_ingredients,
-     'What costs most on level 7, imitation and PPO: no DAgger -336, gamma 0.99 -2.24'),
+     'What costs most return on level 7, imitation: no DAgger, -336; PPO: gamma 0.99, -2.24'),
     (reverse, reverse_plot, of_reverse,
      'From nothing to the full height in 2 iterations, 1 of 2 seeds'),
     (transfer, transfer_plot, of_transfer,

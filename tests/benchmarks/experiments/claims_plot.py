@@ -23,7 +23,8 @@ def title(figures: Mapping[str, Any]) -> str:
         said = [verdict.partition(':')[0] for name, _, verdict in claims.verdicts(figures)
                 if name == claim]
         texts.append(f'{claim}: {said[0] if len(set(said)) == 1 else "it depends"}')
-    return '; '.join(texts)
+    text = '; '.join(texts)
+    return text[0].upper() + text[1:]
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:

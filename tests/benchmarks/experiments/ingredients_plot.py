@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 from benchmarks.experiments import ingredients
+from benchmarks.experiments import statistics
+from benchmarks.experiments import variants
+from benchmarks.experiments.flights import Task
 from ppo_agent_node.reporting import style
 
 _LINEAR = 0.1
@@ -20,15 +24,16 @@ _NAMES = {'cloned': 'clone', 'policy': 'policy, after PPO'}
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line: what harms most, of imitation and of PPO."""
+    """Return what was found, in a line: what is missed most, of imitation and of PPO."""
     worth = ingredients.worth(figures, 'policy', ingredients.TASKS[0])
-    worst = {}
-    for variant in figures['variants']:
-        name, stage = variant['name'], variant['stage']
-        if stage not in worst or worth[name].value < worth[worst[stage]].value:
-            worst[stage] = name
-    texts = [f'{name} {worth[name].value:+.3g}' for name in worst.values()]
-    return f'What costs most on level 7, imitation and PPO: {", ".join(texts)}'
+    texts = []
+    for stage in (variants.IMITATION, variants.PPO):
+        sure = {one['name']: worth[one['name']].value for one in figures['variants']
+                if one['stage'] == stage and worth[one['name']].high < 0}
+        worst = min(sure, key=lambda name: sure[name], default=None)
+        texts.append(f'{stage}: ' + (
+            f'{worst}, {sure[worst]:+.3g}' if worst else 'nothing beyond doubt'))
+    return f'What costs most return on level 7, {"; ".join(texts)}'
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
@@ -36,13 +41,13 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
     names = [variant['name'] for variant in figures['variants']]
     with style.styled():
         figure = Figure(figsize=(11, 1.8 + 0.42 * len(names)))
-        panels = figure.subplots(1, len(ingredients.TASKS), sharey=True)
+        panels = figure.subplots(1, len(ingredients.TASKS), sharex=True, sharey=True)
         for panel, task in zip(panels, ingredients.TASKS, strict=True):
-            for offset, stage in ((0.16, 'policy'), (-0.16, 'cloned')):
-                places = np.arange(len(names)) + offset
-                for place, name in zip(places, names, strict=True):
-                    _mark(panel, place, ingredients.differences(figures, name, stage, task), stage)
-            _dress(panel, names, task.level)
+            for place, variant in enumerate(figures['variants']):
+                _row(panel, place, figures, variant, task)
+            base = [one['mean_return'] for one in ingredients.chosen(
+                figures, variants.BASE.name, 'policy', task)]
+            _dress(panel, len(names), f'level {task.level}: base {np.mean(base):.1f}')
         panels[0].set_yticks(range(len(names)), [style.plain(name) for name in names])
         for stage, colour in _COLOURS.items():
             panels[0].plot([], [], color=colour, marker='o', ls='', label=_NAMES[stage])
@@ -51,20 +56,26 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
         return style.save(figure, path)
 
 
-def _mark(panel: Axes, place: float, values: list[float], stage: str) -> None:
-    """Draw the differences of a variant."""
-    colour = _COLOURS[stage]
-    if not any(values):
-        return  # the base's own: nothing changed
-    mean = ingredients.statistics.over_seeds(values)
-    if len(values) > 1:
-        panel.plot([mean.low, mean.high], [place, place], color=colour, lw=1.4, alpha=0.6)
-    panel.plot(values, [place] * len(values), color=colour, marker='o', ms=4, ls='')
+def _row(
+    panel: Axes, place: int, figures: Mapping[str, Any], variant: Mapping[str, Any], task: Task,
+) -> None:
+    """Draw the differences of a variant; that of PPO has the base's clone, which is left out."""
+    for offset, stage in ((0.16, 'policy'), (-0.16, 'cloned')):
+        if (stage, variant['stage']) == ('cloned', variants.PPO):
+            continue
+        values = ingredients.differences(figures, variant['name'], stage, task)
+        mean = statistics.over_seeds(values)
+        if len(values) > 1:
+            panel.plot([mean.low, mean.high], [place + offset] * 2, color=_COLOURS[stage], lw=1.4,
+                       alpha=0.6)
+        panel.plot(values, [place + offset] * len(values), color=_COLOURS[stage], marker='o',
+                   ms=4, ls='')
 
 
-def _dress(panel: Axes, names: list[str], level: int) -> None:
+def _dress(panel: Axes, count: int, title: str) -> None:
     panel.axvline(0, color=style.INK, lw=1)
     panel.set_xscale('symlog', linthresh=_LINEAR)
-    panel.set_xlabel('change of the mean return')
-    panel.set_title(f'level {level}', fontsize=10.5)
-    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.xaxis.set_major_formatter(StrMethodFormatter('{x:+,.10g}'))
+    panel.set_xlabel('change of the mean return (reward points)')
+    panel.set_title(title, fontsize=10.5)
+    panel.set_ylim(count - 0.5, -0.5)
