@@ -41,9 +41,9 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
 
 def _landed(axes: Axes, figures: Mapping[str, Any]) -> None:
     """Draw how often each way to train lands."""
-    ways = [(way, 'policy', None, way) for way in claims.DIRECT] + [
+    ways = [(way, 'last', None, way) for way in claims.DIRECT] + [
         (way, stage, claims.TRAINED, f'{name}: {way}') for way in claims.CLONED
-        for stage, name in (('cloned', 'clone'), ('policy', 'clone, then PPO'))]
+        for stage, name in (('cloned', 'clone'), ('last', 'clone, then PPO'))]
     for place, (way, stage, task, _) in enumerate(ways):
         flown = claims.chosen(figures, way, stage, task)
         rate = statistics.landed(flown)
@@ -61,7 +61,7 @@ def _softened(axes: Axes, figures: Mapping[str, Any]) -> None:
     """Draw touchdown speeds before and after PPO, a line a seed."""
     for way, colour in _COLOURS.items():
         before, after = ([claims.speed(one) for one in claims.chosen(
-            figures, way, stage, claims.TRAINED)] for stage in ('cloned', 'policy'))
+            figures, way, stage, claims.TRAINED)] for stage in ('cloned', 'last'))
         for number, pair in enumerate(zip(before, after, strict=True)):
             if None not in pair:
                 axes.plot([0, 1], pair, color=colour, marker='o', ms=5,
@@ -80,7 +80,7 @@ def _wider(axes: Axes, figures: Mapping[str, Any]) -> None:
     for offset, (way, colour) in zip((-0.15, 0.15), _COLOURS.items(), strict=True):
         for place, task in enumerate(claims.WIDER):
             pairs = zip(*(claims.chosen(figures, way, stage, task)
-                          for stage in ('cloned', 'policy')), strict=True)
+                          for stage in ('cloned', 'last')), strict=True)
             change = [after['mean_return'] - before['mean_return'] for before, after in pairs]
             axes.plot(change, [place + offset] * len(change), color=colour, marker='o', ms=5,
                       ls='', alpha=0.8)

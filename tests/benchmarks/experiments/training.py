@@ -16,8 +16,10 @@ from typing import Any
 
 from benchmarks import machine
 from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import load_preset
+from ppo_agent_node.learning.policy_file import POLICY
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Trainer
@@ -58,6 +60,19 @@ class Trained:
     commit: str
     """that it was trained at"""
 
+    @property
+    def last(self) -> Path:
+        """The policy of the last iteration, which need not be the best; made when asked for."""
+        path = self.folder.path / 'last.safetensors'
+        if not path.exists():
+            checkpoint = self.folder.newest(lambda message: None)
+            assert checkpoint is not None
+            best = sealed_file.read(self.folder.policy, POLICY)
+            sealed_file.write(path, POLICY, {
+                name: checkpoint[1].tensors[f'policy.{name}'] for name in best.tensors},
+                best.content)
+        return path
+
     def note(self) -> dict[str, Any]:
         """Return what the figures of an experiment say of it."""
         return {
@@ -73,14 +88,14 @@ def train(recipe: Recipe, seed: int, runs: Path) -> Trained:
     folder = RunFolder(runs / f'{recipe.name}-{seed}', resume=True)
     note, config = folder.path / _NOTE, recipe.config(seed)
     if not note.exists():
-        began = time.process_time()
+        began, commit = time.process_time(), machine.commit()
         world = worlds.make(
             'rocket', recipe.num_envs, observation=config.curriculum.observation)
         with folder.locked():
             result = Trainer(SerialFleet(world), config, folder, _tell(folder.name)).run()
         assert result.finished
         write_json(note, {
-            'cpu_seconds': round(time.process_time() - began, 1), 'commit': machine.commit(),
+            'cpu_seconds': round(time.process_time() - began, 1), 'commit': commit,
             'num_envs': recipe.num_envs})
     found = json.loads(note.read_text('utf-8'))
     _expect(folder, {**config.flat(), 'num_envs': recipe.num_envs},
