@@ -24,6 +24,7 @@ from benchmarks.experiments import transfer_plot
 from benchmarks.experiments import variants
 from benchmarks.experiments.flights import Sample
 from benchmarks.experiments.flights import Task
+from benchmarks.experiments.options import Options
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import Trained
 from matplotlib.image import imread
@@ -285,6 +286,16 @@ def test_the_page_has_a_place_for_each_experiment() -> None:
     for name in command.EXPERIMENTS:
         assert text.count(f'<!-- {name} -->\n') == 1
         assert text.count(f'\n<!-- end of {name} -->') == 1
+
+
+def test_the_command_of_the_figures_repeats_them() -> None:
+    def told(seeds: tuple[int, ...], sample: Sample) -> str:
+        return command.repeating('claims', Options(seeds, sample, Path(), False))
+
+    default = Sample(command.EXPERIMENTS['claims'].episodes, command.FLIGHT_SEED)
+    assert told(command.SEEDS, default) == './launch_scripts/bench experiments claims'
+    assert told((11, 12), Sample(7, 5)) == (
+        './launch_scripts/bench experiments claims --seeds 11 12 --episodes 7 --seed 5')
 
 
 def test_seeds_are_those_of_no_other_purpose() -> None:

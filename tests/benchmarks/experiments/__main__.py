@@ -45,10 +45,10 @@ class Experiment(NamedTuple):
 
 
 EXPERIMENTS = {
-    'claims': Experiment(claims, claims_plot, 2000),
+    'claims': Experiment(claims, claims_plot, 1000),
     'ingredients': Experiment(ingredients, ingredients_plot, 1000),
     'reverse': Experiment(reverse, reverse_plot, 2000),
-    'transfer': Experiment(transfer, transfer_plot, 500),
+    'transfer': Experiment(transfer, transfer_plot, 300),
 }
 
 
@@ -76,7 +76,7 @@ def measure(name: str, options: Options) -> dict[str, Any]:
     figures = experiment.measuring.measure(options)
     figures |= {
         'experiment': name,
-        'command': f'./launch_scripts/bench experiments {name}',
+        'command': repeating(name, options),
         'machine': machine.describe(), 'quick': options.quick,
         'training_seeds': list(options.seeds), 'flight_seed': options.sample.seed,
         'episodes': options.sample.episodes,
@@ -84,6 +84,18 @@ def measure(name: str, options: Options) -> dict[str, Any]:
             'training': round(sum(run['cpu_seconds'] for run in figures['runs']), 1),
             'this command': round(time.process_time() - began, 1)}}
     return {**figures, 'finding': experiment.drawing.title(figures)}
+
+
+def repeating(name: str, options: Options) -> str:
+    """Return what repeats it, with what is not as by default."""
+    words = ['./launch_scripts/bench', 'experiments', name]
+    if tuple(options.seeds) != SEEDS:
+        words += ['--seeds', *map(str, options.seeds)]
+    if options.sample.episodes != EXPERIMENTS[name].episodes:
+        words += ['--episodes', str(options.sample.episodes)]
+    if options.sample.seed != FLIGHT_SEED:
+        words += ['--seed', str(options.sample.seed)]
+    return ' '.join(words + ['--quick'] * options.quick)
 
 
 def main() -> None:
