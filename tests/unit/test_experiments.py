@@ -144,11 +144,11 @@ def test_the_last_policy_is_that_of_the_last_checkpoint(tiny: Trained) -> None:
     newest = tiny.folder.newest(lambda message: None)
     assert newest is not None
     assert newest[1].content['iteration'] == TINY['iterations']
-    last = sealed_file.read(tiny.last, POLICY)
+    last = sealed_file.read(tiny.policy('last'), POLICY)
     assert last.tensors
     for name, tensor in last.tensors.items():
         assert bool((tensor == newest[1].tensors[f'policy.{name}']).all())
-    assert flights.fly(tiny.last, Task('nominal', 1), Sample(2, 7))['episodes'] == 2
+    assert flights.fly(tiny.policy('last'), Task('nominal', 1), Sample(2, 7))['episodes'] == 2
 
 
 def test_intervals_over_seeds() -> None:
@@ -189,7 +189,7 @@ def of_ingredients() -> dict[str, Any]:
         {'variant': variant.name, 'seed': seed, 'stage': stage, 'task': str(task),
          **flown(290.0 + 0.1 * seed - lost.get(variant.name, 0.0) * (1 + 0.01 * seed), 99, 0.1)}
         for variant in (variants.BASE, *variants.VARIANTS) for seed in SEEDS
-        for stage in ('cloned', 'policy')[variant.stage == variants.PPO:]
+        for stage in ingredients.STAGES[variant.stage == variants.PPO:]
         for task in ingredients.TASKS]
     return {'runs': [], 'flown': found,
             'variants': [variant._asdict() for variant in variants.VARIANTS]}

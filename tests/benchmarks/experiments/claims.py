@@ -76,10 +76,9 @@ def measure(options: Options) -> dict[str, Any]:
     runs, flown = [], []
 
     def note(run: Trained, label: str, stage: str, task: Task) -> None:
-        policy = run.last if stage == 'last' else getattr(run.folder, stage)
-        found = fly(policy, task, options.sample)
         flown.append({
-            'way': label, 'seed': run.seed, 'stage': stage, 'task': str(task), **found})
+            'way': label, 'seed': run.seed, 'stage': stage, 'task': str(task),
+            **fly(run.policy(stage), task, options.sample)})
 
     for seed in options.seeds:
         for label, (recipe, task) in DIRECT.items():

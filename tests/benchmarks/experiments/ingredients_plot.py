@@ -19,13 +19,13 @@ from ppo_agent_node.reporting import style
 
 _LINEAR = 0.1
 """return up to which the axis is linear, logarithmic beyond"""
-_COLOURS = {'cloned': style.ORANGE, 'policy': style.BLUE}
-_NAMES = {'cloned': 'clone', 'policy': 'policy, after PPO'}
+_COLOURS = {'cloned': style.ORANGE, 'last': style.BLUE}
+_NAMES = {'cloned': 'clone', 'last': 'after PPO'}
 
 
 def title(figures: Mapping[str, Any]) -> str:
     """Return what was found, in a line: what is missed most, of imitation and of PPO."""
-    worth = ingredients.worth(figures, 'policy', ingredients.TASKS[0])
+    worth = ingredients.worth(figures, 'last', ingredients.TASKS[0])
     texts = []
     for stage in (variants.IMITATION, variants.PPO):
         sure = {one['name']: worth[one['name']].value for one in figures['variants']
@@ -46,7 +46,7 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
             for place, variant in enumerate(figures['variants']):
                 _row(panel, place, figures, variant, task)
             base = [one['mean_return'] for one in ingredients.chosen(
-                figures, variants.BASE.name, 'policy', task)]
+                figures, variants.BASE.name, 'last', task)]
             _dress(panel, len(names), f'level {task.level}: base {np.mean(base):.1f}')
         panels[0].set_yticks(range(len(names)), [style.plain(name) for name in names])
         for stage, colour in _COLOURS.items():
@@ -60,7 +60,7 @@ def _row(
     panel: Axes, place: int, figures: Mapping[str, Any], variant: Mapping[str, Any], task: Task,
 ) -> None:
     """Draw the differences of a variant; that of PPO has the base's clone, which is left out."""
-    for offset, stage in ((0.16, 'policy'), (-0.16, 'cloned')):
+    for offset, stage in ((0.16, 'last'), (-0.16, 'cloned')):
         if (stage, variant['stage']) == ('cloned', variants.PPO):
             continue
         values = ingredients.differences(figures, variant['name'], stage, task)

@@ -60,11 +60,13 @@ class Trained:
     commit: str
     """that it was trained at"""
 
-    @property
-    def last(self) -> Path:
-        """The policy of the last iteration, which need not be the best; made when asked for."""
-        path = self.folder.path / 'last.safetensors'
-        if not path.exists():
+    def policy(self, stage: str) -> Path:
+        """Return a policy of the run: `cloned`, `policy`, the best one, or `last`.
+
+        The last need not be the best; its file is made when it is asked for.
+        """
+        path = self.folder.path / f'{stage}.safetensors'
+        if stage == 'last' and not path.exists():
             checkpoint = self.folder.newest(lambda message: None)
             assert checkpoint is not None
             best = sealed_file.read(self.folder.policy, POLICY)
