@@ -38,11 +38,10 @@ _LANDS = 90.0
 # samples an update, for much less processor time.
 _SIXTEEN = {'n_steps': 128, 'selection_episodes': 64, 'iterations': 150}
 _LONG_CREDIT = {
-    'hidden_sizes': (128, 128), 'clip_range': 0.1, 'gamma': 0.9999, 'gae_lambda': 0.99,
-    'n_steps': 128, 'batch_size': 4096, 'actor_learning_rate': 3e-5,
-    'critic_learning_rate': 1e-3, 'log_std_learning_rate': 1e-3, 'entropy_coefficient': 0.0,
-    'log_std_init': -2.8, 'log_std_final': -3.7, 'log_std_floor': -4.5,
-    'critic_warmup_iterations': 8, 'fine_observations': 'pad_y'}
+    'clip_range': 0.1, 'gamma': 0.9999, 'gae_lambda': 0.99, 'n_steps': 128, 'batch_size': 4096,
+    'actor_learning_rate': 3e-5, 'critic_learning_rate': 1e-3, 'log_std_learning_rate': 1e-3,
+    'entropy_coefficient': 0.0, 'log_std_init': -2.8, 'log_std_final': -3.7,
+    'log_std_floor': -4.5, 'critic_warmup_iterations': 8}
 _QUICK = {
     'iterations': 1, 'selection_episodes': 8, 'scatter_steps': 8, 'clone_epochs': 1,
     'critic_warmup_iterations': 0}

@@ -2,8 +2,8 @@
 """What each ingredient of preset `default` is worth: changed alone, with the same seeds.
 
 The variants are those of `variants`. All differences are paired by training seed, on the same
-starts; variants of PPO have the clone of the base, bit for bit, which is flown once. What PPO makes
-of a clone is the policy of its last iteration, as the best one kept would hide what harms.
+starts; variants of PPO have the clone of the base, bit for bit, which is flown once. What PPO
+makes of a clone is the policy of its last iteration, as the best one kept would hide what harms.
 """
 from __future__ import annotations
 
