@@ -226,8 +226,8 @@ DRAWN = (
     (reverse, reverse_plot, of_reverse,
      'From nothing to the full height in 2 iterations, 1 of 2 seeds'),
     (transfer, transfer_plot, of_transfer,
-     'Policies in the other world, beside its expert: that of rocket -10.0, '
-     'that of rocket_planar -10.0'))
+     'In the other world policies return up to 10.0 less than its expert; on the mix expert '
+     'leads, 295.0'))
 
 
 @pytest.mark.parametrize(('measuring', 'drawing', 'made_up', 'finding'), DRAWN)

@@ -35,6 +35,8 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
         _landed(landed, figures)
         _softened(soft, figures)
         _wider(wide, figures)
+        figure.legend(
+            *soft.get_legend_handles_labels(), loc='outside lower right', ncols=len(_COLOURS))
         figure.suptitle(title(figures), x=0.01, ha='left')
         return style.save(figure, path)
 
@@ -62,17 +64,15 @@ def _softened(axes: Axes, figures: Mapping[str, Any]) -> None:
     for way, colour in _COLOURS.items():
         before, after = ([claims.speed(one) for one in claims.chosen(
             figures, way, stage, claims.TRAINED)] for stage in ('cloned', 'last'))
-        for number, pair in enumerate(zip(before, after, strict=True)):
+        for pair in zip(before, after, strict=True):
             if None not in pair:
-                axes.plot([0, 1], pair, color=colour, marker='o', ms=5,
-                          label='' if number else way)
+                axes.plot([0, 1], pair, color=colour, marker='o', ms=5)
+        axes.plot([], [], color=colour, marker='o', ms=5, label=f'PPO, settings: {way}')
     axes.set_xticks([0, 1], ['clone', 'after PPO'])
     axes.set_xlim(-0.2, 1.2)
     axes.set_ylim(bottom=0)
     axes.set_ylabel('mean touchdown speed (m/s), level 7')
-    axes.set_title('What PPO softens')
-    if axes.get_lines():
-        axes.legend()
+    axes.set_title('Does PPO soften?')
 
 
 def _wider(axes: Axes, figures: Mapping[str, Any]) -> None:
@@ -88,4 +88,4 @@ def _wider(axes: Axes, figures: Mapping[str, Any]) -> None:
     axes.set_yticks(range(len(claims.WIDER)), [style.plain(str(task)) for task in claims.WIDER])
     axes.invert_yaxis()
     axes.set_xlabel('change of the mean return by PPO')
-    axes.set_title('What PPO generalises to')
+    axes.set_title('Does PPO generalise?')

@@ -23,16 +23,19 @@ _BRIGHT = 0.5
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line: what policies lose in the other world."""
-    lost = {}
+    """Return what was found, in a line: of the other world, and of the mix."""
+    lost = []
     for home in transfer.WORLDS:
         away, = (world for world in transfer.WORLDS if world != home)
         if (home, home) in transfer.columns(figures):
-            lost[home] = (
-                transfer.cell(figures, (away, home), 'nominal')['mean_return']
-                - transfer.cell(figures, (away, 'expert'), 'nominal')['mean_return'])
-    texts = [f'that of {home} {value:+.1f}' for home, value in lost.items()]
-    return 'Policies in the other world, beside its expert: ' + ', '.join(texts)
+            lost.append(
+                transfer.cell(figures, (away, 'expert'), 'nominal')['mean_return']
+                - transfer.cell(figures, (away, home), 'nominal')['mean_return'])
+    on_mix = {column[1]: transfer.cell(figures, column, 'mix')['mean_return']
+              for column in transfer.columns(figures) if column[0] == transfer.WORLDS[0]}
+    best = max(on_mix, key=lambda pilot: on_mix[pilot])
+    return (f'In the other world policies return up to {max(lost):.1f} less than its expert; '
+            f'on the mix {best} leads, {on_mix[best]:.1f}')
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
