@@ -37,6 +37,10 @@ class DemonstrationConfig:
     demonstration_spawn_heading: float = setting(
         float(UNSET), 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; "
         '-1: not turned', UNSET, 180.0)
+    demonstration_spawn_reach: float = setting(
+        float(UNSET), 'm', "height above touchdown up to which episodes begin: the world's "
+        'spawn_reach, for all but those of curriculum_wide_level; -1: all begin at spawn_height',
+        UNSET, 1e4)
     dagger_rounds: int = setting(
         0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
         'cloning is repeated on all samples', 0, 1000)

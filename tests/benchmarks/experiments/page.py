@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Puts what an experiment found into its section of docs/experiments.md.
+
+A section holds its figures between two comments, `<!-- NAME -->` and `<!-- end of NAME -->`; what
+stands around them is written by hand and stays.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.atomic_file import write_atomically
+
+
+def write(page: Path, picture: Path, name: str, figures: Mapping[str, Any], table: str) -> None:
+    """Replace the figures of an experiment on the page, and copy its picture beside it.
+
+    :param table: Markdown.
+    :raises ValueError: when the page has no place for the experiment.
+    """
+    text = page.read_text('utf-8')
+    begin, end = f'<!-- {name} -->\n', f'<!-- end of {name} -->'
+    if text.count(begin) != 1 or text.count(end) != 1:
+        raise ValueError(f'{page}: expected {begin.strip()} and {end} once each')
+    image = page.parent / 'images' / f'experiments_{name}.png'
+    write_atomically(image, picture.read_bytes())
+    before, _, rest = text.partition(begin)
+    after = rest.partition(end)[2]
+    block = '\n\n'.join((facts(figures), table, (
+        f'![{figures["finding"]}](images/{image.name})')))
+    write_atomically(page, f'{before}{begin}{block}\n{end}{after}'.encode())
+
+
+def facts(figures: Mapping[str, Any]) -> str:
+    """Return how the figures came about, in a line."""
+    machine, cpu = figures['machine'], figures['cpu_seconds']
+    trained = ''
+    if figures['runs']:
+        seeds = ', '.join(map(str, figures['training_seeds']))
+        commits = ', '.join(sorted({run['commit'] for run in figures['runs']}))
+        trained = (f'training seeds {seeds} at {commits}, {len(figures["runs"])} runs, '
+                   f'{cpu["training"]:.0f} s of processor time; ')
+    return (f'`{figures["command"]}`: {machine["date"]}, commit {machine["commit"]}; {trained}'
+            f'{figures["episodes"]} episodes of each task, seed {figures["flight_seed"]}; '
+            f'{machine["processor"]}.')

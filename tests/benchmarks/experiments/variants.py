@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ingredients of preset `default`, each changed alone, at a scale that can be repeated."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from benchmarks.experiments.training import Recipe
+
+ROCKETS = 128
+SCALE: Mapping[str, object] = {
+    'demonstration_episodes': 128, 'dagger_rounds': 4, 'dagger_epochs': 3, 'clone_epochs': 4,
+    'hidden_sizes': (64, 64), 'iterations': 12, 'critic_warmup_iterations': 4,
+    'selection_interval': 1000, 'selection_episodes': 128, 'checkpoint_interval': 1000}
+"""What the base changes of `default`, so that three seeds of all variants take half an hour."""
+QUICK: Mapping[str, object] = {
+    'demonstration_episodes': 8, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 1,
+    'iterations': 1, 'critic_warmup_iterations': 0, 'scatter_steps': 8, 'selection_episodes': 8}
+IMITATION, PPO = 'imitation', 'PPO'
+
+
+class Variant(NamedTuple):
+    """An ingredient changed, or left out."""
+
+    name: str
+    stage: str
+    """Of which it is an ingredient; one of PPO leaves the clone as it is."""
+    overrides: Mapping[str, object]
+    asks: str
+
+
+BASE = Variant('base', IMITATION, {}, 'what the others are compared with')
+VARIANTS = (
+    Variant('gentle teacher', IMITATION, {
+        'teacher_braking_share': 0.8, 'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1,
+        'teacher_speed_settling': 0.05, 'teacher_attitude_rate': 24.0},
+        'whether a teacher that is easier to imitate makes a better pupil'),
+    Variant('no features', IMITATION, {'features': 'none', 'fine_observations': 'pad_y'},
+            'what seeing quotients is worth'),
+    Variant('features: miss', IMITATION, {'features': 'miss'},
+            'whether the zero-effort miss helps where there is a teacher'),
+    Variant('no DAgger', IMITATION, {'dagger_rounds': 0},
+            'what it is worth to be corrected in states of its own'),
+    Variant('1 round of DAgger', IMITATION, {'dagger_rounds': 1}, 'whether one round is enough'),
+    Variant('no noise', IMITATION, {'demonstration_noise': 0.0},
+            'what disturbed demonstrations are worth'),
+    Variant('near the ground', IMITATION, {'demonstration_spawn_reach': 194.8},
+            'whether half of the demonstrations should begin at all heights'),
+    Variant('squared loss', IMITATION, {'clone_huber_delta': 0.0},
+            'what it is worth not to square large errors'),
+    Variant('no level 8', IMITATION, {'curriculum_wide_level': 0},
+            'what level 8 costs on level 7'),
+    Variant('gamma 0.99', PPO, {'gamma': 0.99}, 'a usual discount: 2 s ahead'),
+    Variant('lambda 0.95', PPO, {'gae_lambda': 0.95}, 'a usual lambda: 0.4 s ahead'),
+    Variant('clip 0.3', PPO, {'clip_range': 0.3}, 'longer steps away from the old policy'),
+    Variant('deviation floor 0.03', PPO, {
+        'log_std_init': -3.5, 'log_std_final': -3.5, 'log_std_floor': -3.5},
+        'more noise to explore with, to the end'),
+    Variant('deviation 0.001', PPO, {
+        'log_std_init': -7.0, 'log_std_final': -7.0, 'log_std_floor': -9.0},
+        'hardly any noise'),
+    Variant('no critic warm-up', PPO, {'critic_warmup_iterations': 0},
+            'what waiting for the critic is worth'),
+    Variant('from level 1', PPO, {'curriculum_start_level': 1},
+            'what a curriculum is worth after a clone that lands'),
+    Variant('batch 512', PPO, {'batch_size': 512}, 'eight times as many steps of Adam'),
+    Variant('batch 16 384', PPO, {'batch_size': 16_384}, 'a quarter as many'),
+)
+
+
+def recipe(variant: Variant, quick: bool = False) -> Recipe:
+    """Return how a variant is trained."""
+    scale = {**SCALE, **(QUICK if quick else {})}
+    kept = {name: value for name, value in variant.overrides.items()
+            if not quick or name != 'dagger_rounds'}
+    name = ''.join(letter if letter.isalnum() or letter in '.' else '-' for letter in variant.name)
+    return Recipe(f'ingredients-{name}', 'default', {**scale, **kept}, 8 if quick else ROCKETS)
