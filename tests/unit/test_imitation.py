@@ -13,6 +13,8 @@ import torch
 from ppo_agent_node.learning.config import make_config
 from ppo_agent_node.learning.demonstrations import fly_clone
 from ppo_agent_node.learning.demonstrations import fly_wave
+from ppo_agent_node.learning.demonstrations import usable_engine
+from ppo_agent_node.learning.flights import Step
 from ppo_agent_node.learning.imitation import Imitation
 from ppo_agent_node.learning.journal import Journal
 from ppo_agent_node.learning.learner import Learner
@@ -24,6 +26,8 @@ from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.reporting.training_pictures import cloning_figure
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.flight import SerialFleet
 from rocket_sim_node.worlds.flight import fly
@@ -78,6 +82,36 @@ def test_a_teacher_that_remembers_is_told_what_was_flown() -> None:
     assert (throttle[first] == -1).all()
     # 60 % throttle is 0.2 on the scale of actions; an engine that burns is not put out.
     assert (throttle[first + 1] >= 0.2 - 1e-6).all()
+
+
+def test_what_is_said_about_a_spent_engine_is_not_learnt() -> None:
+    """The clone lights the engine and shuts it down: there is no second ignition to speak of."""
+    env = worlds.make('rocket', num_envs=2, seed=0, level=1)
+    floored = conditions.settings('hoverslam')
+    asked = iter(np.repeat([-1.0, 0.4, -1.0, 0.9], (5, 3, 4, 2000)).astype(np.float32))
+
+    def blink(observation: F32) -> F32:
+        return np.outer(np.full(len(observation), next(asked)), [1, 0, 0]).astype(np.float32)
+
+    samples, episodes = fly(env, fly_clone(
+        env.spec, blink, HoverslamPilot(env.spec.after_reset(floored)),
+        {'level': 1, **floored}, 5))
+    assert (episodes.ignitions == 1).all() and (episodes.length > 100).all()
+    # Unlit, lit, and the step that shuts it down.
+    assert np.bincount(samples.episode).tolist() == [5 + 3 + 1] * 2
+
+
+@pytest.mark.parametrize(('ignitions', 'usable'), [
+    (0, [1, 1, 1, 1, 1, 1, 1, 1]), (1, [1, 1, 1, 0, 0, 0, 0, 0]), (2, [1, 1, 1, 1, 1, 1, 0, 0]),
+    (3, [1, 1, 1, 1, 1, 1, 1, 1])])
+def test_an_engine_is_usable_until_its_last_ignition_has_ended(
+        ignitions: int, usable: list[int]) -> None:
+    """Off, lit, off, off, lit, off, lit, off: half a percent of thrust is none."""
+    flown = np.array([-1.0, -0.97, -0.99, -1.0, 1.0, -0.99, 0.0, -1.0])
+    steps = [Step(np.zeros((2, 15), np.float32), np.array([[a, 0, 0], [-1, 0, 0]]),
+                  np.ones(2, np.bool_), Episodes.concatenate([])) for a in flown]
+    found = usable_engine(steps, {'ignitions': ignitions, 'throttle_cutoff': 0.01})
+    assert found.tolist() == [[bool(one) for one in usable], [True] * 8]
 
 
 class Remembering:

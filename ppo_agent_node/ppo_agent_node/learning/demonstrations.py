@@ -105,6 +105,27 @@ def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
     return ~np.logical_or.accumulate(touched, axis=1)
 
 
+def usable_engine(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
+    """Return in which steps the engine burnt or could still be lit, `(N, T)`.
+
+    With its last ignition gone it stays off whatever is said. A teacher that does not know of it
+    goes on asking for thrust, and an unlit rocket that falls looks like one that has yet to be
+    lit: learnt from, those samples teach the policy to light early.
+
+    :param steps: with the actions flown.
+    :param settings: of the world; `ignitions` 0 allows any number, and all steps are usable.
+    """
+    most = settings.get('ignitions', 0)
+    if not most:
+        return np.ones((len(steps[0].flying), len(steps)), np.bool_)
+    asked = np.stack([(step.action[:, 0] + 1) / 2 for step in steps], axis=1)
+    lit = asked > settings['throttle_cutoff']
+    before = np.pad(lit, ((0, 0), (1, 0)))[:, :-1]
+    ignitions = np.pad(np.cumsum(lit & ~before, axis=1), ((0, 0), (1, 0)))[:, :-1]
+    usable: Bools = (ignitions < most) | before & (ignitions == most)
+    return usable
+
+
 def fly_wave(
     spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, settings: Mapping[str, float],
     seed: int, wave: int,
@@ -144,6 +165,7 @@ def fly_clone(
     """Let a clone fly one episode with each rocket while the expert says what it would do.
 
     All episodes are kept, whatever became of them: where the clone fails is where it has to learn.
+    Only what follows when it has used up its ignitions is not.
 
     :param settings: what the world is reset with.
     :return: what the clone saw with what the expert wanted, and the episodes.
@@ -157,13 +179,21 @@ def fly_clone(
         tell_flown(expert, step.action)
         tell_begun(expert, step.ended)
     episodes = Episodes.concatenate([step.episodes for step in steps])
-    return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_)), episodes
+    usable = usable_engine(steps, spec.after_reset(settings).settings)
+    return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_), usable), episodes
 
 
-def _samples(spec: WorldSpec, steps: Sequence[Step], chosen: Bools) -> Demonstrations:
-    """Return the samples of chosen rockets `(N,)`, rocket after rocket."""
+def _samples(
+    spec: WorldSpec, steps: Sequence[Step], chosen: Bools, usable: Bools | None = None,
+) -> Demonstrations:
+    """Return the samples of chosen rockets `(N,)`, rocket after rocket.
+
+    :param usable: `(N, T)`, which steps count; by default all.
+    """
     # (N, T) before flattening.
     kept = np.stack([step.flying & chosen for step in steps], axis=1)
+    if usable is not None:
+        kept &= usable
     kept &= steered(steps, spec.settings)
     action = np.stack([step.action for step in steps], axis=1)[kept]
     if spec.continuous:
