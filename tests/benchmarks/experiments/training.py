@@ -18,8 +18,8 @@ from benchmarks import machine
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.learning.config import Config
-from ppo_agent_node.learning.config import load_preset
 from ppo_agent_node.learning.policy_file import POLICY
+from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.run_folder import RunFolder
 from ppo_agent_node.learning.status import Status
 from ppo_agent_node.learning.trainer import Trainer

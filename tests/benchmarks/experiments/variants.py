@@ -7,16 +7,20 @@ from typing import NamedTuple
 
 from benchmarks.experiments.training import Recipe
 
-ROCKETS = 128
+ROCKETS, QUICK_ROCKETS = 128, 32
 SCALE: Mapping[str, object] = {
     'demonstration_episodes': 128, 'dagger_rounds': 4, 'dagger_epochs': 3, 'clone_epochs': 4,
-    'hidden_sizes': (64, 64), 'iterations': 12, 'critic_warmup_iterations': 4,
-    'selection_interval': 1000, 'selection_episodes': 128, 'checkpoint_interval': 1000}
+    'hidden_sizes': (64, 64), 'iterations': 24, 'selection_interval': 1000,
+    'selection_episodes': 128, 'checkpoint_interval': 1000}
 """What the base changes of `default`, so that three seeds of all variants take half an hour."""
 QUICK: Mapping[str, object] = {
     'demonstration_episodes': 8, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 1,
-    'iterations': 1, 'critic_warmup_iterations': 0, 'scatter_steps': 8, 'selection_episodes': 8}
+    'iterations': 1, 'scatter_steps': 8, 'selection_episodes': 8}
 IMITATION, PPO = 'imitation', 'PPO'
+CRITIC: Mapping[str, object] = {
+    'start_copies': 1, 'n_steps': 128, 'batch_size': 4096, 'n_epochs': 2, 'gamma': 1.0,
+    'gae_lambda': 0.99, 'critic_warmup_iterations': 4}
+"""Advantages from a critic, of roll-outs with fewer samples each."""
 
 
 class Variant(NamedTuple):
@@ -50,21 +54,24 @@ VARIANTS = (
             'what it is worth not to square large errors'),
     Variant('no level 8', IMITATION, {'curriculum_wide_level': 0},
             'what level 8 costs on level 7'),
-    Variant('gamma 0.99', PPO, {'gamma': 0.99}, 'a usual discount: 2 s ahead'),
-    Variant('lambda 0.95', PPO, {'gae_lambda': 0.95}, 'a usual lambda: 0.4 s ahead'),
-    Variant('clip 0.3', PPO, {'clip_range': 0.3}, 'longer steps away from the old policy'),
-    Variant('deviation floor 0.03', PPO, {
-        'log_std_init': -3.5, 'log_std_final': -3.5, 'log_std_floor': -3.5},
-        'more noise to explore with, to the end'),
-    Variant('deviation 0.001', PPO, {
-        'log_std_init': -7.0, 'log_std_final': -7.0, 'log_std_floor': -9.0},
-        'hardly any noise'),
-    Variant('no critic warm-up', PPO, {'critic_warmup_iterations': 0},
+    Variant('2 copies', PPO, {'start_copies': 2}, 'more starts, each judged by fewer copies'),
+    Variant('32 copies', PPO, {'start_copies': 32}, 'fewer starts, each judged by more copies'),
+    Variant('critic', PPO, CRITIC, 'what copies are worth: the critic judges, with GAE'),
+    Variant('critic, no warm-up', PPO, {**CRITIC, 'critic_warmup_iterations': 0},
             'what waiting for the critic is worth'),
+    Variant('critic, gamma 0.99', PPO, {**CRITIC, 'gamma': 0.99},
+            'a usual discount: 2 s ahead'),
+    Variant('critic, lambda 0.95', PPO, {**CRITIC, 'gae_lambda': 0.95},
+            'a usual lambda: 0.4 s ahead'),
+    Variant('fixed rate', PPO, {'desired_kl': 0.0}, 'what adapting the rate is worth'),
+    Variant('clip 0.05', PPO, {'clip_range': 0.05}, 'shorter steps away from the old policy'),
+    Variant('deviation 0.05', PPO, {'log_std_init': -3.0, 'log_std_final': -3.0},
+            'more noise to explore with, to the end'),
+    Variant('deviation 0.001', PPO, {'log_std_init': -7.0, 'log_std_final': -7.0},
+            'hardly any noise'),
     Variant('from level 1', PPO, {'curriculum_start_level': 1},
             'what a curriculum is worth after a clone that lands'),
-    Variant('batch 512', PPO, {'batch_size': 512}, 'eight times as many steps of Adam'),
-    Variant('batch 16 384', PPO, {'batch_size': 16_384}, 'a quarter as many'),
+    Variant('batch 8 192', PPO, {'batch_size': 8192}, 'eight times as many steps of Adam'),
 )
 
 
@@ -74,4 +81,5 @@ def recipe(variant: Variant, quick: bool = False) -> Recipe:
     kept = {name: value for name, value in variant.overrides.items()
             if not quick or name != 'dagger_rounds'}
     name = ''.join(letter if letter.isalnum() or letter in '.' else '-' for letter in variant.name)
-    return Recipe(f'ingredients-{name}', 'default', {**scale, **kept}, 8 if quick else ROCKETS)
+    return Recipe(
+        f'ingredients-{name}', 'default', {**scale, **kept}, QUICK_ROCKETS if quick else ROCKETS)
