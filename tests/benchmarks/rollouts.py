@@ -44,6 +44,7 @@ from rocket_sim_node.wire.running import make_executor
 from rocket_sim_node.worlds.flight import Fleet
 from rocket_sim_node.worlds.flight import Flight
 from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import SerialFleet
 from rocket_sim_node.worlds.flight import Snapshot
 
@@ -83,7 +84,8 @@ class Course:
 
         def begin(group: int) -> Any:
             noise = streams.generator(1, 'roll-out', self._count, group)
-            return self.rollout.flight(group, self._worlds[group], self._policy, noise)
+            return self.rollout.flight(
+                group, Restore(self._worlds[group]), self._policy, noise)
 
         began = time.perf_counter()
         self._worlds = [world for _, world in self._fleet.fly(

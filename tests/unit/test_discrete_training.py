@@ -36,6 +36,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.reporting.pictures import draw
 from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.flight import Restore
 from rocket_sim_node.worlds.flight import SerialFleet
 from rocket_sim_node.worlds.flight import fly
 
@@ -211,7 +212,8 @@ def test_roll_outs_hold_whole_numbers_and_their_probabilities() -> None:
     policy = CategoricalPolicy(2, 4, (8,), streams.generator(1, 'p'))
     rollout = Rollout(50, 4, 2, policy)
     world.reset(1)
-    fly(world, rollout.flight(0, world.snapshot(), policy, streams.generator(1, 'noise')))
+    fly(world, rollout.flight(
+        0, Restore(world.snapshot()), policy, streams.generator(1, 'noise')))
     assert (rollout.action.dtype, rollout.action.shape) == (torch.int64, (50, 4))
     assert set(rollout.action.unique().tolist()) == {0, 1, 2, 3}
     log_prob, _ = policy.log_prob_entropy(
