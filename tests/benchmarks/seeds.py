@@ -2,13 +2,13 @@
 """The worth of a preset: trained with several seeds, each flown on fresh starts without noise.
 
 Trainings run one after the other through `launch_scripts/train`, simulator and agent as nodes over
-DDS; a run that is there already is taken as it is. Clone and policy are then flown in process,
-which gives the same bits as over DDS.
+DDS, or all in this process with --in-process, which is slower on a quiet machine and cheaper on a
+busy one; a run that is there already is taken as it is. Clone and policy are then flown in
+process, which gives the same bits as over DDS.
 """
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import time
 from collections.abc import Sequence
@@ -27,10 +27,14 @@ from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.learning.presets import load_preset
+from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.flight import SerialFleet
 
 ROOT = Path(__file__).parents[2]
 ROCKETS = 500
@@ -53,6 +57,21 @@ def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
          f'preset:={options.preset}', f'seed:={seed}', f'run_dir:={run}'], check=True,
         stdout=subprocess.DEVNULL)
     return run, time.monotonic() - began
+
+
+def train_in_process(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
+    """Train with a seed in this process; return the run and its seconds of processor time."""
+    folder = RunFolder(options.runs / f'{options.world}-{options.preset}-{seed}', resume=True)
+    if (folder.path / 'evaluation.json').exists():
+        return folder.path, None
+    config = load_preset(options.preset, options.world, seed=seed)
+    seen = {} if options.world == 'lunar_lander' else {
+        'observation': config.curriculum.observation}
+    began = time.process_time()
+    with folder.locked():
+        world = worlds.make(options.world, options.num_envs, **seen)
+        assert Trainer(SerialFleet(world), config, folder).run().finished
+    return folder.path, time.process_time() - began
 
 
 def figures(result: EvaluationResult) -> dict[str, Any]:
@@ -139,6 +158,9 @@ def main() -> None:
     parser.add_argument('--episodes', type=int, default=10_000, help='for each task')
     parser.add_argument('--seed', type=int, default=SEED, help='of the fresh starts')
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
+    parser.add_argument('--in-process', action='store_true', help='train without nodes')
+    parser.add_argument(
+        '--num-envs', type=int, default=256, help='rockets or landers, with --in-process')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON')
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -153,10 +175,10 @@ def main() -> None:
         for task in options.tasks:
             show(name, task, name)
     for seed in options.seeds:
-        run, seconds = train(options, seed)
-        took = json.loads((run / 'evaluation.json').read_text())['training_seed']
-        assert took == seed
-        print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s'),
+        run, seconds = (train_in_process if options.in_process else train)(options, seed)
+        assert RunFolder(run, resume=True).read_config()['training']['seed'] == seed
+        kind = ' of processor time' if options.in_process else ''
+        print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s{kind}'),
               flush=True)
         found[f'seconds_{seed}'] = seconds
         for name, label in (('cloned', f'clone {seed}'), ('policy', f'policy {seed}')):
