@@ -109,7 +109,8 @@ def test_an_engine_is_usable_until_its_last_ignition_has_ended(
     """Off, lit, off, off, lit, off, lit, off: half a percent of thrust is none."""
     flown = np.array([-1.0, -0.97, -0.99, -1.0, 1.0, -0.99, 0.0, -1.0])
     steps = [Step(np.zeros((2, 15), np.float32), np.array([[a, 0, 0], [-1, 0, 0]]),
-                  np.ones(2, np.bool_), Episodes.concatenate([])) for a in flown]
+                  np.ones(2, np.bool_), Episodes.concatenate([]), np.zeros(0, np.int64))
+             for a in flown]
     found = usable_engine(steps, {'ignitions': ignitions, 'throttle_cutoff': 0.01})
     assert found.tolist() == [[bool(one) for one in usable], [True] * 8]
 

@@ -107,7 +107,7 @@ def learner(device: str = 'cpu', world: str = 'rocket', **changes: Any) -> Learn
     spec = worlds.make(world, num_envs=4).spec
     return Learner(spec, load_preset('default', world, **{
         'hidden_sizes': (16, 16), 'batch_size': 64, 'device': device, 'threads': 1,
-        'critic_warmup_iterations': 0, **changes}))
+        'critic_warmup_iterations': 0, 'start_copies': 1, 'n_epochs': 2, **changes}))
 
 
 def batch(one: Learner) -> Batch:

@@ -70,11 +70,11 @@ def test_one_world_may_begin_with_the_presets_of_another(
 
 def test_unknown_ones_are_named() -> None:
     assert preset_names() == (
-        'default', 'from_scratch', 'original', 'quick', 'robust')
+        'default', 'from_scratch', 'hoverslam', 'original', 'quick', 'robust')
     assert load_preset('default', seed=9).run.seed == 9
     with pytest.raises(ValueError, match=(
             "unknown preset 'fast' of world 'rocket', expected one of default, from_scratch, "
-            'original, quick, robust')):
+            'hoverslam, original, quick, robust')):
         load_preset('fast')
     with pytest.raises(ValueError, match="'default' of world 'mars', expected one of none"):
         load_preset('default', 'mars')

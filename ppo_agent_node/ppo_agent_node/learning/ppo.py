@@ -203,9 +203,9 @@ def update(
     policy_rates: Sequence[float],
     critic_rate: float,
     train_policy: bool = True,
-    train_critic: bool = True,
     poll: Poll = lambda: None,
     entropy_coefficient: float | None = None,
+    train_critic: bool = True,
 ) -> Diagnostics:
     """Improve policy and critic in place.
 
@@ -218,10 +218,10 @@ def update(
     :param generator: shuffles the samples.
     :param policy_rates: learning rates of the network and of the noise parameters, if any.
     :param train_policy: False trains the critic only.
-    :param train_critic: False trains the policy only.
     :param poll: called before each minibatch, or while they are learnt from; may raise to end
         the update half-way.
     :param entropy_coefficient: weight of the entropy bonus, by default that of the settings.
+    :param train_critic: False trains the policy only.
     """
     device = batch.value.device
     orders = [torch.randperm(len(batch.value), generator=generator).to(device)
