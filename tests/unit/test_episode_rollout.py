@@ -12,6 +12,7 @@ from training_runs import assert_same_run
 from training_runs import log_without_times
 
 from ppo_agent_node.learning import streams
+from ppo_agent_node.learning.config import fit_copies
 from ppo_agent_node.learning.episode_rollout import EpisodeRollout
 from ppo_agent_node.learning.episode_rollout import relative_advantages
 from ppo_agent_node.learning.learner import Learner
@@ -98,6 +99,18 @@ def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(tmp_path: 
     rates = [line['learning_rate'] for line in log_without_times(whole) if 'approx_kl' in line]
     assert len(rates) == 3
     assert rates[2] * 3 != pytest.approx(rates[0])
+
+
+@pytest.mark.parametrize(('rockets', 'copies'), [(8, 4), (6, 2), (3, 1)])
+def test_as_many_copies_as_divide_the_rockets(
+        tmp_path: Path, rockets: int, copies: int) -> None:
+    config = load_preset('default', **{**SMALL, 'hidden_sizes': [4], **COPIES})
+    assert fit_copies(config, rockets).ppo.start_copies == copies
+    run = RunFolder(tmp_path / 'run')
+    Trainer(SerialFleet(make('rocket', rockets, time_limit=1.0)), load_preset(
+        'default', **{**SMALL, 'hidden_sizes': [4], 'demonstration_episodes': 0,
+                      'iterations': 1, **COPIES}), run).run()
+    assert run.read_config()['training']['start_copies'] == copies
 
 
 def test_the_reverse_curriculum_and_copies_exclude_each_other() -> None:

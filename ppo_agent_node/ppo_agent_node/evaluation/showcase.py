@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from PIL import Image
 
 from ppo_agent_node.evaluation import compare
@@ -18,6 +19,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import world_of
 from ppo_agent_node.reporting import style
 from ppo_agent_node.reporting import training_pictures
+from ppo_agent_node.reporting.run_files import Lines
 from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import command_line
 from rocket_sim_node import worlds
@@ -91,17 +93,28 @@ def comparison(run: Path, scratch: Path) -> Image.Image:
     return shot(path, 'burn', flight=0, size=TALL)
 
 
+def cloning(run: Path, scratch: Path) -> Image.Image:
+    """Return the loss of a run's clone."""
+    return _plot(run, 'clone', training_pictures.cloning_figure, scratch)
+
+
 def training(run: Path, scratch: Path) -> Image.Image:
     """Return the learning curves of a run."""
-    lines = load(run).stage('finetune')
+    return _plot(run, 'finetune', training_pictures.training_figure, scratch)
+
+
+def _plot(
+    run: Path, stage: str, draw: Callable[[Lines], Figure], scratch: Path,
+) -> Image.Image:
+    lines = load(run).stage(stage)
     with style.styled():
-        path = style.save(training_pictures.training_figure(lines), scratch / 'training.png')
+        path = style.save(draw(lines), scratch / f'{stage}.png')
     return Image.open(path).convert('RGB')
 
 
 MAKERS: Mapping[str, Maker] = {
     'landing': landing, 'lunar_lander': lunar_lander, 'comparison': comparison,
-    'training': training}
+    'cloning': cloning, 'training': training}
 
 
 @dataclass(frozen=True)
@@ -109,7 +122,8 @@ class Pictures:
     """Arguments of the command."""
 
     run_dir: str = setting(
-        '', '', "run for training and comparison; empty: the newest complete one of 'rocket'")
+        '', '', 'run for cloning, training and comparison; empty: the newest complete one of '
+        "'rocket'")
     output: str = setting('docs/images', '', 'folder of the pictures')
     only: str = setting('', '', 'make this one alone', choices=('', *MAKERS))
 
@@ -140,7 +154,7 @@ def make(wanted: Pictures) -> str:
     """
     chosen = [wanted.only] if wanted.only else list(MAKERS)
     run = Path(wanted.run_dir)
-    if not wanted.run_dir and {'training', 'comparison'} & set(chosen):
+    if not wanted.run_dir and {'cloning', 'training', 'comparison'} & set(chosen):
         run = newest_run(Path('runs'))
     output = Path(wanted.output)
     output.mkdir(parents=True, exist_ok=True)

@@ -6,10 +6,12 @@ The names become ROS parameters one to one, and the keys of the presets and of a
 """
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 from dataclasses import fields
+from dataclasses import replace
 from typing import Any
 
 from ppo_agent_node.learning.curriculum_config import CurriculumConfig
@@ -63,8 +65,8 @@ class PPOConfig:
         'whichever simulator is free, so there should be as many as simulators, or more', 1, 4096)
     start_copies: int = setting(
         1, '', 'rockets that fly each start, in roll-outs of one whole episode a rocket: an '
-        'advantage is the return of an episode beside those of its copies. 1: roll-outs of '
-        'n_steps, judged by the critic', 1, 4096)
+        'advantage is the return of an episode beside those of its copies; fewer where num_envs '
+        'is no multiple. 1: roll-outs of n_steps, judged by the critic', 1, 4096)
     scatter_steps: int = setting(
         512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
         'episode; 0: not', 0, 1_000_000)
@@ -217,6 +219,12 @@ def make_config(values: Mapping[str, object]) -> Config:
     if not network.hidden_sizes:
         raise ValueError('hidden_sizes: got none, expected at least one layer')
     return config
+
+
+def fit_copies(config: Config, num_envs: int) -> Config:
+    """Return the settings with no more copies of a start than divide a simulator's rockets."""
+    copies = math.gcd(config.ppo.start_copies, num_envs)
+    return replace(config, ppo=replace(config.ppo, start_copies=copies))
 
 
 def check_world(config: Config, spec: WorldSpec) -> None:

@@ -17,6 +17,7 @@ from ppo_agent_node.learning import run_state
 from ppo_agent_node.learning import scores
 from ppo_agent_node.learning.config import Config
 from ppo_agent_node.learning.config import check_world
+from ppo_agent_node.learning.config import fit_copies
 from ppo_agent_node.learning.crew import Crew
 from ppo_agent_node.learning.curriculum import Curriculum
 from ppo_agent_node.learning.demonstrations import scripted_teacher
@@ -68,8 +69,9 @@ class Trainer:
         :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
             the world, or when a setting is not for it.
         """
-        self._config, self._folder, self._say = config, folder, say
         spec = self._spec = fleet.spec
+        config = fit_copies(config, spec.num_envs)
+        self._config, self._folder, self._say = config, folder, say
         check_world(config, spec)
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(
