@@ -64,7 +64,8 @@ def train_in_process(options: argparse.Namespace, seed: int) -> tuple[Path, floa
     folder = RunFolder(options.runs / f'{options.world}-{options.preset}-{seed}', resume=True)
     if (folder.path / 'evaluation.json').exists():
         return folder.path, None
-    config = load_preset(options.preset, options.world, seed=seed)
+    # Two threads wait for each other where others want the cores, too.
+    config = load_preset(options.preset, options.world, seed=seed, threads=1)
     seen = {} if options.world == 'lunar_lander' else {
         'observation': config.curriculum.observation}
     began = time.process_time()
