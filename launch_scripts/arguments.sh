@@ -51,7 +51,9 @@ one_of() {
   for choice; do
     [[ $choice != "${values[$name]}" ]] || return 0
   done
-  die "$name: got '${values[$name]}', expected one of $*"
+  local expected
+  printf -v expected ', %s' "$@"
+  die "$name: got '${values[$name]}', expected one of ${expected:2}"
 }
 
 # check_names CONDITION...: ends with an error for a world or conditions that there are not, before

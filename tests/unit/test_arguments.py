@@ -83,10 +83,10 @@ def test_help_names_each_argument_with_its_default(command: str) -> None:
 
 
 @pytest.mark.parametrize(('command', 'given', 'message'), [
-    *((command, ['conditions:=foo'], "conditions: got 'foo', expected one of nominal mix harsh ")
+    *((command, ['conditions:=foo'], "conditions: got 'foo', expected one of nominal, mix, harsh")
       for command in ('train', 'evaluate', 'land', 'fly')),
-    ('train', ['conditions:=all'], "conditions: got 'all', expected one of nominal mix"),
-    ('land', ['world:=mars'], "world: got 'mars', expected one of rocket rocket_planar lunar"),
+    ('train', ['conditions:=all'], "conditions: got 'all', expected one of nominal, mix"),
+    ('land', ['world:=mars'], "world: got 'mars', expected one of rocket, rocket_planar, lunar"),
     ('train', ["conditions:=it's"], "conditions: got 'it's', expected one of"),
     ('evaluate', ['conditions:=mix harsh'], "conditions: got 'mix harsh', expected one of"),
     ('evaluate', ['world:=lunar_lander', 'conditions:=all'],
