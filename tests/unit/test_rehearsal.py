@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run asks of its simulators before there is anything to lose."""
+"""Requests to the simulators that a run tries before there is anything to lose."""
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who flies for a run: a fleet of simulators, until the run is asked to stop."""
+"""The crew of a run: a fleet of simulators that flies until the run is asked to stop."""
 from __future__ import annotations
 
 from collections.abc import Callable

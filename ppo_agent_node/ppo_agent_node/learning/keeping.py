@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run keeps of itself in its folder: checkpoints and policies."""
+"""Checkpoints and policies that a run keeps in its folder."""
 from __future__ import annotations
 
 from dataclasses import asdict

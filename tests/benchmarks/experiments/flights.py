@@ -19,7 +19,7 @@ _KEPT = 'flown.json'
 
 
 class Task(NamedTuple):
-    """What is flown: a row of the table of conditions, and a level."""
+    """A row of the table of conditions, and the level it is flown on."""
 
     condition: str = 'nominal'
     level: int = 7
