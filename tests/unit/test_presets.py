@@ -6,10 +6,13 @@ import pytest
 
 from ppo_agent_node.learning import presets
 from ppo_agent_node.learning.config import check_world
+from ppo_agent_node.learning.demonstrations import scripted_teacher
 from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.learning.presets import preset_names
 from ppo_agent_node.learning.presets import preset_values
+from ppo_agent_node.pilots.hoverslam import HoverslamPilot
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import conditions
 
 
 @pytest.mark.parametrize('world', worlds.names())
@@ -52,6 +55,23 @@ def test_the_original_of_the_lunar_lander() -> None:
     assert original.run.evaluation_episodes == 500
     # 1 000 steps are the most that an episode has.
     assert ppo.iterations * ppo.n_steps * 8 >= 1000 * original.run.training_episodes
+
+
+def test_the_hoverslam_learns_with_the_engine_that_cannot_hover() -> None:
+    """In all that it flies: demonstrations, roll-outs and selection."""
+    preset = load_preset('hoverslam')
+    floored = conditions.settings('hoverslam')
+    assert (floored['throttle_floor_low'], floored['ignitions']) == (0.6, 1)
+    curriculum = preset.curriculum
+    flown = (*curriculum.selection_settings, *(
+        curriculum.reset_settings(7, group) for group in range(preset.ppo.num_groups)))
+    assert all(settings == {**floored, 'level': 7} for settings in flown)
+    # Noise about the command that keeps the engine off would light it.
+    assert preset.demonstration.demonstration_noise == 0
+    world = worlds.make('rocket', observation='extended').spec
+    check_world(preset, world)
+    assert isinstance(scripted_teacher(
+        world.after_reset(curriculum.task_settings(0)), preset.demonstration), HoverslamPilot)
 
 
 def test_one_world_may_begin_with_the_presets_of_another(
