@@ -22,8 +22,8 @@ _SETTLE = tuple(OUTCOMES[code] for code in (LANDED, TIPPED, OFF_PAD))
 """Outcomes that are followed; of a touchdown that is too fast the legs would not hold."""
 _FASTEST, _FASTEST_SPIN, _FARTHEST = 100.0, 20.0, 1e5
 """m/s, rad/s and m from the pad with which no rocket touches down"""
-_LIGHTEST, _HEAVIEST, _STRONGEST = 0.1, 1e9, 1e3
-"""kg, kg and m/s^2: no settings and conditions make lighter rockets, heavier ones, more gravity"""
+_LIGHTEST, _HEAVIEST, _STRONGEST = 0.1, 1e9, 10.0
+"""kg, kg and a factor: no conditions make lighter rockets, heavier ones, or more gravity"""
 _GRAVITY = 'gravity_factor'
 
 
@@ -38,7 +38,7 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     chosen = [
         place for place, flight in enumerate(flights)
         if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)
-        and 0.0 <= _gravity(flight, stage) <= _STRONGEST]
+        and 0.0 <= _gravity_factor(flight, stage) <= _STRONGEST]
     if not chosen:
         return ends
     last = Flight(0, 0, 0, '', np.stack([
@@ -47,7 +47,8 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
         frames.vector_from_ros(last.linear_velocity),
         frames.vector_from_ros(last.angular_velocity), last.mass, stage.settings, trajectory=True,
-        gravity=np.array([_gravity(flights[place], stage) for place in chosen]))
+        gravity=stage.settings['gravity'] * np.array([
+            _gravity_factor(flights[place], stage) for place in chosen]))
     course, names = settled.trajectory, settled.names()
     assert course is not None
     for lane, place in enumerate(chosen):
@@ -63,12 +64,11 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     return ends
 
 
-def _gravity(flight: Flight, stage: Stage) -> float:
-    """Return the gravity of a flight, m/s^2."""
+def _gravity_factor(flight: Flight, stage: Stage) -> float:
+    """Return the factor of gravity that was drawn for a flight."""
     names = stage.condition_names
     known = _GRAVITY in names and flight.layout.conditions == len(names)
-    factor = float(flight.conditions[-1, names.index(_GRAVITY)]) if known else 1.0
-    return factor * stage.settings['gravity']
+    return float(flight.conditions[-1, names.index(_GRAVITY)]) if known else 1.0
 
 
 def _may_be(flight: Flight) -> bool:
