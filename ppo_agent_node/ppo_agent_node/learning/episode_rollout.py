@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roll-outs of whole episodes, each start flown several times, which judge each other.
 
-What a start is worth is the mean return of its copies, so that no critic has to know it. Near an
+The mean return of its copies tells how much a start is worth, and no critic has to. Near an
 optimum that decides: a critic that is wrong by 0.1 drowns the thousandths that an action is worth
 there, while the copies of a start differ by their actions alone.
 
