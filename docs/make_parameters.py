@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from ppo_agent_node.learning import config
-from ppo_agent_node.learning.presets import preset_names
-from ppo_agent_node.learning.presets import preset_values
-from ppo_agent_node.nodes import acting
-from ppo_agent_node.nodes import connection
+from ppo_agent_node.config import training_config
+from ppo_agent_node.config.presets import preset_names
+from ppo_agent_node.config.presets import preset_values
 from ppo_agent_node.nodes import evaluate
-from ppo_agent_node.nodes import inference
 from ppo_agent_node.nodes import keyboard_pilot
 from ppo_agent_node.nodes import piloting
-from ppo_agent_node.nodes import training
+from ppo_agent_node.nodes.agent import inference
+from ppo_agent_node.nodes.agent import modes
+from ppo_agent_node.nodes.agent import training
+from ppo_agent_node.nodes.flights import connection
 from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
-from rocket_sim_node.nodes import serving
-from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.nodes import simulation
+from rocket_sim_node.recording.trajectories.filter import Choice
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
 
@@ -50,7 +50,7 @@ def table(title: str, infos: Iterable[SettingInfo]) -> str:
 
 def presets(world: str) -> str:
     """Return a heading and a Markdown table of what the presets of a world set."""
-    defaults = {info.name: info.default for info in config.describe()}
+    defaults = {info.name: info.default for info in training_config.describe()}
     names = sorted(preset_names(world), key=lambda name: (name != 'default', name))
     values = [{
         name: tuple(value) if isinstance(value, list) else value
@@ -97,13 +97,13 @@ def text() -> str:
     """Return what parameters.md ought to hold."""
     return '\n'.join([
         _HEAD,
-        table('`simulator`', describe(serving.SimulatorParameters)),
+        table('`simulator`', describe(simulation.SimulatorParameters)),
         *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
           for name in worlds.names()),
         table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
-        table('`ppo_agent`', describe(acting.AgentParameters)),
+        table('`ppo_agent`', describe(modes.AgentParameters)),
         table('`ppo_agent`, mode `train`', (
-            *describe(training.TrainingParameters), *config.describe())),
+            *describe(training.TrainingParameters), *training_config.describe())),
         _PRESETS, *(presets(name) for name in worlds.names()),
         table('`ppo_agent`, mode `infer`', describe(inference.InferenceParameters)),
         table('`expert_pilot` and `random_pilot`', describe(piloting.PilotParameters)),

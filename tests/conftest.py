@@ -94,8 +94,8 @@ def make_node(
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-    from rocket_sim_node.wire.inbox import Mailbox
-    from rocket_sim_node.wire.running import make_executor
+    from rocket_sim_node.wire.node.inbox import Mailbox
+    from rocket_sim_node.wire.node.running import make_executor
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     contexts, nodes = [], []
@@ -120,8 +120,8 @@ def make_node(
 @pytest.fixture
 def make_client(make_node: Callable[..., Any]) -> Callable[..., Any]:
     """Clients of the simulators of this test."""
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.link import LinkOptions
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.client.connection import LinkOptions
 
     def make(agent: int | None = None, namespace: str = '', **options: float) -> Client:
         options = {'resend_after': 0.1, 'patience': 15.0, **options}

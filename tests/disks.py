@@ -13,7 +13,7 @@ from pathlib import Path
 
 import torch
 
-from ppo_agent_node.learning.run_folder import RunFolder
+from ppo_agent_node.runs.folder import RunFolder
 
 
 def _mount(*arguments: str) -> None:

@@ -13,9 +13,9 @@ import time
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from rocket_sim_node.wire.running import Body
-from rocket_sim_node.wire.running import Errors
-from rocket_sim_node.wire.running import run_late
+from rocket_sim_node.wire.node.running import Body
+from rocket_sim_node.wire.node.running import Errors
+from rocket_sim_node.wire.node.running import run_late
 
 IDENTITY = 7
 """the same at each start, as that of a run that is resumed"""
@@ -27,9 +27,9 @@ def load() -> tuple[Body, Errors]:
     """Import what an agent needs, and return what exchanges for ever."""
     import numpy as np
 
-    importlib.import_module('ppo_agent_node.nodes.acting')
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.link import LinkOptions
+    importlib.import_module('ppo_agent_node.nodes.agent.modes')
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.client.connection import LinkOptions
     from rocket_sim_node.worlds import EnvironmentRestarted
 
     def exchange(node: Node, executor: Executor) -> None:

@@ -16,7 +16,7 @@ from processes import wait_until
 from training_runs import agent
 from training_runs import simulator
 
-from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.reader import trajectories
 
 LONGEST_STOP = 2.5
 """s; longer than a call of a service is waited for before it is repeated"""

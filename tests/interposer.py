@@ -99,8 +99,8 @@ def interpose(node: Any, executor: Any) -> None:
     """Be the node."""
     from rocket_msgs import msg
 
-    from rocket_sim_node.wire import qos
-    from rocket_sim_node.wire import stopping
+    from rocket_sim_node.wire.dds import qos
+    from rocket_sim_node.wire.node import stopping
 
     def parameter(name: str) -> Any:
         return node.get_parameter(name).value
@@ -128,5 +128,5 @@ def interpose(node: Any, executor: Any) -> None:
 if __name__ == '__main__':
     import sys
 
-    from rocket_sim_node.wire.running import run
+    from rocket_sim_node.wire.node.running import run
     sys.exit(run('interposer', interpose))

@@ -25,7 +25,7 @@ def intrude(seconds: float) -> dict[str, Any]:
     from rocket_msgs import msg
     from rocket_msgs import srv
 
-    from rocket_sim_node.wire import qos
+    from rocket_sim_node.wire.dds import qos
 
     with rclpy.init():
         node = rclpy.create_node('intruder')
@@ -64,8 +64,8 @@ def pilot(go: Path) -> int:
     """Fly, wait until a file is there, fly on; print whether all was as in a world here."""
     import numpy as np
 
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.running import run
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.node.running import run
     from rocket_sim_node.worlds import make
 
     def body(node: Any, executor: Any) -> None:

@@ -10,14 +10,14 @@ from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
-from ppo_agent_node.learning.config import PPOConfig
-from ppo_agent_node.learning.losses import clipped_objective
-from ppo_agent_node.learning.losses import squared_error
-from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.policies import Policy
-from ppo_agent_node.learning.ppo import Diagnostics
-from ppo_agent_node.learning.ppo import explained_variance
-from ppo_agent_node.learning.rollout import Batch
+from ppo_agent_node.config.training_config import PPOConfig
+from ppo_agent_node.ppo.losses import clipped_objective
+from ppo_agent_node.ppo.losses import squared_error
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
+from ppo_agent_node.ppo.update import Diagnostics
+from ppo_agent_node.ppo.update import explained_variance
 
 
 def optimisers(policy: Policy, critic: Critic, rates: Sequence[float]) -> tuple[Adam, Adam]:

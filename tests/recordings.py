@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from rerun.chunk import RrdReader
 
-from rocket_sim_node.recording import plots
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
+from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.reel import Settle
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.telemetry import joined
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.timeline import Settle
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.capture import joined
+from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import Telemetry

@@ -9,12 +9,12 @@ from typing import Any
 
 import yaml
 
+from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.presets import load_preset
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds

@@ -15,9 +15,9 @@ from collections.abc import Callable
 
 import rclpy
 
-from rocket_sim_node.wire import leftovers
+from rocket_sim_node.wire.dds import shared_memory_cleanup
 
-SHARED_MEMORY = leftovers.SHARED_MEMORY
+SHARED_MEMORY = shared_memory_cleanup.SHARED_MEMORY
 PORTS = [SHARED_MEMORY / f'fastdds_port{number}' for number in (7000, 7001, 7002)]
 """which a participant tries first"""
 CLEANERS = 2
@@ -82,7 +82,7 @@ def main(rounds: int) -> None:
         def clean() -> None:
             random.seed()
             time.sleep(usual * random.uniform(0.6, 0.95))
-            leftovers.clean()
+            shared_memory_cleanup.clean()
 
         started(lambda: [fork(clean) for _ in range(CLEANERS)])
     print('done', rounds)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ppo_agent_node.nodes import ppo_agent
-from rocket_sim_node.wire.running import Body
-from rocket_sim_node.wire.running import Errors
+from rocket_sim_node.wire.node.running import Body
+from rocket_sim_node.wire.node.running import Errors
 
 load = ppo_agent._load
 
@@ -21,8 +21,8 @@ load = ppo_agent._load
 def load_timed() -> tuple[Body, Errors]:
     """Import what `ppo_agent` does, and have it print."""
     body, errors = load()
-    from rocket_sim_node.wire.fleet import Fleet
-    from rocket_sim_node.wire.link import Link
+    from rocket_sim_node.wire.client.connection import Link
+    from rocket_sim_node.wire.client.fleet import Fleet
 
     begin, take = Fleet.__init__, Link.take
 

@@ -11,15 +11,15 @@ from processes import Process
 from processes import Processes
 from safetensors.torch import load_file
 
+from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 SMALL = {
     'demonstration_episodes': 16, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 2,

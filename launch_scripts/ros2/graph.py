@@ -41,9 +41,9 @@ def direct_node(args: argparse.Namespace) -> Iterator[Node]:
     be stopped, or wait for who reads what it prints: it keeps out of their shared memory.
     """
     try:
-        from rocket_sim_node.wire import security
-        from rocket_sim_node.wire import transport
-        from rocket_sim_node.wire.dds_profile import ProfileError
+        from rocket_sim_node.wire.dds import security
+        from rocket_sim_node.wire.dds import transport
+        from rocket_sim_node.wire.dds.profile import ProfileError
     except ImportError as error:
         raise CommandError(
             f'{error}; enter the environment first: . launch_scripts/env.sh') from None

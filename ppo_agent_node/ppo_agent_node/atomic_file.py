@@ -33,7 +33,7 @@ def write_atomically(path: Path, data: bytes) -> None:
             scratch.unlink(missing_ok=True)
         raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
     except BaseException:
-        # A signal that abandons the work, see rocket_sim_node.wire.stopping.
+        # A signal that abandons the work, see rocket_sim_node.wire.node.stopping.
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
         raise

@@ -28,12 +28,12 @@ from benchmarks.rollouts import shipped_policy
 from benchmarks.rollouts import wire_fleet
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.learning.policies import Policy
+from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.answers import Answers
-from rocket_sim_node.wire.cdr import Codec
-from rocket_sim_node.wire.inbox import Inbox
-from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.client.answers import Answers
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.worlds.actions import checked_action
 
 

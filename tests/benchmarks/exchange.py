@@ -26,8 +26,8 @@ from processes import Processes
 
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.running import make_executor
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.node.running import make_executor
 
 SIZES = (1, 64, 256, 1024, 4096)
 

@@ -23,12 +23,12 @@ from benchmarks.exchange import microseconds
 from benchmarks.rollouts import shipped_policy
 from benchmarks.rollouts import wire_fleet
 from benchmarks.tcp_floor import sizes
+from ppo_agent_node import random_streams
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.learning import streams
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.fleet import Fleet
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
 
 COUNTS = (1, 2, 4, 8, 16)
 BATCH = 256
@@ -67,7 +67,8 @@ def other_costs() -> dict[str, float]:
     """Return what else bears on how many simulators an agent can feed on: a batch's costs."""
     world = worlds.make('rocket', BATCH, level=7)
     observation = torch.from_numpy(world.reset(1))
-    sample = shipped_policy().sampler(torch.zeros(200, BATCH), streams.generator(1, 'bench'))
+    generator = random_streams.generator(1, 'bench')
+    sample = shipped_policy().sampler(torch.zeros(200, BATCH), generator)
     command = np.zeros((BATCH, 3), np.float32)
     return {
         'inference_us': microseconds(lambda: sample(0, observation), 200)[0],

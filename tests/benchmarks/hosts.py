@@ -30,8 +30,8 @@ def fly(num_envs: int, count: int, output: Path) -> None:
     import rclpy
 
     from benchmarks.exchange import microseconds
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.running import make_executor
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.node.running import make_executor
 
     with rclpy.init():
         node = rclpy.create_node('bench_hosts')

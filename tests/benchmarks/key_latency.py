@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from ppo_agent_node.evaluation.metrics import write_json
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.running import make_executor
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node.running import make_executor
 
 _LOST = 2.0
 """s after which a press is counted as lost"""

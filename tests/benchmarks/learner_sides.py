@@ -63,9 +63,9 @@ class Ours:
     def __init__(self, options: Options, **changes: Any) -> None:
         import torch
 
-        from ppo_agent_node.learning.learner import Learner
-        from ppo_agent_node.learning.presets import load_preset
-        from ppo_agent_node.learning.rollout import Batch
+        from ppo_agent_node.config.presets import load_preset
+        from ppo_agent_node.ppo.learner import Learner
+        from ppo_agent_node.ppo.rollout_buffer import Batch
         from rocket_sim_node import worlds
 
         torch.set_num_threads(options.threads)
@@ -175,7 +175,7 @@ class Floor:
         """Allocate; with `rows`, minibatches are cut into so many samples."""
         import torch
 
-        from ppo_agent_node.learning.dense import product
+        from ppo_agent_node.ppo.networks.dense import product
 
         def by_mkl(left: Any, right: Any, out: Any) -> None:
             torch.mm(left, right, out=out)
@@ -212,7 +212,7 @@ class Floor:
     def update(self) -> dict[str, float]:
         import torch
 
-        from ppo_agent_node.learning.side_by_side import both
+        from ppo_agent_node.ppo.parallel import both
 
         def run(products: list[tuple[Any, ...]]) -> None:
             for _ in range(self._times):

@@ -34,8 +34,8 @@ _FLIGHT = 300.0
 
 def fly(num_envs: int, count: int, output: Path) -> int:
     """Be the agent: write how long each step took, s, and whether it was the right one."""
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.running import run
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.node.running import run
     from rocket_sim_node.worlds import make
 
     def body(node: Any, executor: Any) -> None:

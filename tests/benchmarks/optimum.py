@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ppo_agent_node.evaluation.bounds import StraightDropBound
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.evaluation.optimum import BLOCKS
-from ppo_agent_node.evaluation.optimum import LandingOptimiser
+from ppo_agent_node.evaluation.optimum.fuel_bounds import StraightDropBound
+from ppo_agent_node.evaluation.optimum.optimiser import BLOCKS
+from ppo_agent_node.evaluation.optimum.optimiser import LandingOptimiser
 from ppo_agent_node.evaluation.optimum_sample import return_ceiling
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 
 def solve(world: RocketWorld, blocks: int) -> tuple[F64, F64, F64, float]:

@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ppo_agent_node.reporting.style import CYCLE
-from ppo_agent_node.reporting.style import GREY
-from ppo_agent_node.reporting.style import plain_logarithm
-from ppo_agent_node.reporting.style import save
-from ppo_agent_node.reporting.style import styled
+from ppo_agent_node.reporting.pictures.style import CYCLE
+from ppo_agent_node.reporting.pictures.style import GREY
+from ppo_agent_node.reporting.pictures.style import plain_logarithm
+from ppo_agent_node.reporting.pictures.style import save
+from ppo_agent_node.reporting.pictures.style import styled
 
 Figures = dict[str, Any]
 

@@ -150,8 +150,8 @@ def flying(folder: Path, turns: int, seconds: float) -> Speeds:
 
     from ppo_agent_node.pilots.policy import PolicyPilot
     from ppo_agent_node.pilots.search import find_policy
-    from rocket_sim_node.wire.client import Client
-    from rocket_sim_node.wire.running import make_executor
+    from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.node.running import make_executor
 
     processes, speeds = Processes(folder), Speeds()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

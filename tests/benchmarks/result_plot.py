@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from benchmarks.result_records import Run
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 
 def draw(runs: Sequence[Run], names: Mapping[str, str], target: float, path: Path) -> Path:

@@ -21,10 +21,10 @@ from benchmarks.result_lines import VERIFICATION_SEED
 from benchmarks.result_records import Options
 from benchmarks.result_records import Point
 from benchmarks.result_records import Run
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.policy_file import POLICY
-from ppo_agent_node.learning.run_config import read_config
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.ppo.policies.file import POLICY
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
 LANDERS = 128

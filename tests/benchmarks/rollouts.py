@@ -31,22 +31,22 @@ from processes import Processes
 from benchmarks.exchange import microseconds
 from benchmarks.exchange import on_core
 from benchmarks.tcp_floor import TcpFloor
+from ppo_agent_node import random_streams
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.policies import Policy
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.rollout import Rollout
 from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.rollout_buffer import Rollout
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.fleet import Fleet as WireFleet
-from rocket_sim_node.wire.link import LinkOptions
-from rocket_sim_node.wire.running import make_executor
-from rocket_sim_node.worlds.flight import Fleet
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.fleet import Fleet as WireFleet
+from rocket_sim_node.wire.node.running import make_executor
+from rocket_sim_node.worlds.jobs import Fleet
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import Snapshot
 
 SIZES = (256, 512, 1024, 2048)
 _START = 60.0
@@ -83,7 +83,7 @@ class Course:
         self._count += 1
 
         def begin(group: int) -> Any:
-            noise = streams.generator(1, 'roll-out', self._count, group)
+            noise = random_streams.generator(1, 'roll-out', self._count, group)
             return self.rollout.flight(
                 group, Restore(self._worlds[group]), self._policy, noise)
 

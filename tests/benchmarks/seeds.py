@@ -19,22 +19,22 @@ import numpy as np
 import torch
 
 from benchmarks import machine
+from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.conditions_files import aligned
 from ppo_agent_node.evaluation.conditions_files import percent
-from ppo_agent_node.evaluation.intervals import mean_interval
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots import choice
-from ppo_agent_node.pilots.base import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.statistics import mean_interval
+from ppo_agent_node.statistics import wilson
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 ROOT = Path(__file__).parents[2]
 ROCKETS = 500

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.soak_nodes import NODES
 from benchmarks.soak_samples import Samples
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 _PANELS = (('own', 'memory of its own, MiB'), ('files', 'open files'), ('threads', 'threads'))
 

@@ -17,10 +17,10 @@ from rclpy.node import Node
 from rocket_msgs.msg import World
 
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.server import Server
-from rocket_sim_node.wire.server import ServerOptions
-from rocket_sim_node.wire.transport import SharedMemory
+from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.node.running import run
+from rocket_sim_node.wire.server.server import Server
+from rocket_sim_node.wire.server.server import ServerOptions
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
 

@@ -12,8 +12,6 @@ import matplotlib.pyplot as plt
 from cmaes import CMA
 
 from benchmarks import machine
-from ppo_agent_node.evaluation.intervals import mean_interval
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.evaluation.tuning import Gains
@@ -23,6 +21,8 @@ from ppo_agent_node.evaluation.tuning import Task
 from ppo_agent_node.evaluation.tuning import judge
 from ppo_agent_node.evaluation.tuning import search
 from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
+from ppo_agent_node.statistics import mean_interval
+from ppo_agent_node.statistics import wilson
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import describe
 

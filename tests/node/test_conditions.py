@@ -14,10 +14,10 @@ from rollouts import assert_same
 
 from rocket_sim_node import frames
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.worlds import EnvironmentRestarted
-from rocket_sim_node.worlds.conditions import DRAWN_NAMES
+from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
 
 N = 8
 MakeClient = Callable[..., Client]

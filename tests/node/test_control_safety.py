@@ -29,10 +29,10 @@ from rosgraph_msgs.msg import Clock
 from test_fuzz import Rubbish
 
 from rocket_sim_node import wire
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
 
 N, STRANGER = 4, 0xBAD
@@ -184,7 +184,7 @@ def test_an_agent_that_never_gives_an_order_is_told(
 def test_an_agent_that_only_computes_gives_no_orders(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its engine is cut, and after the lease another one may take over."""
-    monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.02)
+    monkeypatch.setattr('rocket_sim_node.wire.client.connection._KEEP_PERIOD', 0.02)
     lease = 3.0
     _, client, watch = realtime(processes, make_client, agent_lease=lease)
     other = make_client()
@@ -283,7 +283,7 @@ def test_an_action_sent_again_is_no_new_order(
     client.reset(1)
     order = msg.Action(
         session=client.link.session, step=client.link.step, agent=client.link.agent,
-        continuous=messages.to_sequence(FULL, 'f4'))
+        continuous=conversion.to_sequence(FULL, 'f4'))
 
     def cut() -> bool:
         blind.publish(order)
@@ -316,8 +316,8 @@ def test_a_second_agent_cannot_take_over_in_flight(
     publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
     watch.until(lambda: publisher.get_subscription_count() > 0)
     stolen = msg.Action(session=session, step=client.link.step, agent=STRANGER)
-    stolen.continuous = messages.to_sequence(-FULL, 'f4')
-    state = messages.to_sequence(np.frombuffer(world.snapshot(), np.uint8), 'u1')
+    stolen.continuous = conversion.to_sequence(-FULL, 'f4')
+    state = conversion.to_sequence(np.frombuffer(world.snapshot(), np.uint8), 'u1')
     requests = {
         'reset': (srv.Reset, {'seed': 1}), 'restore': (srv.Restore, {'state': state}),
         'snapshot': (srv.Snapshot, {'session': session, 'step': client.link.step}),

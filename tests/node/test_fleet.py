@@ -16,17 +16,17 @@ from processes import Processes
 from processes import wait_until
 from rocket_msgs import msg
 
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.fleet import Fleet
-from rocket_sim_node.wire.link import LinkOptions
-from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import Snapshot
 
 N, STEPS = 4, 150
 MakeFleet = Callable[..., Fleet]
@@ -210,12 +210,12 @@ def test_strangers_who_describe_a_world_change_nothing(
     publisher = node.create_publisher(msg.World, f'{namespace}/world', qos.WORLD)
     spec = make('rocket', num_envs=N).spec
     wrong = [
-        messages.world_to_message(spec, 1, 0, msg.World.LOCKSTEP),
-        messages.world_to_message(
+        conversion.world_to_message(spec, 1, 0, msg.World.LOCKSTEP),
+        conversion.world_to_message(
             make('rocket', num_envs=N + 1).spec, 2, 0, msg.World.LOCKSTEP),
-        messages.world_to_message(make('lunar_lander').spec, 3, 0, msg.World.LOCKSTEP),
-        messages.world_to_message(spec, 4, 0, msg.World.REALTIME)]
-    wrong.append(messages.world_to_message(spec, 5, 0, msg.World.LOCKSTEP))
+        conversion.world_to_message(make('lunar_lander').spec, 3, 0, msg.World.LOCKSTEP),
+        conversion.world_to_message(spec, 4, 0, msg.World.REALTIME)]
+    wrong.append(conversion.world_to_message(spec, 5, 0, msg.World.LOCKSTEP))
     wrong[-1].dt = float('nan')
     polls = 0
 

@@ -20,11 +20,11 @@ from rocket_msgs import srv
 from rollouts import assert_same
 from scipy import stats
 
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.cdr import Codec
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.link import Link
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.worlds import make
 
 N, AGENT = 8, 0xC0FFEE
@@ -183,7 +183,7 @@ class Fuzzer(Rubbish):
         rng, link = self.rng, self.client.link
         name = str(rng.choice(list(self._services)))
         stranger = int(rng.integers(1, 2**63))
-        noise = messages.to_sequence(np.frombuffer(rng.bytes(200), np.uint8), 'u1')
+        noise = conversion.to_sequence(np.frombuffer(rng.bytes(200), np.uint8), 'u1')
         mine = bool(rng.integers(2))
         request: Any = {
             'reset': lambda: srv.Reset.Request(

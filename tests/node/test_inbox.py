@@ -12,11 +12,11 @@ import pytest
 from processes import wait_until
 from rocket_msgs import msg
 
-from rocket_sim_node.wire import inbox
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.inbox import Inbox
-from rocket_sim_node.wire.inbox import Mailbox
-from rocket_sim_node.wire.steady import create_timer
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node import inbox
+from rocket_sim_node.wire.node.inbox import Inbox
+from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.steady_clock import create_timer
 
 PATIENCE = 10.0
 

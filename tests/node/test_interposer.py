@@ -16,7 +16,7 @@ from training_runs import agent
 from training_runs import assert_same_run
 from training_runs import train_in_process
 
-from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.worlds import make
 
 N = 8

@@ -23,8 +23,8 @@ PEER = """
 import time
 import rclpy
 from rocket_msgs.msg import Action, Episodes, Observation, Reward
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.transport import prepared
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.dds.transport import prepared
 
 with prepared(rclpy.get_rmw_implementation_identifier()):
     rclpy.init(args=[])

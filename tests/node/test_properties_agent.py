@@ -21,18 +21,18 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.answers import Answers
-from rocket_sim_node.wire.cdr import Codec
-from rocket_sim_node.wire.latest_answers import LatestAnswers
-from rocket_sim_node.wire.link import Link
-from rocket_sim_node.wire.link import LinkOptions
-from rocket_sim_node.wire.link import WorldChanged
+from rocket_sim_node.wire.client.answers import Answers
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import WorldChanged
+from rocket_sim_node.wire.client.latest_answers import LatestAnswers
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds.actions import checked_action
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
 
 N, SESSION, STEP = 4, 77, 8
 CODECS = {'observation': Codec(msg.Observation), 'reward': Codec(msg.Reward),
@@ -66,7 +66,7 @@ def answer(ended: bool) -> dict[str, list[Any]]:
                 'observation': [observation],
                 'reward': [reward, terminated, truncated, info['final_rows'],
                            info['final_observation']],
-                'episodes': messages.episode_arrays(info['episodes'])}
+                'episodes': conversion.episode_arrays(info['episodes'])}
 
 
 def check_answer(answers: Answers) -> None:
@@ -141,7 +141,7 @@ def test_damaged_answers_are_passed_over_or_refused(
 @given(st.data())
 def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(['rocket', 'lunar_lander']))
-    message = messages.world_to_message(worlds.make(name, num_envs=N).spec, 1, 0, 0)
+    message = conversion.world_to_message(worlds.make(name, num_envs=N).spec, 1, 0, 0)
     texts = st.lists(WIRE_TEXT, max_size=5)
     wrong: dict[str, Any] = {
         'num_envs': st.integers(0, 2**32 - 1), 'dt': ANY_FLOAT, 'observation_names': texts,
@@ -154,11 +154,11 @@ def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> N
     for field in data.draw(st.lists(st.sampled_from(list(wrong)), min_size=1, max_size=2)):
         setattr(message, field, data.draw(wrong[field]))
     try:
-        spec = messages.world_from_message(message)
+        spec = conversion.world_from_message(message)
     except ValueError as error:
         assert str(error).startswith(('world: ', 'settings: '))
         return
-    assert 1 <= spec.num_envs <= messages.MOST_ENVS
+    assert 1 <= spec.num_envs <= conversion.MOST_ENVS
     if spec.num_envs < 1000 and spec.continuous:
         idle = np.tile(np.array(spec.action_idle), (spec.num_envs, 1))
         np.testing.assert_array_equal(checked_action(spec, idle), idle)
@@ -167,7 +167,7 @@ def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> N
 @pytest.fixture
 def link(make_node: Callable[..., Any]) -> Link:
     made = Link(make_node()[0], LinkOptions(patience=0.0), 5)
-    made.world = messages.world_to_message(SPEC, SESSION, 0, msg.World.LOCKSTEP)
+    made.world = conversion.world_to_message(SPEC, SESSION, 0, msg.World.LOCKSTEP)
     made.adopt_spec()
     return made
 
@@ -187,7 +187,7 @@ def test_any_answer_of_a_service_is_taken_or_refused(
     else:
         value = data.draw(ANY_F32)
         response.session, response.step = session, step
-        response.observation = messages.to_sequence(np.full(size, value), 'f4')
+        response.observation = conversion.to_sequence(np.full(size, value), 'f4')
     link.drop()
     link._command, link._asked = command, time.monotonic()
     try:

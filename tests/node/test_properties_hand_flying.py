@@ -21,11 +21,11 @@ from test_properties_recorder import harmed
 
 from ppo_agent_node.cockpit.display import Cockpit
 from ppo_agent_node.cockpit.instruments import Brake
-from ppo_agent_node.nodes.hand_flying import HandFlying
-from ppo_agent_node.nodes.hand_flying import Start
+from ppo_agent_node.nodes.flights.hand_flying import HandFlying
+from ppo_agent_node.nodes.flights.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import messages
+from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
@@ -115,7 +115,7 @@ def observations(spec: WorldSpec) -> st.SearchStrategy[list[Any]]:
 @given(data=st.data())
 def test_a_person_flies_on_whatever_is_said_of_the_vehicle(world: str, data: Any) -> None:
     said, *states, _ = good(world, SESSION)
-    spec = messages.world_from_message(said)
+    spec = conversion.world_from_message(said)
     hands = Hands(spec)
     first, *others = states
     rubbish = [data.draw(harmed(state)) for state in others]
@@ -142,7 +142,7 @@ def test_a_state_that_no_vehicle_has_is_left_out_with_a_word(
     world = worlds.make('rocket')
     hands = Hands(world.spec)
     full = hands.flying._tank
-    message = messages.state_to_message(
+    message = conversion.state_to_message(
         np.zeros(1, np.uint64), world.telemetry(slice(None)), SESSION)
     for name, values in harm.items():
         setattr(message, name, values)
@@ -186,7 +186,7 @@ def described(draw: Any, world: str) -> msg.World:
 @given(data=st.data())
 def test_a_person_flies_any_world_or_is_told_what_is_wrong(world: str, data: Any) -> None:
     try:
-        spec = messages.world_from_message(data.draw(described(world)))
+        spec = conversion.world_from_message(data.draw(described(world)))
         hands = Hands(spec)
     except ValueError as error:
         assert 'expected' in str(error) or 'twice' in str(error)
@@ -218,7 +218,7 @@ def test_each_setting_that_is_missing_is_named(world: str) -> None:
     for name in needed:
         shorter = copy.deepcopy(message)
         shorter.settings = [item for item in message.settings if item.name != name]
-        spec = messages.world_from_message(shorter)
+        spec = conversion.world_from_message(shorter)
         with pytest.raises(ValueError, match=f'^world: settings: {name}: got None, expected'):
             Brake.of(spec)
         with pytest.raises(ValueError, match=f'^world: settings: {name}: got None, expected'):

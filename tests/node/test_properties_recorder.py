@@ -24,13 +24,13 @@ from rocket_msgs import msg
 from ppo_agent_node.nodes.watch import status_from_message
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.nodes.rerun_recorder import RecorderNode
-from rocket_sim_node.recording import touchdown
-from rocket_sim_node.recording.choice import Choice
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.sink import Look
-from rocket_sim_node.recording.sink import Put
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.state_stream import StateStream
+from rocket_sim_node.recording.sinks.base import Look
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.worlds import make
 
 ROCKETS = 2
@@ -100,7 +100,7 @@ def good(world: str, session: int) -> list[Any]:
     spec = simulated.spec
     idle = (np.tile(np.float32(spec.action_idle), (ROCKETS, 1)) if spec.continuous
             else np.full(ROCKETS, spec.action_idle[0], np.int32))
-    said: list[Any] = [messages.world_to_message(spec, session, 0, msg.World.LOCKSTEP)]
+    said: list[Any] = [conversion.world_to_message(spec, session, 0, msg.World.LOCKSTEP)]
     publisher = SimpleNamespace(publish=said.append, get_subscription_count=lambda: 1)
     node: Any = SimpleNamespace(create_publisher=lambda *_: publisher)
     states = StateStream(node, simulated, ROCKETS, batch=125)
@@ -160,7 +160,7 @@ def test_a_recorder_goes_on_whatever_it_hears(world: str, live: bool, data: Any)
 def test_a_lander_of_three_legs_is_refused() -> None:
     desk = Desk(False)
     world, state, *_ = good('lunar_lander', 1)
-    legs = messages.to_sequence(np.zeros(3 * len(state.step)), 'f8')
+    legs = conversion.to_sequence(np.zeros(3 * len(state.step)), 'f8')
     state = copy.deepcopy(state)
     state.leg_angle, state.contact = legs, array.array('B', map(int, legs))
     desk.hear(world)

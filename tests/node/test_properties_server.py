@@ -28,11 +28,11 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.cdr import Codec
-from rocket_sim_node.wire.control import NOBODY
-from rocket_sim_node.wire.server import Server
-from rocket_sim_node.wire.server import ServerOptions
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.server.control import NOBODY
+from rocket_sim_node.wire.server.server import Server
+from rocket_sim_node.wire.server.server import ServerOptions
 
 N, OWNER = 3, 0xABCDEF
 CODEC = Codec(msg.Action)
@@ -253,7 +253,7 @@ def test_where_nobody_has_control_nobody_is_obeyed(bench: Bench, agent: int) -> 
 def restore(bench: Bench, state: bytes, agent: int = OWNER) -> Any:
     """Return the answer to a restore; it took no memory worth mentioning."""
     request = srv.Restore.Request(agent=agent)
-    request.state = messages.to_sequence(np.frombuffer(state, np.uint8), 'u1')
+    request.state = conversion.to_sequence(np.frombuffer(state, np.uint8), 'u1')
     tracemalloc.start()
     try:
         response = bench.server._on_restore(request, srv.Restore.Response())

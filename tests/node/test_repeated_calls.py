@@ -20,18 +20,18 @@ from rocket_msgs import srv
 from rollouts import assert_same
 from training_runs import simulator
 
-from rocket_sim_node.wire import waiting
-from rocket_sim_node.wire.calling import Call
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.service_call import Call
+from rocket_sim_node.wire.node import waiting
+from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.flight import Reset
+from rocket_sim_node.worlds.jobs import Reset
 
 N = 8
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
 REPEATED = (0.25, 0.75, 1.75)
-"""s after which a call is made anew for the first time, the second, the third, see wire.link"""
+"""s after which a call is made anew for the first time, the second, the third, see wire.client"""
 MakeClient = Callable[..., Client]
 
 pytestmark = pytest.mark.timeout(900)

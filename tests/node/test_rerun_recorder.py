@@ -25,14 +25,14 @@ from recordings import view_classes
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes import rerun_recorder
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.file_sink import partial_path
-from rocket_sim_node.recording.samples import Layout
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.hearing import samples_from_message
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.file_sink import partial_path
+from rocket_sim_node.telemetry.samples import Layout
+from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import Telemetry
 
@@ -72,7 +72,7 @@ class Simulator:
             and self.training.get_subscription_count() > 0, 20.0)
         self._session += 1
         self.description.publish(
-            messages.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
+            conversion.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
         self._world.reset(self._session)
         self._step = 0
         self._parts: list[tuple[int, np.ndarray]] = []
@@ -101,7 +101,7 @@ class Simulator:
             step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
             telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
             self.state.publish(
-                messages.state_to_message(step, telemetry, self._session))
+                conversion.state_to_message(step, telemetry, self._session))
         self._parts = []
 
 
@@ -127,7 +127,7 @@ def wait_for_flights(path: Path, count: int) -> None:
     """Wait until the unfinished file at a path has so many flights."""
     def there() -> bool:
         with suppress(OSError, ValueError, IndexError):  # it is being written
-            return len(read.trajectories(partial_path(path))) >= count
+            return len(reader.trajectories(partial_path(path))) >= count
         return False
 
     wait_until(there, 60.0)
@@ -149,8 +149,8 @@ def test_what_flew_is_in_the_file(
     assert 'recording saved' in recorder.output()
     assert 'Traceback' not in recorder.output()
     assert 'write_footer' not in recorder.output()  # Rerun would warn of it
-    viewer.verify(path)
-    flights = read.trajectories(path)
+    rerun_program.verify(path)
+    flights = reader.trajectories(path)
     assert [(f.row, f.episode, f.outcome) for f in flights] == [
         (0, 0, 'too_fast'), (1, 0, 'too_fast'), (0, 1, 'too_fast'), (1, 1, 'too_fast')]
     for flight in flights:
@@ -173,13 +173,13 @@ def test_a_world_with_legs_and_terrain(
     recorder.signal(signal.SIGTERM)
     assert recorder.wait(30.0) == 0
     assert 'refused' not in recorder.output()
-    viewer.verify(path)
+    rerun_program.verify(path)
     assert '2D' in view_classes(path)
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     assert len(flights) >= ROCKETS
     grounds = {
         step: np.array(vertices)[1:12, 2]
-        for step, vertices in rows_of(path, scene.TERRAIN, 'Mesh3D:vertex_positions')}
+        for step, vertices in rows_of(path, entities.TERRAIN, 'Mesh3D:vertex_positions')}
     for flight in flights:
         if flight.episode == 0:
             np.testing.assert_allclose(
@@ -191,7 +191,7 @@ def test_a_world_with_legs_and_terrain(
 @pytest.mark.parametrize('name', ['contact', 'leg_angle', 'terrain', 'contact_force', 'row'])
 def test_a_message_that_is_cut_short_is_named(name: str) -> None:
     world = make('lunar_lander', ROCKETS)
-    message = messages.state_to_message(
+    message = conversion.state_to_message(
         np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
     assert samples_from_message(message).layout == Layout(legs=2, heights=11)
     setattr(message, name, getattr(message, name)[:-1])
@@ -201,7 +201,7 @@ def test_a_message_that_is_cut_short_is_named(name: str) -> None:
 
 def test_what_is_not_finite_is_named() -> None:
     world = make('rocket', ROCKETS)
-    message = messages.state_to_message(
+    message = conversion.state_to_message(
         np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
     message.position[2] = float('nan')
     with pytest.raises(ValueError, match='position: a value is not finite'):
@@ -215,16 +215,16 @@ def test_worlds_and_states_that_no_simulator_has_are_left_out(
     recorder = start(processes, path)
     wait_until(lambda: simulator.state.get_subscription_count() > 0, 20.0)
     for name, value, said in (('dt', 0.0, 'dt: got 0.0'), ('outcomes', [], 'number of outcomes')):
-        message = messages.world_to_message(
+        message = conversion.world_to_message(
             make('rocket', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
         setattr(message, name, value)
         simulator.description.publish(message)
         recorder.wait_for(f'world left out: world: {said}', 10.0)
         time.sleep(1.1)  # it says so once a second
-    landers = messages.world_to_message(
+    landers = conversion.world_to_message(
         make('lunar_lander', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
     simulator.description.publish(landers)
-    simulator.state.publish(messages.state_to_message(
+    simulator.state.publish(conversion.state_to_message(
         np.zeros(ROCKETS, np.uint64), simulator.telemetry(), 1))
     recorder.wait_for('contact: for 0 legs, expected 2', 10.0)
     recorder.signal(signal.SIGTERM)
@@ -247,8 +247,8 @@ def test_killed_and_started_again(
 
     again = start(processes, path)
     assert 'its recording is repaired' in again.output()
-    viewer.verify(path)
-    assert 1 <= len(read.trajectories(path)) <= 4
+    rerun_program.verify(path)
+    assert 1 <= len(reader.trajectories(path)) <= 4
     again.signal(signal.SIGTERM)
     assert again.wait(30.0) == 0
     assert 'nothing was heard' in again.output()
@@ -256,7 +256,7 @@ def test_killed_and_started_again(
 
 
 def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) -> None:
-    port = viewer.free_port()
+    port = rerun_program.free_port()
     recorder = processes.run_node(
         'rocket_sim_node', 'rerun_recorder', serve_web=True, web_port=port)
     recorder.wait_for('watch it in a browser', 25.0)
@@ -267,7 +267,7 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
     assert '00000000' not in {address.split(':')[0] for address in mine}
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
-    wait_until(lambda: not viewer.reachable('127.0.0.1', port), 5.0)
+    wait_until(lambda: not rerun_program.reachable('127.0.0.1', port), 5.0)
 
 
 @pytest.mark.parametrize(('parameters', 'complaint'), [

@@ -14,7 +14,7 @@ from processes import wait_until
 
 SLOW = """
 import pathlib, sys, time
-from rocket_sim_node.wire.running import run_late
+from rocket_sim_node.wire.node.running import run_late
 
 def load():
     print('loading', flush=True)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rocket_sim_node.wire import waiting
-from rocket_sim_node.wire.waiting import Silence
-from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.wire.node import waiting
+from rocket_sim_node.wire.node.waiting import Silence
+from rocket_sim_node.wire.node.waiting import WireTimeout
 
 
 class Node:

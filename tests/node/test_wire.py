@@ -17,13 +17,13 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 from rollouts import assert_same
 
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.definitions import DefinitionsDiffer
-from rocket_sim_node.wire.definitions import hashes
-from rocket_sim_node.wire.link import SimulatorBusy
-from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import SimulatorBusy
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.definitions import DefinitionsDiffer
+from rocket_sim_node.wire.messages.definitions import hashes
+from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 
@@ -69,7 +69,7 @@ class Speaker:
         link = self.client.link
         message = msg.Action(**{
             'session': link.session, 'step': link.step, 'agent': link.agent, **fields})
-        message.continuous = messages.to_sequence(values, 'f4')
+        message.continuous = conversion.to_sequence(values, 'f4')
         self.said = message
         self.publisher.publish(message)
 
@@ -107,12 +107,12 @@ def test_same_rollout_in_process_and_over_dds(
 
 def test_the_largest_batch_is_flown_and_restored(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=messages.MOST_ENVS)
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=conversion.MOST_ENVS)
     client = make_client(resend_after=5.0)  # as a slow machine is no lost message
-    world = make('rocket', num_envs=messages.MOST_ENVS)
+    world = make('rocket', num_envs=conversion.MOST_ENVS)
     client.reset(1)
     world.reset(1)
-    action = np.full((messages.MOST_ENVS, 3), 0.5, np.float32)
+    action = np.full((conversion.MOST_ENVS, 3), 0.5, np.float32)
     for _ in range(10):
         assert_same(client.step(action), world.step(action))
         state = client.snapshot()
@@ -256,7 +256,7 @@ def test_silent_agent_loses_control(processes: Processes, make_client: MakeClien
 
 def test_computing_agent_keeps_control(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('rocket_sim_node.wire.link._KEEP_PERIOD', 0.2)
+    monkeypatch.setattr('rocket_sim_node.wire.client.connection._KEEP_PERIOD', 0.2)
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=3.0)
     first, second = make_client(), make_client(patience=6.0)
     first.reset(1)
@@ -446,7 +446,7 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
     def differ(*_: object) -> bool:
         raise DefinitionsDiffer('reward')
 
-    monkeypatch.setattr('rocket_sim_node.wire.link.check_definitions', differ)
+    monkeypatch.setattr('rocket_sim_node.wire.client.connection.check_definitions', differ)
     with pytest.raises(DefinitionsDiffer):
         client.step(actions(1)[0])
     simulator.signal(signal.SIGCONT)

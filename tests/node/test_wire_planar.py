@@ -12,12 +12,12 @@ from processes import Processes
 from rocket_msgs import msg
 from rollouts import assert_same
 
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import WorldSpec
 

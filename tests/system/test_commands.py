@@ -14,7 +14,7 @@ import yaml
 from processes import Process
 from processes import Processes
 
-from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.reader import trajectories
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 SMALL = (

@@ -19,8 +19,8 @@ from processes import Processes
 from processes import wait_until
 from rocket_msgs import msg
 
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire.client import Client
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.dds import qos
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 FLYING = 'arrows lean'

@@ -17,7 +17,7 @@ from processes import Process
 from processes import Processes
 from processes import wait_until
 
-from rocket_sim_node.wire import security
+from rocket_sim_node.wire.dds import security
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 NODES = {

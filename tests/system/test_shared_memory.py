@@ -18,7 +18,7 @@ from processes import Process
 from processes import Processes
 from training_runs import simulator
 
-from rocket_sim_node.wire.leftovers import SHARED_MEMORY
+from rocket_sim_node.wire.dds.shared_memory_cleanup import SHARED_MEMORY
 from rocket_sim_node.worlds import make
 
 TOGETHER = 4
@@ -35,7 +35,7 @@ def queues(process: Process) -> list[str]:
 
 def test_an_agent_has_a_queue_in_shared_memory_and_a_simulator_has_none(
         processes: Processes) -> None:
-    """Who writes to a killed process waits for the lock of its queue, see `wire.transport`."""
+    """Who writes to a killed process waits for the lock of its queue, see `wire.dds.transport`."""
     world = simulator(processes)
     agent = processes.start(sys.executable, exchanging.__file__)
     agent.wait_for('exchange', 60.0)

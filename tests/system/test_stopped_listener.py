@@ -2,7 +2,7 @@
 """Who only listens may stand still, by Ctrl-Z or a debugger, and holds up nobody.
 
 Fast DDS leaves in a writer's shared memory what a stopped reader has not read; in pieces of what
-is left no snapshot fits, and services are answered no more. See `rocket_sim_node.wire.transport`.
+is left no snapshot fits, and services are answered no more. See `wire.dds.transport`.
 """
 from __future__ import annotations
 

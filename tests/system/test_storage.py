@@ -22,10 +22,10 @@ from training_runs import assert_same_run
 from training_runs import simulator
 from training_runs import train_in_process
 
-from ppo_agent_node.learning.run_folder import RunFolder
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording.file_sink import partial_path
-from rocket_sim_node.wire.client import Client
+from ppo_agent_node.runs.folder import RunFolder
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.sinks.file_sink import partial_path
+from rocket_sim_node.wire.client.client import Client
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_evaluation_and_recording_on_a_full_disk(
             'its recording is repaired', 60.0)
         check = processes.start('rerun', 'rrd', 'verify', str(recording))
         assert check.wait(30.0) == 0, check.output()
-    assert read.trajectories(recording)
+    assert reader.trajectories(recording)
 
 
 def test_a_rocket_by_the_clock_flies_on_when_the_clock_of_the_machine_does_not(

@@ -67,7 +67,7 @@ def test_training_over_dds_equals_training_in_process(
     assert recorder.wait(20.0) == 0, processes.logs()
     check = processes.start('rerun', 'rrd', 'verify', str(recording))
     assert check.wait(30.0) == 0, check.output()
-    from rocket_sim_node.recording.read import trajectories
+    from rocket_sim_node.recording.reader import trajectories
     flights = trajectories(recording)
     assert flights
     assert all(np.isfinite(flight.position).all() for flight in flights)

@@ -14,7 +14,7 @@ from training_runs import assert_same_run
 from training_runs import simulator
 from training_runs import train_in_process
 
-from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.reader import trajectories
 
 SETTINGS: dict[str, dict[str, Any]] = {
     # Long enough for landers to crash, to lie about and to begin anew.

@@ -15,8 +15,8 @@ from browser import BrowserMissing
 from PIL import Image
 from processes import Processes
 
-from rocket_sim_node.recording import palette
-from rocket_sim_node.recording import viewer
+from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node.recording.sinks import rerun_program
 
 PATIENCE = 100.0
 """s for a picture; two cores draw it in software, beside whatever else they have to do. All
@@ -82,7 +82,7 @@ def still(seen: Callable[[Image.Image], bool]) -> Callable[[Image.Image], bool]:
 def test_the_page_shows_what_flew_and_what_flies(
     processes: Processes, browser: Browser, tmp_path: Path,
 ) -> None:
-    port = viewer.free_port()
+    port = rerun_program.free_port()
     recorder = processes.run_node(
         'rocket_sim_node', 'rerun_recorder', serve_web=True, web_port=port)
     recorder.wait_for('watch it in a browser: http', 30.0)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 PROGRAM = """

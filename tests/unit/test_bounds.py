@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ppo_agent_node.evaluation.bounds import StraightDropBound
+from ppo_agent_node.evaluation.optimum.fuel_bounds import StraightDropBound
 from rocket_sim_node import worlds
 
 SETTINGS = worlds.make('rocket').spec.settings

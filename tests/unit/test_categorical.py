@@ -10,18 +10,18 @@ import torch
 from line_world import LineWorld
 from torch.distributions import Categorical
 
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import NetworkConfig
-from ppo_agent_node.learning.policies import CategoricalPolicy
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.policies import make_policy
-from ppo_agent_node.learning.policies import without_noise
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import NetworkConfig
+from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.factory import without_noise
 from rocket_sim_node import worlds
 
 
 def policy(seed: int = 1) -> CategoricalPolicy:
     """Return a policy that prefers some actions to others."""
-    one = CategoricalPolicy(8, 4, (16,), streams.generator(seed, 'policy'))
+    one = CategoricalPolicy(8, 4, (16,), random_streams.generator(seed, 'policy'))
     with torch.no_grad():
         one.logits[-1].weight.mul_(200)
     return one
@@ -29,7 +29,7 @@ def policy(seed: int = 1) -> CategoricalPolicy:
 
 def fixed(*probabilities: float) -> CategoricalPolicy:
     """Return a policy with these probabilities, whatever it sees."""
-    one = CategoricalPolicy(2, len(probabilities), (), streams.generator(1, 'policy'))
+    one = CategoricalPolicy(2, len(probabilities), (), random_streams.generator(1, 'policy'))
     with torch.no_grad():
         one.logits[-1].weight.zero_()
         one.logits[-1].bias.copy_(torch.tensor(probabilities).log())
@@ -56,13 +56,13 @@ def test_entropy_by_hand_and_when_nearly_certain() -> None:
         certain.logits[-1].bias.copy_(torch.tensor([500.0, -500.0]))
     log_prob, entropy = certain.log_prob_entropy(nothing, torch.tensor([0]))
     assert (log_prob.tolist(), entropy.tolist()) == ([0.0], [0.0])
-    assert certain.sample(nothing.expand(1000, 2), streams.generator(1, 'x'))[0].sum() == 0
+    assert certain.sample(nothing.expand(1000, 2), random_streams.generator(1, 'x'))[0].sum() == 0
 
 
 def test_samples_have_the_right_frequencies_and_log_probs() -> None:
     probabilities = (0.6, 0.3, 0.099, 0.001)
     one, count = fixed(*probabilities), 200_000
-    action, log_prob = one.sample(torch.zeros(count, 2), streams.generator(3, 'noise'))
+    action, log_prob = one.sample(torch.zeros(count, 2), random_streams.generator(3, 'noise'))
     assert action.dtype == torch.int64
     assert action.shape == (count,)
     for index, p in enumerate(probabilities):
@@ -75,12 +75,12 @@ def test_samples_depend_on_their_generator_alone() -> None:
     one, observation = policy(), torch.randn(300, 8)
     before = torch.get_rng_state()
     first, again, other = (
-        one.sample(observation, streams.generator(seed, 'x'))[0] for seed in (1, 1, 2))
+        one.sample(observation, random_streams.generator(seed, 'x'))[0] for seed in (1, 1, 2))
     assert torch.equal(before, torch.get_rng_state())
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
     # What was drawn does not decide how far the stream moves on.
-    after = [streams.generator(1, 'x') for _ in range(2)]
+    after = [random_streams.generator(1, 'x') for _ in range(2)]
     one.sample(observation, after[0])
     fixed(0.97, 0.01, 0.01, 0.01).sample(torch.zeros(300, 2), after[1])
     assert torch.equal(after[0].get_state(), after[1].get_state())
@@ -99,7 +99,7 @@ def test_no_action_comes_of_weights_that_are_not_finite(poison: float) -> None:
     one = policy()
     with torch.no_grad():
         one.logits[-1].bias[2] = poison
-    for choose in (one.mode, lambda seen: one.sample(seen, streams.generator(1, 'x'))):
+    for choose in (one.mode, lambda seen: one.sample(seen, random_streams.generator(1, 'x'))):
         with pytest.raises(ValueError, match='probabilities of row 0 are not finite'):
             choose(torch.zeros(2, 8))
 
@@ -112,7 +112,7 @@ def test_imitation_is_the_cross_entropy() -> None:
 
 
 def test_the_first_actions_are_nearly_equally_likely() -> None:
-    one = CategoricalPolicy(8, 4, (64, 64), streams.generator(1, 'policy'))
+    one = CategoricalPolicy(8, 4, (64, 64), random_streams.generator(1, 'policy'))
     entropy = one.log_prob_entropy(torch.randn(100, 8), torch.zeros(100, dtype=torch.int64))[1]
     assert float(entropy.min().detach()) > math.log(4) - 1e-3
     assert one.noise_parameters() == []
@@ -121,11 +121,11 @@ def test_the_first_actions_are_nearly_equally_likely() -> None:
 
 def test_the_kind_of_policy_follows_the_kind_of_action() -> None:
     network = NetworkConfig(hidden_sizes=(8,), activation='relu', log_std_init=-1.0)
-    discrete = make_policy(LineWorld().spec, network, streams.generator(1, 'p'))
+    discrete = make_policy(LineWorld().spec, network, random_streams.generator(1, 'p'))
     assert isinstance(discrete, CategoricalPolicy)
     assert discrete.logits[-1].out_features == 4
     assert isinstance(discrete.logits[1], torch.nn.ReLU)
-    continuous = make_policy(worlds.make('rocket').spec, network, streams.generator(1, 'p'))
+    continuous = make_policy(worlds.make('rocket').spec, network, random_streams.generator(1, 'p'))
     assert isinstance(continuous, GaussianPolicy)
     assert continuous.diagnostics() == {'log_std': -1.0}
     assert isinstance(continuous.mean[1], torch.nn.ReLU)

@@ -10,8 +10,8 @@ from rclpy.serialization import deserialize_message
 from rclpy.serialization import serialize_message
 from rocket_msgs import msg
 
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
 
 KINDS = (msg.Action, msg.Observation, msg.Reward, msg.Episodes)
 CODES = {'sequence<float>': 'f4', 'sequence<double>': 'f8', 'sequence<int32>': 'i4',
@@ -28,7 +28,7 @@ def random_message(kind: Any, rng: np.random.Generator) -> tuple[Any, list[int],
         else:
             values = rng.integers(0, 200, rng.integers(0, 6)).astype(CODES[text])
             arrays.append(values)
-            setattr(message, name, messages.to_sequence(values, CODES[text]))
+            setattr(message, name, conversion.to_sequence(values, CODES[text]))
     return message, numbers, arrays
 
 
@@ -47,7 +47,7 @@ def test_both_ways(kind: Any) -> None:
 
 def test_bytes_of_another_order_are_read() -> None:
     message = msg.Observation(session=1, step=2)
-    message.data = messages.to_sequence(np.array([1.5, 2.5]), 'f4')
+    message.data = conversion.to_sequence(np.array([1.5, 2.5]), 'f4')
     big = (b'\x00\x00\x00\x00' + (1).to_bytes(8, 'big') + (2).to_bytes(8, 'big')
            + (2).to_bytes(4, 'big') + np.array([1.5, 2.5], '>f4').tobytes())
     read = Codec(msg.Observation).decode(big)

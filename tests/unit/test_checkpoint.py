@@ -14,17 +14,17 @@ import safetensors.torch
 import torch
 from line_world import LineWorld
 
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import NetworkConfig
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.policies import make_policy
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.policy_file import save_policy
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
+from ppo_agent_node.runs import sealed_file
 from rocket_sim_node import worlds
 
 TENSORS = {
@@ -125,7 +125,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
 
 
 def policy(path: Path, **change: Any) -> GaussianPolicy:
-    made = GaussianPolicy(15, 3, (8, 4), streams.generator(1, 'policy'))
+    made = GaussianPolicy(15, 3, (8, 4), random_streams.generator(1, 'policy'))
     spec = dataclasses.replace(worlds.make('rocket').spec, **change)
     save_policy(path, made, spec, NetworkConfig(hidden_sizes=(8, 4)), 1, {'mean_return': 290.5})
     return made
@@ -159,7 +159,7 @@ def test_another_vehicle_than_in_training_is_told(tmp_path: Path) -> None:
 def test_activations_are_kept_and_those_of_old_files_are_tanh(tmp_path: Path) -> None:
     spec, observation = worlds.make('rocket').spec, torch.randn(6, 15)
     path, network = tmp_path / 'one.safetensors', NetworkConfig((8, 4), 'relu')
-    made = make_policy(spec, network, streams.generator(1, 'policy'))
+    made = make_policy(spec, network, random_streams.generator(1, 'policy'))
     save_policy(path, made, spec, network, 1, {})
     loaded, content = load_policy(path, spec)
     assert content['activation'] == 'relu'
@@ -167,7 +167,7 @@ def test_activations_are_kept_and_those_of_old_files_are_tanh(tmp_path: Path) ->
     tensors, content = sealed_file.read(path, 'policy')
     del content['activation']
     sealed_file.write(path, 'policy', tensors, content)
-    tanh = make_policy(spec, NetworkConfig((8, 4)), streams.generator(1, 'policy'))
+    tanh = make_policy(spec, NetworkConfig((8, 4)), random_streams.generator(1, 'policy'))
     old = load_policy(path, spec)[0].mode(observation)
     assert torch.equal(old, tanh.mode(observation))
     assert not torch.equal(old, made.mode(observation))
@@ -201,7 +201,7 @@ def test_a_policy_flies_any_world_of_the_same_observations_and_actions(tmp_path:
 def test_discrete_policies(tmp_path: Path) -> None:
     path, spec = tmp_path / 'policy.safetensors', LineWorld().spec
     network = NetworkConfig((8,))
-    made = make_policy(spec, network, streams.generator(1, 'policy'))
+    made = make_policy(spec, network, random_streams.generator(1, 'policy'))
     save_policy(path, made, spec, network, 1, {})
     observation = torch.randn(20, 2)
     assert torch.equal(load_policy(path, spec)[0].mode(observation), made.mode(observation))

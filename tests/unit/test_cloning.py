@@ -11,26 +11,26 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.cloning import CloneEpoch
-from ppo_agent_node.learning.cloning import clone
-from ppo_agent_node.learning.cloning import split_by_episode
-from ppo_agent_node.learning.demonstrations import Demonstrations
-from ppo_agent_node.learning.demonstrations import fly_wave
-from ppo_agent_node.learning.demonstrations import spawn_settings
-from ppo_agent_node.learning.demonstrations import steered
-from ppo_agent_node.learning.demonstrations import touching
-from ppo_agent_node.learning.flights import Step
-from ppo_agent_node.learning.flights import scatter
-from ppo_agent_node.learning.imitation_config import CloneConfig
-from ppo_agent_node.learning.imitation_config import DemonstrationConfig
-from ppo_agent_node.learning.policies import CategoricalPolicy
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.policies import Policy
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.imitation_config import CloneConfig
+from ppo_agent_node.config.imitation_config import DemonstrationConfig
+from ppo_agent_node.flying.episodes import Step
+from ppo_agent_node.flying.episodes import scatter
+from ppo_agent_node.imitation.cloning import CloneEpoch
+from ppo_agent_node.imitation.cloning import clone
+from ppo_agent_node.imitation.cloning import split_by_episode
+from ppo_agent_node.imitation.demonstrations import Demonstrations
+from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import spawn_settings
+from ppo_agent_node.imitation.demonstrations import steered
+from ppo_agent_node.imitation.demonstrations import touching
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.jobs import fly
 
 CALM = DemonstrationConfig(demonstration_noise=0.0)
 
@@ -56,7 +56,7 @@ def test_only_landed_episodes_are_kept_whole_and_from_their_beginning() -> None:
     samples, episodes = fly(world, fly_wave(
         world.spec, pilot, CALM, spawn_settings(CALM, 7), 5, 0))
     again = worlds.make('rocket', num_envs=12, level=7)
-    first = again.reset(streams.derived_seed(5, 'demonstrations', 0),
+    first = again.reset(random_streams.derived_seed(5, 'demonstrations', 0),
                         **spawn_settings(CALM, 7))
     asleep = first[:, 0] < 0
     landed = episodes.outcome == 0
@@ -98,22 +98,22 @@ def test_spawn_is_as_wide_as_asked_for() -> None:
 
 def test_episodes_are_split_not_samples() -> None:
     episode = torch.arange(20).repeat_interleave(7)
-    training, validation = split_by_episode(episode, 0.25, streams.generator(1, 'split'))
+    training, validation = split_by_episode(episode, 0.25, random_streams.generator(1, 'split'))
     assert sorted([*training.tolist(), *validation.tolist()]) == list(range(140))
     assert len(episode[validation].unique()) == 5
     assert not set(episode[validation].tolist()) & set(episode[training].tolist())
-    assert len(split_by_episode(episode, 0.0, streams.generator(1, 'split'))[1]) == 0
+    assert len(split_by_episode(episode, 0.0, random_streams.generator(1, 'split'))[1]) == 0
 
 
 def linear_task() -> Demonstrations:
-    noise = streams.generator(1, 'task')
+    noise = random_streams.generator(1, 'task')
     observation = torch.randn(4000, 15, generator=noise) * 3 + 1
     action = (0.1 * observation[:, :3]).clamp(-1, 1)
     return Demonstrations(observation, action, torch.arange(4000) // 100)
 
 
 def run(seed: int = 1, **settings: Any) -> tuple[GaussianPolicy, list[CloneEpoch], float]:
-    policy = GaussianPolicy(15, 3, (32, 32), streams.generator(1, 'policy'))
+    policy = GaussianPolicy(15, 3, (32, 32), random_streams.generator(1, 'policy'))
     epochs: list[CloneEpoch] = []
     config = CloneConfig(**{
         'clone_epochs': 5, 'clone_batch_size': 128, 'clone_learning_rate': 3e-3, **settings})
@@ -127,7 +127,7 @@ def test_it_learns_and_keeps_its_best_epoch() -> None:
     assert epochs[-1].clone_loss < 0.15 * epochs[0].clone_loss
     assert least == min(e.clone_validation_loss for e in epochs) < 0.005
     task = linear_task()
-    _, held_out = split_by_episode(task.episode, 0.1, streams.generator(1, 'clone split'))
+    _, held_out = split_by_episode(task.episode, 0.1, random_streams.generator(1, 'clone split'))
     with torch.no_grad():
         loss, _ = policy.imitation(
             policy.output(task.observation[held_out]).T, task.action[held_out])
@@ -152,7 +152,7 @@ def test_equal_seeds_are_equal_and_others_differ() -> None:
 
 def test_nothing_landed() -> None:
     none = Demonstrations(torch.zeros(0, 15), torch.zeros(0, 3), torch.zeros(0, dtype=torch.long))
-    policy = GaussianPolicy(15, 3, (4,), streams.generator(1, 'policy'))
+    policy = GaussianPolicy(15, 3, (4,), random_streams.generator(1, 'policy'))
     with pytest.raises(ValueError, match='none landed'):
         clone(policy, none, CloneConfig(), 1, lambda epoch: None)
     one = Demonstrations(torch.zeros(2, 15), torch.zeros(2, 3), torch.tensor([0, 0]))
@@ -207,7 +207,7 @@ def test_what_is_said_after_touchdown_is_not_learnt() -> None:
 
 @pytest.mark.parametrize('kind', ['gaussian', 'categorical'])
 def test_the_gradient_of_imitation_is_autograds(kind: str) -> None:
-    noise = streams.generator(1, 'x')
+    noise = random_streams.generator(1, 'x')
     policy: Policy = GaussianPolicy(15, 3, (4,), noise)
     action = (1.5 * torch.randn(50, 3, generator=noise)).clamp(-1, 1)
     if kind == 'categorical':
@@ -223,11 +223,11 @@ def test_it_is_what_torchs_adam_makes_of_it() -> None:
     """The same minibatches by autograd, Adam and its cosine."""
     task, seed = linear_task(), 1
     found, _, _ = run(seed, clone_epochs=2, clone_validation_fraction=0.0)
-    policy = GaussianPolicy(15, 3, (32, 32), streams.generator(1, 'policy'))
+    policy = GaussianPolicy(15, 3, (32, 32), random_streams.generator(1, 'policy'))
     policy.normaliser.fit(task.observation)
     adam = torch.optim.Adam(policy.parameters(), lr=3e-3)
-    orders = [torch.randperm(4000, generator=streams.generator(seed, 'clone epoch', k)).split(128)
-              for k in (1, 2)]
+    generators = [random_streams.generator(seed, 'clone epoch', k) for k in (1, 2)]
+    orders = [torch.randperm(4000, generator=generator).split(128) for generator in generators]
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, 2 * len(orders[0]))
     for index in (*orders[0], *orders[1]):
         loss, _ = policy.imitation(policy.output(task.observation[index]).T, task.action[index])
@@ -240,7 +240,7 @@ def test_it_is_what_torchs_adam_makes_of_it() -> None:
 
 
 def test_a_cloning_that_is_ended_half_way_leaves_the_policy_as_it_was() -> None:
-    policy = GaussianPolicy(15, 3, (8,), streams.generator(1, 'policy'))
+    policy = GaussianPolicy(15, 3, (8,), random_streams.generator(1, 'policy'))
     before = {name: tensor.clone() for name, tensor in policy.state_dict().items()}
 
     polls = itertools.count()

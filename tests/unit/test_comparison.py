@@ -17,28 +17,28 @@ from recordings import record
 from recordings import view_classes
 from rerun.chunk import RrdReader
 
-from ppo_agent_node.evaluation import compare
-from ppo_agent_node.evaluation import side_by_side
-from ppo_agent_node.evaluation.compare import Comparison
+from ppo_agent_node.commands import compare
+from ppo_agent_node.commands import recorded_flights
+from ppo_agent_node.commands.compare import Comparison
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
-from rocket_sim_node.recording import comparison
-from rocket_sim_node.recording import comparison_table
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import screenshot
-from rocket_sim_node.recording import touchdown
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.comparison import Side
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.place import PAUSE
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import WIDTH
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.recording.comparison import comparison
+from rocket_sim_node.recording.comparison import table
+from rocket_sim_node.recording.comparison.comparison import Side
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing.timepoint import PAUSE
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import WIDTH
+from rocket_sim_node.worlds.rocket import conditions
 
-POLICIES = Path(side_by_side.__file__).parents[1] / 'policies'
+POLICIES = Path(recorded_flights.__file__).parents[1] / 'policies'
 OUTCOMES = ('landed', 'too_fast')
 STAGE = Stage('rocket', 0.02, OUTCOMES)
 
@@ -70,8 +70,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_all_fly_the_same_starts_at_the_same_time(run: Path) -> None:
     path = run / 'comparison.rrd'
-    viewer.verify(path)
-    flights = read.trajectories(path)
+    rerun_program.verify(path)
+    flights = reader.trajectories(path)
     pilots = ('1_expert', '2_cloned', '3_fine_tuned')
     assert [flight.pilot for flight in flights] == 10 * list(pilots)
     end = -PAUSE
@@ -95,7 +95,7 @@ def test_flights_are_those_of_the_evaluation(run: Path) -> None:
     """What is shown is what `evaluate` counts: the same starts, returns, touchdowns."""
     world = worlds.make('rocket', 10, level=5)
     flown = evaluate(world, scripted_pilot(world.spec), 10, 20_000_000).episodes
-    shown = [f for f in read.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']
+    shown = [f for f in reader.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']
     assert len(shown) == 10
     for number, flight in enumerate(shown):
         assert flight.summary['return'] == pytest.approx(flown.episode_return[number], abs=1e-9)
@@ -112,16 +112,16 @@ def test_the_vehicles_are_those_of_the_run(tmp_path: Path, drawn: str) -> None:
     config = yaml.safe_load((folder / 'config.yaml').read_text())
     config['training']['conditions'] = drawn
     (folder / 'config.yaml').write_text(yaml.safe_dump(config))
-    flown = side_by_side.read_run(folder)
-    world = side_by_side.make_world(flown, 1, 7)
+    flown = recorded_flights.read_run(folder)
+    world = recorded_flights.make_world(flown, 1, 7)
     assert conditions.name_of(world.spec.settings) == (drawn or 'nominal')
-    expert = side_by_side.pilots(flown, world)[0][0][3]
+    expert = recorded_flights.pilots(flown, world)[0][0][3]
     assert expert.name == (drawn or 'expert')
 
 
 def test_size_and_layout(run: Path) -> None:
     path = run / 'comparison.rrd'
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     steps = sum(len(flight.time) + flight.summary['settled'] for flight in flights)
     assert f'({steps} steps,' in (run / 'said').read_text()
     assert path.stat().st_size <= 150 * 1024 * steps / 1000
@@ -129,23 +129,23 @@ def test_size_and_layout(run: Path) -> None:
     assert kinds.count('3D') == 3
     assert kinds.count('TimeSeries') == 5
     assert {'TextDocument', 'TextLog', 'StateTimeline'} <= set(kinds)
-    entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    logged = {chunk.entity_path for chunk in RrdReader(path).stream()}
     for pilot in ('1_expert', '2_cloned', '3_fine_tuned'):
-        assert f'/{pilot}{scene.BODY}' in entities
-    assert not any(entity.startswith('/world') for entity in entities)
+        assert f'/{pilot}{entities.BODY}' in logged
+    assert not any(entity.startswith('/world') for entity in logged)
     assert [item.name for item in run.glob('.*')] == [], 'nothing is left behind'
 
 
 def test_the_plots_hold_what_was_flown(run: Path) -> None:
     path = run / 'comparison.rrd'
-    flight = read.trajectories(path)[1]
+    flight = reader.trajectories(path)[1]
     assert flight.pilot == '2_cloned'
     for name, expected in (
         ('height', flight.position[:, 2] - 5.2),
         ('speed', np.linalg.norm(flight.velocity, axis=1)),
         ('fuel_used', flight.fuel[0] - flight.fuel),
     ):
-        rows = lines_of(path, f'/2_cloned{scene.ROCKET}', name)[:len(expected)]
+        rows = lines_of(path, f'/2_cloned{entities.ROCKET}', name)[:len(expected)]
         np.testing.assert_allclose(
             [value[0] for _, value in rows], expected, atol=2e-3, err_msg=name)
 
@@ -153,7 +153,7 @@ def test_the_plots_hold_what_was_flown(run: Path) -> None:
 def test_results_are_said(run: Path) -> None:
     said = (run / 'said').read_text()
     assert 'Run **seven**, world **rocket, level 5**: 10 equal starts, seed 20000000.' in said
-    shown = [f for f in read.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']
+    shown = [f for f in reader.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']
     row = next(line for line in said.splitlines() if line.startswith('| expert |'))
     cells = [cell.strip() for cell in row.strip('|').split('|')]
     assert cells[1:3] == ['10 of 10', '10']
@@ -172,7 +172,7 @@ def test_a_world_without_a_teacher(tmp_path: Path) -> None:
     run = make_run(tmp_path / 'moon', 'lunar_lander', 0, clone=False)
     said = compare.make(Comparison(run_dir=str(run), episodes=2, output=str(tmp_path / 'a.rrd')))
     assert 'without demonstrations: there is no clone' in said
-    flights = read.trajectories(tmp_path / 'a.rrd')
+    flights = reader.trajectories(tmp_path / 'a.rrd')
     assert [f.pilot for f in flights] == 2 * ['1_heuristic', '2_trained']
     assert view_classes(tmp_path / 'a.rrd').count('2D') == 2
     total = flights[0].reward.sum()
@@ -183,7 +183,7 @@ def test_a_run_of_before_clones_were_kept(tmp_path: Path) -> None:
     run = make_run(tmp_path / 'old', 'rocket_planar', 512, clone=False)
     said = compare.make(Comparison(run_dir=str(run), episodes=1, level=2, seed=4))
     assert 'kept no clone' in said and 'level 2**: one start, seed 4' in said
-    assert [f.pilot for f in read.trajectories(run / 'comparison.rrd')] == [
+    assert [f.pilot for f in reader.trajectories(run / 'comparison.rrd')] == [
         '1_expert', '2_fine_tuned']
     row = next(line for line in said.splitlines() if line.startswith('| expert |'))
     # It ends at rest; what counts is the speed at which the feet met the ground.
@@ -204,9 +204,9 @@ def fall(speed: float, outcome: str = 'landed', contact: int = 0) -> Flight:
 
 
 def test_touchdown_speed() -> None:
-    assert comparison_table.touchdown_speed(fall(2.0)) == 3.0
-    assert comparison_table.touchdown_speed(fall(2.0, contact=5)) == 3.0
-    assert comparison_table.touchdown_speed(fall(2.0, contact=1)) == 3.0
+    assert table.touchdown_speed(fall(2.0)) == 3.0
+    assert table.touchdown_speed(fall(2.0, contact=5)) == 3.0
+    assert table.touchdown_speed(fall(2.0, contact=1)) == 3.0
 
 
 def test_touchdowns_are_averaged_over_those_that_landed() -> None:
@@ -214,7 +214,7 @@ def test_touchdowns_are_averaged_over_those_that_landed() -> None:
     crash = fall(2.0, outcome='too_fast')
     crash.values[-1, FIELDS['linear_velocity']] = (0.0, 0.0, -90.0)
     some, none = Side('a', 'some', 'A', (fall(2.0), crash)), Side('b', 'none', 'B', (crash, crash))
-    text = comparison_table.results([some, none], [('', ''), ('', '')], STAGE)
+    text = table.results([some, none], [('', ''), ('', '')], STAGE)
     rows = {cells[1].strip(): [cell.strip() for cell in cells[2:]] for cells in (
         line.split('|') for line in text.splitlines() if line.count('|') > 3)}
     assert rows['some'][0] == '1 of 2' and rows['some'][2] == '3.000'
@@ -312,14 +312,14 @@ def test_two_worlds_in_one_file_are_read(tmp_path: Path) -> None:
     parts: list[Any] = []
     for name in ('rocket', 'lunar_lander'):
         world = worlds.make(name, 1)
-        samples = side_by_side.fly(world, scripted_pilot(world.spec), 3)
+        samples = recorded_flights.fly(world, scripted_pilot(world.spec), 3)
         spec = world.spec
         parts.append(SimpleNamespace(
-            samples=samples, end=side_by_side.flights(samples, spec.outcomes)[0],
+            samples=samples, end=recorded_flights.flights(samples, spec.outcomes)[0],
             stage=Stage.build(name, spec.dt, spec.outcomes, spec.settings)))
     path = tmp_path / 'both.rrd'
     record(path, parts[0].stage, parts[0].samples, more=[(parts[1].stage, parts[1].samples)])
-    rocket, lander = read.trajectories(path)
+    rocket, lander = reader.trajectories(path)
     for flight, part in ((rocket, parts[0]), (lander, parts[1])):
         np.testing.assert_allclose(flight.position, part.end.position, atol=1e-4)
         np.testing.assert_allclose(flight.velocity, part.end.linear_velocity, atol=1e-3)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.drawn_vehicle import draw
-from rocket_sim_node.worlds.vehicle import RocketSettings
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.drawn_vehicle import draw
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 N = 4000
 SPECIFIED: dict[str, dict[str, tuple[float, float]]] = {

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 DT = 0.02
 STILL = {'spawn_angle': 0.0, 'spawn_position': 0.0, 'spawn_speed': 0.0, 'spawn_height': 350.0}

@@ -10,9 +10,9 @@ from forging import contents
 from forging import packed
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 BOTH = pytest.mark.parametrize('name', ['rocket', 'rocket_planar'])
 N = 24

@@ -11,25 +11,25 @@ from typing import Any
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from ppo_agent_node.commands.report import write_report
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation.conditions_table import Cell
 from ppo_agent_node.evaluation.conditions_table import fly_table
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.nodes import evaluate as node
 from ppo_agent_node.nodes.evaluate import EvaluationParameters
-from ppo_agent_node.nodes.tabulating import fly_and_write_table
+from ppo_agent_node.nodes.flights.conditions_table import fly_and_write_table
 from ppo_agent_node.pilots import choice
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
-from ppo_agent_node.reporting import style
-from ppo_agent_node.reporting.conditions_pictures import heat_maps
-from ppo_agent_node.reporting.conditions_pictures import short_rate
-from ppo_agent_node.reporting.report import write_report
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures.conditions import heat_maps
+from ppo_agent_node.reporting.pictures.conditions import short_rate
+from ppo_agent_node.statistics import wilson
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.rocket import conditions
 
 ROWS = {label: conditions.SINGLE[label] for label in ('nominal', 'lag 0.2 s')}
 LOW = {'spawn_height': 30.0}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ppo_agent_node.nodes.connection import agent_of_run
+from ppo_agent_node.nodes.flights.connection import agent_of_run
 
 Root = namedtuple('Root', 'st_dev st_ino')
 

@@ -2,8 +2,8 @@
 """One agent at a time: the lease, on a clock that the test sets."""
 from __future__ import annotations
 
-from rocket_sim_node.wire.control import NOBODY
-from rocket_sim_node.wire.control import ControlLease
+from rocket_sim_node.wire.server.control import NOBODY
+from rocket_sim_node.wire.server.control import ControlLease
 
 
 class Clock:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ppo_agent_node.learning.curriculum import Curriculum
-from ppo_agent_node.learning.curriculum_config import CurriculumConfig
+from ppo_agent_node.config.curriculum_config import CurriculumConfig
+from ppo_agent_node.training.curriculum import Curriculum
 
 CONFIG = CurriculumConfig(
     curriculum_start_level=1, curriculum_final_level=3, curriculum_landing_rate=0.8,

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from rclpy.type_hash import TypeHash
 
-from rocket_sim_node.wire.definitions import DefinitionsDiffer
-from rocket_sim_node.wire.definitions import check_definitions
+from rocket_sim_node.wire.messages.definitions import DefinitionsDiffer
+from rocket_sim_node.wire.messages.definitions import check_definitions
 
 OURS, THEIRS, UNTOLD = TypeHash(1, b'\x01' * 32), TypeHash(1, b'\x02' * 32), TypeHash()
 

@@ -16,29 +16,29 @@ from line_world import LineWorld
 from line_world import walker
 from matplotlib.image import imread
 
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.ending import Result
-from ppo_agent_node.learning.flights import scatter
-from ppo_agent_node.learning.journal import TIMES
-from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.policies import CategoricalPolicy
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.rollout import Rollout
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.scores import ScoreLines
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.flying.episodes import scatter
 from ppo_agent_node.pilots.policy import PolicyPilot
-from ppo_agent_node.reporting.pictures import draw
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
+from ppo_agent_node.ppo.rollout_buffer import Rollout
+from ppo_agent_node.reporting.pictures.catalogue import draw
 from ppo_agent_node.reporting.run_files import load
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.episode_scores import ScoreLines
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import TIMES
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training.stop_criterion import Result
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import fly
 
 SMALL: dict[str, Any] = {
     'demonstration_episodes': 0, 'curriculum_start_level': 0, 'curriculum_final_level': 0,
@@ -209,11 +209,11 @@ def test_actor_and_critic_have_the_shape_of_the_settings() -> None:
 
 def test_roll_outs_hold_whole_numbers_and_their_probabilities() -> None:
     world = LineWorld(4)
-    policy = CategoricalPolicy(2, 4, (8,), streams.generator(1, 'p'))
+    policy = CategoricalPolicy(2, 4, (8,), random_streams.generator(1, 'p'))
     rollout = Rollout(50, 4, 2, policy)
     world.reset(1)
     fly(world, rollout.flight(
-        0, Restore(world.snapshot()), policy, streams.generator(1, 'noise')))
+        0, Restore(world.snapshot()), policy, random_streams.generator(1, 'noise')))
     assert (rollout.action.dtype, rollout.action.shape) == (torch.int64, (50, 4))
     assert set(rollout.action.unique().tolist()) == {0, 1, 2, 3}
     log_prob, _ = policy.log_prob_entropy(

@@ -11,18 +11,18 @@ from training_runs import SMALL
 from training_runs import assert_same_run
 from training_runs import log_without_times
 
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import fit_copies
-from ppo_agent_node.learning.episode_rollout import EpisodeRollout
-from ppo_agent_node.learning.episode_rollout import relative_advantages
-from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import fit_copies
+from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
+from ppo_agent_node.ppo.episode_rollout import relative_advantages
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import fly
 
 COPIES = {'start_copies': 4, 'desired_kl': 0.01, 'critic_warmup_iterations': 0}
 
@@ -63,7 +63,7 @@ def test_a_roll_out_holds_each_first_episode_whole() -> None:
     learner = Learner(env.spec, load_preset('default', hidden_sizes=[8], log_std_init=-1.0))
     rollout = EpisodeRollout(8, 4)
     finished, _ = fly(env, rollout.flight(
-        0, Reset(5, {'spawn_copies': 4}), learner.policy, streams.generator(1, 'test')))
+        0, Reset(5, {'spawn_copies': 4}), learner.policy, random_streams.generator(1, 'test')))
     batch = rollout.batch(lambda seen: seen[:, 0], 0.9, 0.9, 0.01)
     episodes = [one for _, found in finished for one in zip(
         found.row, found.length, found.episode_return, strict=True)]

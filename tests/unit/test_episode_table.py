@@ -12,8 +12,8 @@ from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.evaluation.starts import initial_conditions
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import lunar_vehicle
-from rocket_sim_node.worlds import spawn
+from rocket_sim_node.worlds.lunar import vehicle
+from rocket_sim_node.worlds.rocket import spawn
 
 
 def written(path: Path, world: str, pilot: str, **settings: float) -> EpisodeTable:
@@ -70,7 +70,7 @@ def test_what_a_world_does_not_have_is_left_empty(tmp_path: Path) -> None:
     lander = written(tmp_path / 'lander.csv', 'lunar_lander', 'expert')
     for name in ('fuel_used_kg', 'fuel_bound_kg', 'standing'):
         assert np.isnan(lander.numbers[name]).all(), name
-    assert np.abs(lander.numbers['end_x_m']).max() < 1.1 * lunar_vehicle.HALF_WIDTH
+    assert np.abs(lander.numbers['end_x_m']).max() < 1.1 * vehicle.HALF_WIDTH
     assert np.abs(lander.numbers['end_x_m']) == pytest.approx(
         lander.numbers['distance_m'], abs=1e-5)
     assert set(lander.words['after_touchdown']) == {''}

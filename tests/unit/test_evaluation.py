@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.evaluation import episode_table
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import table
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.evaluation.runner import quotas
-from ppo_agent_node.nodes.evaluating import fly_and_write
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.nodes.flights.evaluation import fly_and_write
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.statistics import wilson
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 
 class CoinWorld:

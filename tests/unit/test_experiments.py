@@ -29,13 +29,13 @@ from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import Trained
 from matplotlib.image import imread
 
+from ppo_agent_node.config import training_config
+from ppo_agent_node.config.imitation_config import CloneConfig
+from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.conditions_files import aligned
-from ppo_agent_node.learning import config
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.imitation_config import CloneConfig
-from ppo_agent_node.learning.imitation_config import DemonstrationConfig
-from ppo_agent_node.learning.policy_file import POLICY
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.ppo.policies.file import POLICY
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.training.trainer import Trainer
 
 TINY: dict[str, object] = {
     'demonstration_episodes': 4, 'dagger_rounds': 0, 'clone_epochs': 1, 'hidden_sizes': (4,),
@@ -46,7 +46,7 @@ SEEDS = (11, 12, 13)
 
 
 def test_a_variant_changes_the_base_in_what_it_says_and_in_nothing_else() -> None:
-    known = {info.name for info in config.describe()}
+    known = {info.name for info in training_config.describe()}
     base = variants.recipe(variants.BASE).config(11).flat()
     names = [variant.name for variant in variants.VARIANTS]
     assert len(set(names)) == len(names)

@@ -9,16 +9,16 @@ import pytest
 
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
-from ppo_agent_node.pilots.filtering import AxisFilter
-from ppo_agent_node.pilots.filtering import turn
-from ppo_agent_node.pilots.lateral import drift_upright
-from ppo_agent_node.pilots.sight import Sight
-from ppo_agent_node.pilots.sight import look
+from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
+from ppo_agent_node.pilots.estimator.kalman import AxisFilter
+from ppo_agent_node.pilots.estimator.kalman import turn
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.lateral import drift_upright
+from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import look
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import rotation
 from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.rocket import rotation
 
 DT = 0.02
 

@@ -9,8 +9,8 @@ import pytest
 
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.pilots.descent import DescentProfile
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.descent import DescentProfile
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from rocket_sim_node import worlds
 
 ROWS = 500

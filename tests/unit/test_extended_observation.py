@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 BOTH = pytest.mark.parametrize('name', ['rocket', 'rocket_planar'])
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import torch
 
-from ppo_agent_node.learning.features import DescentFeatures
-from ppo_agent_node.learning.features import make_features
-from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.networks import Normaliser
-from ppo_agent_node.learning.networks import quick
-from ppo_agent_node.learning.policies import without_noise
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.policy_file import save_policy
-from ppo_agent_node.learning.presets import load_preset
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.ppo.networks.features import DescentFeatures
+from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.mlp import Normaliser
+from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.policies.factory import without_noise
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
 from rocket_sim_node import worlds
 
 WORLD = worlds.make('rocket', num_envs=4, seed=3, level=8)

@@ -12,13 +12,13 @@ import pytest
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.flight import MAX_ATTEMPTS
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import Snapshot
-from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.jobs import MAX_ATTEMPTS
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import Snapshot
+from rocket_sim_node.worlds.jobs import fly
 
 ACTION = np.zeros((2, 3), np.float32)
 

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppo_agent_node.evaluation import fly_again
-from ppo_agent_node.evaluation import side_by_side
+from ppo_agent_node.commands import failures
+from ppo_agent_node.commands import recorded_flights
+from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.demonstrations import fly_clone
-from ppo_agent_node.learning.demonstrations import fly_wave
-from ppo_agent_node.learning.imitation_config import DemonstrationConfig
-from ppo_agent_node.pilots.memory import FlightMemory
-from ppo_agent_node.pilots.sight import look
+from ppo_agent_node.imitation.demonstrations import fly_clone
+from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.pilots.expert.memory import FlightMemory
+from ppo_agent_node.pilots.expert.observed_state import look
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.flight import fly
-from rocket_sim_node.worlds.vehicle import RocketSettings
+from rocket_sim_node.worlds.jobs import fly
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 
 def test_fuel_is_counted_exactly_while_the_engine_does_as_it_is_told() -> None:
@@ -135,8 +135,8 @@ def test_all_who_fly_tell_when_episodes_begin(monkeypatch: pytest.MonkeyPatch) -
     config = DemonstrationConfig(demonstration_noise=0.0)
     for flown in (
         lambda pilot: evaluate(world, pilot, 30, 5),
-        lambda pilot: side_by_side.fly(world, pilot, 5),
-        lambda pilot: fly_again.fly_again(world, pilot, 5, [(0, 1), (3, 2)]),
+        lambda pilot: recorded_flights.fly(world, pilot, 5),
+        lambda pilot: failures.fly_again(world, pilot, 5, [(0, 1), (3, 2)]),
         lambda pilot: fly(world, fly_wave(world.spec, pilot, config, {'level': 7}, 1, 0)),
         lambda pilot: fly(world, fly_clone(world.spec, Listening(), pilot, {'level': 7}, 1)),
     ):

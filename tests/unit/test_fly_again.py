@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppo_agent_node.evaluation.fly_again import Failures
-from ppo_agent_node.evaluation.fly_again import fly_again
-from ppo_agent_node.evaluation.fly_again import make
+from ppo_agent_node.commands.failures import Failures
+from ppo_agent_node.commands.failures import fly_again
+from ppo_agent_node.commands.failures import make
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.choice import choose
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from rocket_sim_node import worlds
-from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.reader import trajectories
 
 
 def test_the_flights_are_those_of_the_evaluation(tmp_path: Path) -> None:

@@ -16,10 +16,10 @@ from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import table
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.reporting import figures_table
+from ppo_agent_node.reporting.pages import figures_table
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.flight_log import FlightLog
+from rocket_sim_node.worlds.rocket.episode_counters import FlightLog
 
 
 class Steady:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ppo_agent_node.learning.gae import advantages_and_returns
+from ppo_agent_node.ppo.gae import advantages_and_returns
 
 GAMMA, LAMBDA = 0.9, 0.8
 REWARD = [1.0, 2.0, 3.0, 4.0]

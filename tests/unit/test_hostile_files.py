@@ -21,22 +21,22 @@ from hypothesis import assume
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.evaluation import episode_table
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import Config
-from ppo_agent_node.learning.config import NetworkConfig
-from ppo_agent_node.learning.curriculum import Curriculum
-from ppo_agent_node.learning.policies import make_policy
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.policy_file import save_policy
-from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
-from ppo_agent_node.learning.run_config import read_config
-from ppo_agent_node.learning.run_state import RunState
-from ppo_agent_node.learning.run_state import content
-from ppo_agent_node.learning.run_state import from_content
-from ppo_agent_node.learning.train_log import read_log
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
 from ppo_agent_node.reporting import run_files
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.config_file import read_config
+from ppo_agent_node.runs.train_log import read_log
+from ppo_agent_node.training.curriculum import Curriculum
+from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
+from ppo_agent_node.training.run_state import RunState
+from ppo_agent_node.training.run_state import content
+from ppo_agent_node.training.run_state import from_content
 from rocket_sim_node import worlds
 
 SPEC = worlds.make('rocket', num_envs=2).spec
@@ -63,7 +63,8 @@ class Bomb:
 
 def write_policy(path: Path) -> None:
     """Write a good policy."""
-    save_policy(path, make_policy(SPEC, SMALL, streams.generator(1, 'policy')), SPEC, SMALL, 1, {})
+    policy = make_policy(SPEC, SMALL, random_streams.generator(1, 'policy'))
+    save_policy(path, policy, SPEC, SMALL, 1, {})
 
 
 def begun(config: Config) -> RunState:

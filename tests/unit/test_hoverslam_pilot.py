@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.demonstrations import scripted_teacher
-from ppo_agent_node.learning.imitation_config import DemonstrationConfig
-from ppo_agent_node.pilots.braking import BrakingProfile
-from ppo_agent_node.pilots.braking import last_steps
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
-from ppo_agent_node.pilots.hoverslam import HoverslamPilot
+from ppo_agent_node.imitation.demonstrations import scripted_teacher
+from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
+from ppo_agent_node.pilots.expert.braking import BrakingProfile
+from ppo_agent_node.pilots.expert.braking import last_steps
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.scripted import for_vehicle
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 ROWS = 300
 PROFILE = BrakingProfile(

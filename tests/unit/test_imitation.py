@@ -10,27 +10,27 @@ import numpy as np
 import pytest
 import torch
 
-from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.demonstrations import fly_clone
-from ppo_agent_node.learning.demonstrations import fly_wave
-from ppo_agent_node.learning.demonstrations import usable_engine
-from ppo_agent_node.learning.flights import Step
-from ppo_agent_node.learning.imitation import Imitation
-from ppo_agent_node.learning.journal import Journal
-from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.presets import preset_values
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.hoverslam import HoverslamPilot
+from ppo_agent_node.config.presets import preset_values
+from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.flying.episodes import Step
+from ppo_agent_node.imitation.dagger import Imitation
+from ppo_agent_node.imitation.demonstrations import fly_clone
+from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import usable_engine
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
-from ppo_agent_node.reporting.training_pictures import cloning_figure
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.reporting.pictures.training_curves import cloning_figure
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import Journal
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import conditions
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.flight import SerialFleet
-from rocket_sim_node.worlds.flight import fly
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import fly
+from rocket_sim_node.worlds.rocket import conditions
 
 SMALL: dict[str, Any] = {
     'demonstration_episodes': 16, 'demonstration_noise': 0.02, 'demonstration_spawn_angle': 5.0,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppo_agent_node.evaluation.intervals import bootstrap_mean
-from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.statistics import bootstrap_mean
+from ppo_agent_node.statistics import wilson
 
 
 # Newcombe, 'Two-sided confidence intervals for the single proportion: comparison of seven

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from ppo_agent_node.cockpit.commands import KeyboardCommands
 from ppo_agent_node.cockpit.debrief import ExpertFlight
 from ppo_agent_node.cockpit.debrief import Flight
 from ppo_agent_node.cockpit.debrief import Watch
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
 from ppo_agent_node.cockpit.instruments import read
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.cockpit.key_bindings import KeyboardCommands
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from ppo_agent_node.pilots.keyboard import KeyboardSettings
 from ppo_agent_node.pilots.keys import KeyEvent

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppo_agent_node.pilots.attitude import attitude_torque
-from ppo_agent_node.pilots.descent import TimeToGo
-from ppo_agent_node.pilots.lateral import LateralLaw
+from ppo_agent_node.pilots.expert.attitude import attitude_torque
+from ppo_agent_node.pilots.expert.descent import TimeToGo
+from ppo_agent_node.pilots.expert.lateral import LateralLaw
 
 LAW = LateralLaw(power=5.0, least_time=0.1, reach=1e9, upright_time=1e-3)
 POWER = LAW.power

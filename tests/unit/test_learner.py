@@ -11,27 +11,27 @@ import torch
 from torch import nn
 from torch.nn.utils import clip_grad_norm_
 
-from ppo_agent_node.learning import learner as learner_module
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.adam import FlatAdam
-from ppo_agent_node.learning.backpropagation import Backpropagation
-from ppo_agent_node.learning.learner import Learner
-from ppo_agent_node.learning.learner import find_device
-from ppo_agent_node.learning.minibatches import Minibatches
-from ppo_agent_node.learning.networks import mlp
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.policy_file import save_policy
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.rollout import Batch
-from ppo_agent_node.learning.run_state import _same
-from ppo_agent_node.learning.run_state import description
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.ppo import learner as learner_module
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.ppo.learner import find_device
+from ppo_agent_node.ppo.minibatches import Minibatches
+from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
+from ppo_agent_node.ppo.networks.mlp import mlp
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
+from ppo_agent_node.training.run_state import _same
+from ppo_agent_node.training.run_state import description
 from rocket_sim_node import worlds
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason='no GPU here')
 
 
 def test_adam_is_torchs_with_a_rate_for_each_group_and_clipped_gradients() -> None:
-    noise = streams.generator(1, 'x')
+    noise = random_streams.generator(1, 'x')
     shapes = ((5, 3), (7,), (1, 33), (3,))
     start = [torch.randn(shape, generator=noise) for shape in shapes]
     ours, theirs = ([nn.Parameter(value.clone()) for value in start] for _ in range(2))
@@ -56,7 +56,7 @@ def test_adam_is_torchs_with_a_rate_for_each_group_and_clipped_gradients() -> No
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])
 @pytest.mark.parametrize('hidden', [(), (8,), (16, 8, 4), (64, 48)])
 def test_perceptrons_are_sequential_networks(activation: str, hidden: tuple[int, ...]) -> None:
-    noise = streams.generator(1, 'x')
+    noise = random_streams.generator(1, 'x')
     network = mlp((5, *hidden, 2), 1.0, noise, activation)
     for parameter in network.parameters():
         nn.init.normal_(parameter, 0, 0.5, noise)
@@ -77,7 +77,7 @@ def test_perceptrons_are_sequential_networks(activation: str, hidden: tuple[int,
 def test_minibatches_hold_each_sample_once_in_the_order_of_the_epoch() -> None:
     field, result = torch.arange(23.0), torch.zeros(23)
     minibatches = Minibatches((field, torch.arange(46).view(23, 2)), (result,), 10, 4)
-    order = torch.randperm(23, generator=streams.generator(1, 'x'))
+    order = torch.randperm(23, generator=random_streams.generator(1, 'x'))
     for _ in range(2):
         assert torch.equal(minibatches.shuffle(order)[0], order.float())
         seen = []
@@ -95,7 +95,7 @@ def test_minibatches_hold_each_sample_once_in_the_order_of_the_epoch() -> None:
 
 @pytest.mark.parametrize('count', [23, 20, 21, 7])
 def test_advantages_are_normalised_by_minibatch(count: int) -> None:
-    values = torch.randn(count, generator=streams.generator(1, 'x')) * 3 + 5
+    values = torch.randn(count, generator=random_streams.generator(1, 'x')) * 3 + 5
     found = values.clone()
     Minibatches((values,), (), 10, 4).normalise_(found)
     for part, before in zip(found.split(10), values.split(10), strict=True):
@@ -111,7 +111,7 @@ def learner(device: str = 'cpu', world: str = 'rocket', **changes: Any) -> Learn
 
 
 def batch(one: Learner) -> Batch:
-    noise = streams.generator(1, 'n')
+    noise = random_streams.generator(1, 'n')
     observation = torch.randn(256, len(one.policy.normaliser.width), generator=noise)
     with torch.no_grad():
         action, log_prob = one.policy.sample(observation, noise)

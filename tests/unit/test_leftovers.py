@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from rocket_sim_node.wire import leftovers
-from rocket_sim_node.wire.semaphore import taken
+from rocket_sim_node.wire.dds import shared_memory_cleanup
+from rocket_sim_node.wire.dds.semaphore import taken
 
 SEGMENT = 'fastdds_0123456789abcdef'
 PORT = 'fastdds_port41234'
@@ -55,19 +55,19 @@ def names(folder: Path) -> set[str]:
 @pytest.mark.parametrize('group', GROUPS.values(), ids=GROUPS)
 def test_what_the_dead_left_is_removed(tmp_path: Path, group: set[str], age: float) -> None:
     make(tmp_path, group, 2 * age)
-    assert set(leftovers.clean(tmp_path)) == group
+    assert set(shared_memory_cleanup.clean(tmp_path)) == group
     assert not names(tmp_path)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
 
 
 @pytest.mark.parametrize('group', GROUPS.values(), ids=GROUPS)
 def test_what_is_young_stays(tmp_path: Path, group: set[str]) -> None:
     make(tmp_path, group, age=0.0)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
     # One file of them is enough.
     make(tmp_path, group)
     make(tmp_path, {sorted(group)[0]}, age=0.0)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
     assert names(tmp_path) == group
 
 
@@ -78,22 +78,22 @@ def test_what_is_locked_stays_and_stays_locked(tmp_path: Path, group: str, kind:
     lock = next(tmp_path.glob('*_[es]l'))
     with lock.open('rb') as owner:
         fcntl.flock(owner, kind)
-        assert leftovers.clean(tmp_path) == []
+        assert shared_memory_cleanup.clean(tmp_path) == []
         assert names(tmp_path) == GROUPS[group]
         with lock.open('rb') as other, pytest.raises(BlockingIOError):
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     make(tmp_path, GROUPS[group])  # some file systems note that the semaphore was taken
-    assert set(leftovers.clean(tmp_path)) == GROUPS[group]
+    assert set(shared_memory_cleanup.clean(tmp_path)) == GROUPS[group]
 
 
 def test_what_a_process_has_mapped_stays(tmp_path: Path) -> None:
     group = GROUPS['port that was only written to']
     make(tmp_path, group)
     with (tmp_path / PORT).open('r+b') as file, mmap.mmap(file.fileno(), 0):
-        assert leftovers.clean(tmp_path) == []
+        assert shared_memory_cleanup.clean(tmp_path) == []
         assert names(tmp_path) == group
     make(tmp_path, group)  # some file systems note that the semaphore was taken
-    assert set(leftovers.clean(tmp_path)) == group
+    assert set(shared_memory_cleanup.clean(tmp_path)) == group
 
 
 def test_what_is_somebody_elses_stays(
@@ -102,9 +102,9 @@ def test_what_is_somebody_elses_stays(
     make(tmp_path, foreign | GROUPS['segment'])
     user = os.geteuid()
     monkeypatch.setattr(os, 'geteuid', lambda: user + 1)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
     monkeypatch.undo()
-    assert set(leftovers.clean(tmp_path)) == GROUPS['segment']
+    assert set(shared_memory_cleanup.clean(tmp_path)) == GROUPS['segment']
     assert names(tmp_path) == foreign
 
 
@@ -143,15 +143,15 @@ def test_a_port_that_somebody_takes_meanwhile_is_not_touched(
     make(tmp_path, there)
     taker = Taker(tmp_path, port)
     took = []
-    real = getattr(leftovers, place)
+    real = getattr(shared_memory_cleanup, place)
 
     def come_first(*args: Any) -> Any:
         if place != '_remove' or any(port in file.name for file in args[0]):
             took.append(taker.takes())
         return real(*args)
 
-    monkeypatch.setattr(leftovers, place, come_first)
-    leftovers.clean(tmp_path)
+    monkeypatch.setattr(shared_memory_cleanup, place, come_first)
+    shared_memory_cleanup.clean(tmp_path)
     assert took == [place == '_hold']
     if took[0]:
         assert names(tmp_path) == {*there, f'{port}_el'}
@@ -178,7 +178,7 @@ def test_a_port_that_was_removed_and_taken_meanwhile_stays(
 
     monkeypatch.setattr(fcntl, 'flock', late)
     with ExitStack() as stack:
-        assert leftovers._lock([tmp_path / f'{PORT}_el'], stack) is False
+        assert shared_memory_cleanup._lock([tmp_path / f'{PORT}_el'], stack) is False
     owner[0].close()
 
 
@@ -191,27 +191,27 @@ def test_the_semaphore_of_a_port_that_others_take_stays_unless_somebody_died_wit
         tmp_path: Path) -> None:
     semaphore = tmp_path / f'sem.{SHARED}_mutex'
     make(tmp_path, {SHARED, f'{SHARED}_el', semaphore.name})
-    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+    assert set(shared_memory_cleanup.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
     age(semaphore)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
     make(tmp_path, {SHARED, f'{SHARED}_el'})
     with taken(semaphore) as free:
         assert free  # it was given back
         age(semaphore)
         # Who has it, or waits for it, has it mapped, as this process has now.
-        assert leftovers.clean(tmp_path) == []
+        assert shared_memory_cleanup.clean(tmp_path) == []
         content = semaphore.read_bytes()
     semaphore.write_bytes(content)
     age(semaphore)
-    assert leftovers.clean(tmp_path) == [semaphore.name]
-    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+    assert shared_memory_cleanup.clean(tmp_path) == [semaphore.name]
+    assert set(shared_memory_cleanup.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
 
 
 def test_a_semaphore_that_is_taken_for_a_moment_is_not_stuck(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     semaphore = tmp_path / f'sem.{SHARED}_mutex'
     make(tmp_path, {SHARED, semaphore.name})
-    mapped = leftovers._mapped
+    mapped = shared_memory_cleanup._mapped
     with ExitStack() as somebody:
         assert somebody.enter_context(taken(semaphore))
         age(semaphore)
@@ -221,8 +221,8 @@ def test_a_semaphore_that_is_taken_for_a_moment_is_not_stuck(
             age(semaphore)
             return mapped(folder)
 
-        monkeypatch.setattr(leftovers, '_mapped', just_given_back)
-        assert leftovers.clean(tmp_path) == []
+        monkeypatch.setattr(shared_memory_cleanup, '_mapped', just_given_back)
+        assert shared_memory_cleanup.clean(tmp_path) == []
     assert names(tmp_path) == {SHARED, semaphore.name}
 
 
@@ -270,14 +270,14 @@ def test_what_is_no_semaphore_keeps_no_node_from_starting(tmp_path: Path, conten
     semaphore = tmp_path / f'sem.{PORT}_mutex'
     semaphore.write_bytes(content)
     age(semaphore)
-    assert set(leftovers.clean(tmp_path)) == GROUPS['segment']
+    assert set(shared_memory_cleanup.clean(tmp_path)) == GROUPS['segment']
 
 
 def test_more_than_are_looked_at_together(tmp_path: Path) -> None:
     ports = [f'fastdds_port{number}' for number in range(40000, 40200)]
     there = {*ports, *(f'sem.{port}_mutex' for port in ports)}
     make(tmp_path, there)
-    assert set(leftovers.clean(tmp_path)) == there
+    assert set(shared_memory_cleanup.clean(tmp_path)) == there
     assert not names(tmp_path)
 
 
@@ -286,15 +286,15 @@ def test_a_port_without_a_semaphore_is_held_by_one_that_is_made(
     make(tmp_path, {SHARED, f'{SHARED}_el'})
     taker = Taker(tmp_path, SHARED)
     took = []
-    remove = leftovers._remove
+    remove = shared_memory_cleanup._remove
 
     def come_first(files: list[Path]) -> list[str]:
         if files:
             took.append(taker.takes())
         return remove(files)
 
-    monkeypatch.setattr(leftovers, '_remove', come_first)
-    assert set(leftovers.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
+    monkeypatch.setattr(shared_memory_cleanup, '_remove', come_first)
+    assert set(shared_memory_cleanup.clean(tmp_path)) == {SHARED, f'{SHARED}_el'}
     assert took == [False]
     assert names(tmp_path) == {f'sem.{SHARED}_mutex'}
     assert taker.takes()
@@ -307,13 +307,13 @@ def test_too_many_open_files_keep_no_node_from_starting(
         raise OSError(errno.EMFILE, 'Too many open files')
 
     make(tmp_path, GROUPS['port that was only written to'])
-    monkeypatch.setattr(leftovers, '_mapped', refuse)
-    assert leftovers.clean(tmp_path) == []
+    monkeypatch.setattr(shared_memory_cleanup, '_mapped', refuse)
+    assert shared_memory_cleanup.clean(tmp_path) == []
     monkeypatch.setattr(Path, 'iterdir', refuse)
-    assert leftovers.clean(tmp_path) == []
+    assert shared_memory_cleanup.clean(tmp_path) == []
     monkeypatch.undo()
     assert names(tmp_path) == GROUPS['port that was only written to']
 
 
 def test_without_shared_memory_nothing_happens(tmp_path: Path) -> None:
-    assert leftovers.clean(tmp_path / 'none') == []
+    assert shared_memory_cleanup.clean(tmp_path / 'none') == []

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import lunar_start
-from rocket_sim_node.worlds import lunar_vehicle as vehicle
-from rocket_sim_node.worlds.lunar_lander import LunarLanderWorld
+from rocket_sim_node.worlds.lunar import spawn
+from rocket_sim_node.worlds.lunar import vehicle as vehicle
+from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 
 pytest.importorskip('Box2D')
 gymnasium = pytest.importorskip('gymnasium')
@@ -91,7 +91,7 @@ def test_starts_agree() -> None:
         push = np.array((rng.uniform(-1000, 1000), rng.uniform(-1000, 1000))) / 1000
 
         unit = np.concatenate((np.zeros(12), push, np.zeros(2)))[:, None]
-        flat = lunar_start.derive(unit, 0.02, 10.0)[0]
+        flat = spawn.derive(unit, 0.02, 10.0)[0]
         start_pose, start_velocity = flat[11:20].reshape(3, 3), flat[20:29].reshape(3, 3)
         pose, velocity = states(env)
         # Box2D's legs are still on their way to their places.
@@ -109,7 +109,7 @@ def test_terrain_agrees() -> None:
         rng, _ = gymnasium.utils.seeding.np_random(seed)
         unit = rng.uniform(-1, 1, size=12)
         theirs = [polygon[0][1] for polygon in env.sky_polys] + [env.sky_polys[-1][1][1]]
-        assert lunar_start._terrain(unit[:, None])[0] == pytest.approx(theirs, abs=1e-5)
+        assert spawn._terrain(unit[:, None])[0] == pytest.approx(theirs, abs=1e-5)
 
 
 @pytest.mark.parametrize('continuous', [False, True])

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import lunar_vehicle as vehicle
 from rocket_sim_node.worlds import random_streams
-from rocket_sim_node.worlds.lunar_lander import LANDED
-from rocket_sim_node.worlds.lunar_lander import OUT_OF_BOUNDS
-from rocket_sim_node.worlds.lunar_lander import TIMEOUT
-from rocket_sim_node.worlds.lunar_lander import LunarLanderWorld
+from rocket_sim_node.worlds.lunar import vehicle as vehicle
+from rocket_sim_node.worlds.lunar.world import LANDED
+from rocket_sim_node.worlds.lunar.world import OUT_OF_BOUNDS
+from rocket_sim_node.worlds.lunar.world import TIMEOUT
+from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 
 NOTHING, LEFT, MAIN, RIGHT = range(4)
 

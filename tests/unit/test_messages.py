@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from rocket_sim_node import frames
 from rocket_sim_node import worlds
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
 
 
 def test_a_world_survives_the_way_there_and_back() -> None:
     spec = worlds.make('rocket', num_envs=3, level=2, dt=0.01).spec
-    assert messages.world_from_message(messages.world_to_message(spec, 1, 0, 0)) == spec
+    assert conversion.world_from_message(conversion.world_to_message(spec, 1, 0, 0)) == spec
 
 
 def test_episodes_survive_the_way_there_and_back() -> None:
@@ -29,8 +29,8 @@ def test_episodes_survive_the_way_there_and_back() -> None:
         if len(episodes):
             break
     codec = Codec(EpisodesMessage)
-    back = messages.episodes_from_message(
-        codec.decode(codec.encode((1, 2), messages.episode_arrays(episodes))))
+    back = conversion.episodes_from_message(
+        codec.decode(codec.encode((1, 2), conversion.episode_arrays(episodes))))
     for name in episodes.__dataclass_fields__:
         ours, theirs = getattr(episodes, name), getattr(back, name)
         assert ours.dtype == theirs.dtype
@@ -46,17 +46,17 @@ def test_actions_of_the_wrong_kind_or_number_are_named() -> None:
             (1, 2, 3), (np.array(continuous), np.array(discrete or ()))))
 
     with pytest.raises(ValueError, match=r'continuous: 5 values, expected 6 \(2 rockets x 3\)'):
-        messages.action_from_message(action([0.0] * 5), spec)
+        conversion.action_from_message(action([0.0] * 5), spec)
     with pytest.raises(ValueError, match='discrete: 2 values, expected none'):
-        messages.action_from_message(action([], [1, 2]), spec)
-    good = messages.action_from_message(action([0.0, 1.0, 2.0] * 2), spec)
+        conversion.action_from_message(action([], [1, 2]), spec)
+    good = conversion.action_from_message(action([0.0, 1.0, 2.0] * 2), spec)
     np.testing.assert_array_equal(good, [[0, 1, 2]] * 2)
 
 
 def test_a_setting_given_twice_is_refused() -> None:
     twice = [Setting(name='level', value=1.0), Setting(name='level', value=2.0)]
     with pytest.raises(ValueError, match='twice'):
-        messages.settings_from_message(twice)
+        conversion.settings_from_message(twice)
 
 
 def test_up_becomes_z_and_the_frames_stay_right_handed() -> None:

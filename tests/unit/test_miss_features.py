@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from ppo_agent_node.learning.features import make_features
-from ppo_agent_node.learning.networks import Normaliser
+from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.mlp import Normaliser
 from rocket_sim_node import worlds
 
 

@@ -10,19 +10,19 @@ from torch.distributions import Independent
 from torch.distributions import Normal
 from torch.nn import functional
 
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.dense import add_product
-from ppo_agent_node.learning.dense import dense
-from ppo_agent_node.learning.dense import product
-from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.networks import Normaliser
-from ppo_agent_node.learning.networks import mlp
-from ppo_agent_node.learning.networks import quick
-from ppo_agent_node.learning.policies import GaussianPolicy
+from ppo_agent_node import random_streams
+from ppo_agent_node.ppo.networks.dense import add_product
+from ppo_agent_node.ppo.networks.dense import dense
+from ppo_agent_node.ppo.networks.dense import product
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.networks.mlp import Normaliser
+from ppo_agent_node.ppo.networks.mlp import mlp
+from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 
 
 def policy(seed: int = 1, hidden: tuple[int, ...] = (32, 16), **options: float) -> GaussianPolicy:
-    return GaussianPolicy(15, 3, hidden, streams.generator(seed, 'policy'), **options)
+    return GaussianPolicy(15, 3, hidden, random_streams.generator(seed, 'policy'), **options)
 
 
 def test_log_prob_and_entropy_are_those_of_a_normal_distribution() -> None:
@@ -39,7 +39,7 @@ def test_log_prob_and_entropy_are_those_of_a_normal_distribution() -> None:
 def test_samples_come_with_their_log_prob_and_have_the_right_moments() -> None:
     one = policy(log_std_init=-1.0)
     observation = torch.randn(1, 15).expand(40_000, 15)
-    action, log_prob = one.sample(observation, streams.generator(3, 'noise'))
+    action, log_prob = one.sample(observation, random_streams.generator(3, 'noise'))
     torch.testing.assert_close(
         log_prob, one.log_prob_entropy(observation, action)[0], rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(
@@ -53,7 +53,7 @@ def test_equal_seeds_are_equal_and_others_differ() -> None:
         assert torch.equal(tensor, again.state_dict()[name])
     assert not torch.equal(first.mean[0].weight, other.mean[0].weight)
     observation = torch.randn(4, 15)
-    a, b, c = (first.sample(observation, streams.generator(s, 'x'))[0] for s in (1, 1, 2))
+    a, b, c = (first.sample(observation, random_streams.generator(s, 'x'))[0] for s in (1, 1, 2))
     assert torch.equal(a, b)
     assert not torch.equal(a, c)
 
@@ -61,13 +61,13 @@ def test_equal_seeds_are_equal_and_others_differ() -> None:
 def test_the_global_generator_is_left_alone() -> None:
     before = torch.get_rng_state()
     one = policy()
-    one.sample(torch.zeros(2, 15), streams.generator(1, 'noise'))
-    Critic(15, (8,), streams.generator(1, 'critic'))
+    one.sample(torch.zeros(2, 15), random_streams.generator(1, 'noise'))
+    Critic(15, (8,), random_streams.generator(1, 'critic'))
     assert torch.equal(before, torch.get_rng_state())
 
 
 def test_weights_begin_orthogonal_and_actions_near_zero() -> None:
-    net = mlp((15, 64, 64, 3), 0.01, streams.generator(1, 'x'))
+    net = mlp((15, 64, 64, 3), 0.01, random_streams.generator(1, 'x'))
     square = net[2].weight
     torch.testing.assert_close(square @ square.T, 2 * torch.eye(64), rtol=0, atol=1e-5)
     last = net[4].weight
@@ -76,12 +76,12 @@ def test_weights_begin_orthogonal_and_actions_near_zero() -> None:
 
 
 def test_activations() -> None:
-    kinds = {name: mlp((2, 3, 3, 1), 1.0, streams.generator(1, 'x'), name)
+    kinds = {name: mlp((2, 3, 3, 1), 1.0, random_streams.generator(1, 'x'), name)
              for name in ('tanh', 'relu')}
     assert [type(layer) for layer in kinds['tanh']][1::2] == [torch.nn.Tanh] * 2
     assert [type(layer) for layer in kinds['relu']][1::2] == [torch.nn.ReLU] * 2
     assert torch.equal(kinds['tanh'][0].weight, kinds['relu'][0].weight)
-    critic = Critic(2, (3,), streams.generator(1, 'c'), 'relu')
+    critic = Critic(2, (3,), random_streams.generator(1, 'c'), 'relu')
     with torch.no_grad():
         critic.value[0].weight.copy_(torch.tensor([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]]))
         critic.value[2].weight.copy_(torch.tensor([[1.0, 10.0, 100.0]]))
@@ -159,7 +159,7 @@ def test_what_is_hidden_counts_as_0_whatever_is_fitted_and_is_shown_to_others() 
 @pytest.mark.parametrize(('inputs', 'outputs'), [(3, 31), (15, 32), (200, 65)])
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])
 def test_dense_layers_in_float32(rows: int, inputs: int, outputs: int, activation: str) -> None:
-    noise = streams.generator(1, 'x')
+    noise = random_streams.generator(1, 'x')
     x, weight = torch.randn(rows, inputs, generator=noise), torch.randn(
         outputs, inputs, generator=noise)
     bias = torch.randn(outputs, generator=noise)
@@ -198,10 +198,10 @@ def test_large_layers_and_products_are_left_to_one_dnn(monkeypatch: pytest.Monke
 @pytest.mark.parametrize('rows', [1, 20, 200])
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])
 def test_in_flight_a_network_is_the_same_bit_for_bit(rows: int, activation: str) -> None:
-    network = mlp((15, 64, 48, 3), 1.0, streams.generator(1, 'x'), activation)
+    network = mlp((15, 64, 48, 3), 1.0, random_streams.generator(1, 'x'), activation)
     normaliser = Normaliser(15)
     normaliser.width[1] = 0.1
-    x = torch.randn(rows, 15, generator=streams.generator(1, 'y'))
+    x = torch.randn(rows, 15, generator=random_streams.generator(1, 'y'))
     normaliser.fit(x if rows > 1 else torch.randn(9, 15))
     output = quick(normaliser, network)
     with torch.no_grad():
@@ -211,8 +211,8 @@ def test_in_flight_a_network_is_the_same_bit_for_bit(rows: int, activation: str)
 
 def test_networks_say_the_same_with_gradients_and_without() -> None:
     for activation in ('tanh', 'relu'):
-        network = mlp((15, 64, 48, 3), 1.0, streams.generator(1, 'x'), activation)
-        x = torch.randn(100, 15, generator=streams.generator(1, 'y'))
+        network = mlp((15, 64, 48, 3), 1.0, random_streams.generator(1, 'x'), activation)
+        x = torch.randn(100, 15, generator=random_streams.generator(1, 'y'))
         with torch.no_grad():
             found = network(x)
         torch.testing.assert_close(found, network(x).detach(), rtol=1e-5, atol=1e-5)

@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ppo_agent_node.evaluation.bounds import StraightDropBound
-from ppo_agent_node.evaluation.optimum import Landing
-from ppo_agent_node.evaluation.optimum import LandingOptimiser
-from ppo_agent_node.evaluation.optimum import Optimum
+from ppo_agent_node.evaluation.optimum.fuel_bounds import StraightDropBound
+from ppo_agent_node.evaluation.optimum.optimiser import Landing
+from ppo_agent_node.evaluation.optimum.optimiser import LandingOptimiser
+from ppo_agent_node.evaluation.optimum.optimiser import Optimum
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 SETTINGS = worlds.make('rocket').spec.settings
 DT, FULL, MASS = SETTINGS['dt'], SETTINGS['max_thrust'], SETTINGS['dry_mass'] + SETTINGS['fuel']

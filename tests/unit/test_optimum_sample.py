@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from reports import flown
 
+from ppo_agent_node.commands.report import write_report
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import table
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.evaluation.optimum import LandingOptimiser
+from ppo_agent_node.evaluation.optimum.optimiser import LandingOptimiser
 from ppo_agent_node.evaluation.optimum_sample import OptimumSample
 from ppo_agent_node.evaluation.optimum_sample import return_ceiling
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.optimum_sample import starts
 from ppo_agent_node.evaluation.runner import EvaluationResult
-from ppo_agent_node.reporting import style
-from ppo_agent_node.reporting.optimum_picture import optimum_figure
-from ppo_agent_node.reporting.report import write_report
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures.optimum import optimum_figure
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 SIZE = 4
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rocket_sim_node.worlds import outcome
 from rocket_sim_node.worlds.base import NO_OUTCOME
-from rocket_sim_node.worlds.vehicle import TaskSettings
+from rocket_sim_node.worlds.rocket import outcome
+from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
 
 TASK = TaskSettings()
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ppo_agent_node.pilots.choice import choose
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
+from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from rocket_sim_node import worlds
 
 

@@ -12,14 +12,14 @@ import pymunk
 import pytest
 from numpy.typing import NDArray
 
-from rocket_sim_node.worlds import lunar_start
-from rocket_sim_node.worlds.lane_block import Parts
-from rocket_sim_node.worlds.lane_block import Solver
-from rocket_sim_node.worlds.lanes import Lanes
-from rocket_sim_node.worlds.lunar_start import Starts
-from rocket_sim_node.worlds.lunar_vehicle import LunarDesign
-from rocket_sim_node.worlds.planar_contact import PlanarContact
-from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
+from rocket_sim_node.worlds.lunar import spawn
+from rocket_sim_node.worlds.lunar.spawn import Starts
+from rocket_sim_node.worlds.lunar.vehicle import LunarDesign
+from rocket_sim_node.worlds.planar.contact_model import PlanarContact
+from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Solver
+from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
 
 F64 = NDArray[np.float64]
 
@@ -315,7 +315,7 @@ def launch(lanes: Lanes, starts: Starts, rows: NDArray[np.int64], episode: int) 
     """Begin an episode of lunar landers, terrain and all."""
     start = starts.take(rows, np.full(len(rows), episode))
     for row, terrain in zip(rows.tolist(), start.terrain, strict=True):
-        lunar_start.shape_ground(lanes, row, terrain)
+        spawn.shape_ground(lanes, row, terrain)
     lanes.place(rows, start.pose, start.velocity)
 
 

@@ -9,15 +9,15 @@ import pytest
 import torch
 from reports import flown
 
+from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning.config import NetworkConfig
-from ppo_agent_node.learning.policies import make_policy
-from ppo_agent_node.learning.policy_file import load_policy
-from ppo_agent_node.learning.policy_file import save_policy
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.policy import columns
 from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ppo_agent_node.learning import sealed_file
 from ppo_agent_node.pilots.search import find_policy
 from ppo_agent_node.pilots.search import shipped_names
+from ppo_agent_node.runs import sealed_file
 
 
 def run(runs: Path, name: str, world: str, time: int) -> Path:

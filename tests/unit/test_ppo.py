@@ -9,14 +9,14 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from ppo_agent_node.learning import losses
-from ppo_agent_node.learning import ppo
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import PPOConfig
-from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.policies import CategoricalPolicy
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.rollout import Batch
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import PPOConfig
+from ppo_agent_node.ppo import losses
+from ppo_agent_node.ppo import update
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.rollout_buffer import Batch
 
 CONFIG = PPOConfig(
     n_epochs=2, batch_size=64, clip_range=0.2, target_kl=0.0, normalise_advantages=True)
@@ -58,7 +58,7 @@ def test_unclipped_value_error_is_the_plain_one() -> None:
 
 def test_policy_gradient_by_hand() -> None:
     """d/d mu of -E[min(r A, clip(r) A)] for one linear layer: -r A (a - mu) / sigma^2 x."""
-    policy = GaussianPolicy(1, 1, (), streams.generator(1, 'p'), log_std_init=math.log(0.5))
+    policy = GaussianPolicy(1, 1, (), random_streams.generator(1, 'p'), log_std_init=math.log(0.5))
     with torch.no_grad():
         policy.mean[0].weight.fill_(0.3)
     x = torch.tensor([[1.0], [2.0], [-1.0]])
@@ -75,9 +75,9 @@ def test_policy_gradient_by_hand() -> None:
 
 
 def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
-    policy = GaussianPolicy(4, 2, (16,), streams.generator(seed, 'p'), log_std_init=-1.0)
-    critic = Critic(4, (16,), streams.generator(seed, 'c'))
-    noise = streams.generator(seed, 'n')
+    policy = GaussianPolicy(4, 2, (16,), random_streams.generator(seed, 'p'), log_std_init=-1.0)
+    critic = Critic(4, (16,), random_streams.generator(seed, 'c'))
+    noise = random_streams.generator(seed, 'n')
     observation = torch.randn(256, 4, generator=noise)
     with torch.no_grad():
         action, log_prob = policy.sample(observation, noise)
@@ -89,12 +89,12 @@ def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
 def run(
     seed: int = 1, shuffle: int = 1, train_policy: bool = True,
     poll: Callable[[], None] = lambda: None, **changes: object,
-) -> tuple[GaussianPolicy, Critic, ppo.Diagnostics, Batch]:
+) -> tuple[GaussianPolicy, Critic, update.Diagnostics, Batch]:
     policy, critic, batch = setup(seed)
     config = dataclasses.replace(CONFIG, **changes)
-    diagnostics = ppo.update(
-        ppo.PolicyUpdate(policy, config), ppo.CriticUpdate(critic, config), batch,
-        streams.generator(shuffle, 'm'), (1e-3, 1e-3), 1e-3, train_policy, poll)
+    diagnostics = update.update(
+        update.PolicyUpdate(policy, config), update.CriticUpdate(critic, config), batch,
+        random_streams.generator(shuffle, 'm'), (1e-3, 1e-3), 1e-3, train_policy, poll)
     return policy, critic, diagnostics, batch
 
 
@@ -124,18 +124,18 @@ def test_value_clipping_holds_the_critic_back() -> None:
 
 
 def test_an_update_of_a_categorical_policy() -> None:
-    policy = CategoricalPolicy(4, 3, (16,), streams.generator(1, 'p'))
-    critic = Critic(4, (16,), streams.generator(1, 'c'))
-    noise = streams.generator(1, 'n')
+    policy = CategoricalPolicy(4, 3, (16,), random_streams.generator(1, 'p'))
+    critic = Critic(4, (16,), random_streams.generator(1, 'c'))
+    noise = random_streams.generator(1, 'n')
     observation = torch.randn(256, 4, generator=noise)
     with torch.no_grad():
         action, log_prob = policy.sample(observation, noise)
         value = critic(observation)
         before = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     batch = Batch(observation, action, log_prob, (action == 2).float(), value, value)
-    told = ppo.update(
-        ppo.PolicyUpdate(policy, CONFIG), ppo.CriticUpdate(critic, CONFIG), batch,
-        streams.generator(1, 'm'), (1e-2,), 1e-3)
+    told = update.update(
+        update.PolicyUpdate(policy, CONFIG), update.CriticUpdate(critic, CONFIG), batch,
+        random_streams.generator(1, 'm'), (1e-2,), 1e-3)
     with torch.no_grad():
         after = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     assert before == pytest.approx(1 / 3, abs=0.01)
@@ -212,7 +212,7 @@ def test_one_thread_and_two_are_equal_bit_for_bit(train_policy: bool) -> None:
 
 def test_explained_variance() -> None:
     target = torch.tensor([1.0, 2.0, 3.0])
-    assert ppo.explained_variance(target, target) == 1
-    assert ppo.explained_variance(torch.zeros(3), target) == 0
-    assert ppo.explained_variance(-target, target) == -3
-    assert math.isnan(ppo.explained_variance(target, torch.ones(3)))
+    assert update.explained_variance(target, target) == 1
+    assert update.explained_variance(torch.zeros(3), target) == 0
+    assert update.explained_variance(-target, target) == -3
+    assert math.isnan(update.explained_variance(target, torch.ones(3)))

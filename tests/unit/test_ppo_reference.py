@@ -12,15 +12,15 @@ import ppo_reference
 import pytest
 import torch
 
-from ppo_agent_node.learning import losses
-from ppo_agent_node.learning import ppo
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import PPOConfig
-from ppo_agent_node.learning.networks import Critic
-from ppo_agent_node.learning.policies import CategoricalPolicy
-from ppo_agent_node.learning.policies import GaussianPolicy
-from ppo_agent_node.learning.policies import Policy
-from ppo_agent_node.learning.rollout import Batch
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import PPOConfig
+from ppo_agent_node.ppo import losses
+from ppo_agent_node.ppo import update
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
+from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
 
 SAMPLES, SIZE = 3000, 6
 RATES = (3e-4, 1e-3, 1e-3)
@@ -40,14 +40,14 @@ def one_thread() -> Iterator[None]:
 
 def networks(kind: str, activation: str, hidden: tuple[int, ...] = (32, 24)) -> tuple[
         Policy, Critic]:
-    noise = streams.generator(1, 'p')
+    noise = random_streams.generator(1, 'p')
     policy: Policy = CategoricalPolicy(SIZE, 4, hidden, noise, activation)
     if kind == 'gaussian':
         policy = GaussianPolicy(
             SIZE, 3, hidden, noise, -0.5, 20.0, activation=activation)
         with torch.no_grad():
             policy.log_std.copy_(torch.tensor([-0.5, -1.0, 0.2]))
-    critic = Critic(SIZE, hidden, streams.generator(1, 'c'), activation)
+    critic = Critic(SIZE, hidden, random_streams.generator(1, 'c'), activation)
     for network in (policy, critic):
         network.normaliser.width[1] = 0.1
         network.normaliser.fit(torch.randn(100, SIZE, generator=noise))
@@ -56,7 +56,7 @@ def networks(kind: str, activation: str, hidden: tuple[int, ...] = (32, 24)) -> 
 
 def fixed_batch(policy: Policy, critic: Critic) -> Batch:
     """Return samples of a policy that has moved since: ratios on both sides of the clip range."""
-    noise = streams.generator(1, 'n')
+    noise = random_streams.generator(1, 'n')
     observation = torch.randn(SAMPLES, SIZE, generator=noise)
     with torch.no_grad():
         action, log_prob = policy.sample(observation, noise)
@@ -81,12 +81,13 @@ def test_losses_and_weights_are_those_of_autograd(
     batch = fixed_batch(policy, critic)
     reference = copy.deepcopy(policy), copy.deepcopy(critic)
     adams = ppo_reference.optimisers(*reference, RATES)
-    ours = ppo.PolicyUpdate(policy, config), ppo.CriticUpdate(critic, config)
+    ours = update.PolicyUpdate(policy, config), update.CriticUpdate(critic, config)
     rates = RATES[:2] if kind == 'gaussian' else RATES[:1]
     for iteration in range(2):  # the second one with the optimisers' memory of the first
-        told = ppo.update(*ours, batch, streams.generator(iteration, 'm'), rates, RATES[2])
+        told = update.update(
+            *ours, batch, random_streams.generator(iteration, 'm'), rates, RATES[2])
         expected = ppo_reference.update(
-            *reference, adams, batch, config, streams.generator(iteration, 'm'))
+            *reference, adams, batch, config, random_streams.generator(iteration, 'm'))
         for name, value in dataclasses.asdict(expected).items():
             # clipfrac counts, and rounding may move a ratio over the edge.
             close = 2.1 / SAMPLES if name == 'clipfrac' else 1e-6
@@ -109,7 +110,7 @@ def test_losses_and_weights_are_those_of_autograd(
 def test_gradients_in_double_precision(kind: str) -> None:
     """What the distributions and the objectives say, against autograd, to 1e-10."""
     policy = networks(kind, 'tanh')[0].double()
-    noise = streams.generator(2, 'n')
+    noise = random_streams.generator(2, 'n')
     rows = 4 if kind == 'categorical' else 3
     output = torch.randn(rows, 50, generator=noise, dtype=torch.float64, requires_grad=True)
     action = (torch.randint(4, (50,), generator=noise) if kind == 'categorical'
@@ -127,7 +128,7 @@ def test_gradients_in_double_precision(kind: str) -> None:
 
 
 def test_objective_and_error_gradients_are_those_of_autograd() -> None:
-    noise = streams.generator(3, 'n')
+    noise = random_streams.generator(3, 'n')
     log_ratio, advantage, value, old, target = 0.3 * torch.randn(5, 4000, generator=noise)
     log_ratio.requires_grad_()
     losses.clipped_objective(log_ratio.exp(), advantage, 0.2).sum().backward()
@@ -147,7 +148,7 @@ def test_what_is_not_a_number_is_not_hidden() -> None:
     policy, critic = networks('gaussian', 'tanh')
     batch = fixed_batch(policy, critic)
     batch.advantage[5] = math.nan
-    ppo.update(ppo.PolicyUpdate(policy, CONFIG), ppo.CriticUpdate(critic, CONFIG), batch,
-               streams.generator(1, 'm'), RATES[:2], RATES[2])
+    update.update(update.PolicyUpdate(policy, CONFIG), update.CriticUpdate(critic, CONFIG), batch,
+               random_streams.generator(1, 'm'), RATES[:2], RATES[2])
     assert not all(bool(p.isfinite().all()) for p in policy.parameters())
     assert all(bool(p.isfinite().all()) for p in critic.parameters())

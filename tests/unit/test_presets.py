@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from ppo_agent_node.learning import presets
-from ppo_agent_node.learning.config import check_world
-from ppo_agent_node.learning.demonstrations import scripted_teacher
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.presets import preset_names
-from ppo_agent_node.learning.presets import preset_values
-from ppo_agent_node.pilots.hoverslam import HoverslamPilot
+from ppo_agent_node.config import presets
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.presets import preset_names
+from ppo_agent_node.config.presets import preset_values
+from ppo_agent_node.config.training_config import check_world
+from ppo_agent_node.imitation.demonstrations import scripted_teacher
+from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 
 @pytest.mark.parametrize('world', worlds.names())

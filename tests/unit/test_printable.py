@@ -14,20 +14,20 @@ from rcl_interfaces.msg import Log
 from rich.control import strip_control_codes
 from rocket_msgs import srv
 
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.nodes.overhearing import _on_log
+from ppo_agent_node.nodes.agent.rosout import _on_log
+from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node import worlds
 from rocket_sim_node.printable import printable
-from rocket_sim_node.recording.web_page import INVITATION
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire.link import Link
-from rocket_sim_node.wire.link import SimulatorBusy
+from rocket_sim_node.recording.sinks.web_page import INVITATION
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import SimulatorBusy
+from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import EnvironmentRestarted
-from rocket_sim_node.worlds.flight import Command
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import Restore
-from rocket_sim_node.worlds.flight import Snapshot
+from rocket_sim_node.worlds.jobs import Command
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
 
 SPEC = worlds.make('rocket').spec
 COMMANDS = (
@@ -106,7 +106,7 @@ def test_what_a_service_answers_is_printable(
 @given(text=WORDS)
 def test_a_world_whose_names_cannot_be_printed_is_refused(field: str, text: str) -> None:
     """They come to logs and terminals by many ways, the difference between two worlds is one."""
-    message = messages.world_to_message(SPEC, 1, 0, 0)
+    message = conversion.world_to_message(SPEC, 1, 0, 0)
     text = f'name {text}'
     if field == 'world':
         message.world = text
@@ -115,8 +115,8 @@ def test_a_world_whose_names_cannot_be_printed_is_refused(field: str, text: str)
     else:
         setattr(message, field, [text, *getattr(message, field)[1:]])
     if text.isprintable():
-        messages.world_from_message(message)
+        conversion.world_from_message(message)
         return
     with pytest.raises(ValueError, match=f'^world: {field}: got .*expected printable') as caught:
-        messages.world_from_message(message)
+        conversion.world_from_message(message)
     assert str(caught.value).isprintable()

@@ -18,22 +18,22 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rocket_msgs import msg
 
-from ppo_agent_node.learning import config
-from ppo_agent_node.nodes import acting
-from ppo_agent_node.nodes import connection
+from ppo_agent_node.config import training_config
 from ppo_agent_node.nodes import evaluate
-from ppo_agent_node.nodes import inference
 from ppo_agent_node.nodes import keyboard_pilot
 from ppo_agent_node.nodes import piloting
-from ppo_agent_node.nodes import training
+from ppo_agent_node.nodes.agent import inference
+from ppo_agent_node.nodes.agent import modes
+from ppo_agent_node.nodes.agent import training
+from ppo_agent_node.nodes.flights import connection
 from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
-from rocket_sim_node.nodes import serving
-from rocket_sim_node.recording.choice import Choice
+from rocket_sim_node.nodes import simulation
+from rocket_sim_node.recording.trajectories.filter import Choice
 from rocket_sim_node.settings import SettingInfo
-from rocket_sim_node.wire.cdr import Codec
+from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.actions import commanded
@@ -44,10 +44,12 @@ SPEC = replace(
 DISCRETE = replace(SPEC, continuous=False, action_count=4)
 LOW, HIGH = np.array(SPEC.action_low), np.array(SPEC.action_high)
 INFOS = [
-    *config.describe(), *(info for name in worlds.names() for info in worlds.settings(name)),
+    *training_config.describe(),
+    *(info for name in worlds.names() for info in worlds.settings(name)),
     *(info for cls in (
-        serving.SimulatorParameters, rerun_recorder.Destinations, Choice, acting.AgentParameters,
-        training.TrainingParameters, inference.InferenceParameters, piloting.PilotParameters,
+        simulation.SimulatorParameters, rerun_recorder.Destinations, Choice, modes.AgentParameters,
+        training.TrainingParameters, inference.InferenceParameters,
+        piloting.PilotParameters,
         keyboard_pilot.KeyboardParameters, keyboard.KeyboardSettings,
         evaluate.EvaluationParameters, connection.ConnectionParameters)
       for info in settings.describe(cls))]

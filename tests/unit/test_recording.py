@@ -21,38 +21,38 @@ from rerun.chunk import RrdReader
 
 from rocket_sim_node import command_line
 from rocket_sim_node import frames
-from rocket_sim_node.recording import camera
-from rocket_sim_node.recording import effects
-from rocket_sim_node.recording import file_sink
-from rocket_sim_node.recording import flight_log
-from rocket_sim_node.recording import palette
-from rocket_sim_node.recording import place
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import rewrite
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import stream_file
-from rocket_sim_node.recording import training_log
-from rocket_sim_node.recording import vehicle
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
-from rocket_sim_node.recording.file_sink import partial_path
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import FlightBuffer
-from rocket_sim_node.recording.place import Place
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording import trajectory_log
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node.recording.drawing import timepoint
+from rocket_sim_node.recording.drawing import training_plots
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import WIDTH
-from rocket_sim_node.recording.samples import Samples
+from rocket_sim_node.recording.scene import camera
+from rocket_sim_node.recording.scene import effects
+from rocket_sim_node.recording.scene import rocket_model
 from rocket_sim_node.recording.screenshot import Picture
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.stream_file import has_contents
-from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.sinks import file_sink
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks import rewrite
+from rocket_sim_node.recording.sinks import rrd_file
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.sinks.file_sink import partial_path
+from rocket_sim_node.recording.sinks.rrd_file import has_contents
 from rocket_sim_node.recording.training_recorder import LONGEST_PERIOD
 from rocket_sim_node.recording.training_recorder import MOST_GATHERED
 from rocket_sim_node.recording.training_recorder import PERIOD
 from rocket_sim_node.recording.training_recorder import TrainingRecorder
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import WIDTH
+from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
 
 OUTCOMES = ('landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds')
@@ -128,8 +128,8 @@ def record(path: Path, samples: Samples, choice: Choice | None = None) -> tuple[
 def test_what_is_recorded_can_be_read_back(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'flights.rrd'
     recorder, _ = record(path, flown)
-    viewer.verify(path)
-    flights = read.trajectories(path)
+    rerun_program.verify(path)
+    flights = reader.trajectories(path)
     assert recorder.flights == len(flights) == sum(len(flights_of(flown, k)) for k in range(4))
     assert {flight.outcome for flight in flights} == {'landed', 'too_fast'}
     for row in range(4):
@@ -159,11 +159,11 @@ def test_what_is_recorded_can_be_read_back(tmp_path: Path, flown: Samples) -> No
 def test_flights_follow_one_another_with_a_pause(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'flights.rrd'
     record(path, flown)
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     assert flights[0].start == pytest.approx(0.0)
     for before, after in itertools.pairwise(flights):
         pause = after.start - (before.start + float(before.time[-1]))
-        assert pause == pytest.approx(place.PAUSE + STAGE.dt, abs=1e-6)
+        assert pause == pytest.approx(timepoint.PAUSE + STAGE.dt, abs=1e-6)
 
 
 def test_size_and_layout(tmp_path: Path, flown: Samples) -> None:
@@ -190,9 +190,9 @@ def test_large_files_are_copied_and_get_a_table_of_contents(
     monkeypatch.setattr(rewrite, 'FLUSHED', 3)
     _, notes = record(large, flown)
     assert [level for level, _ in notes] == ['INFO']
-    viewer.verify(large)
-    assert [flight.summary for flight in read.trajectories(large)] == [
-        flight.summary for flight in read.trajectories(small)]
+    rerun_program.verify(large)
+    assert [flight.summary for flight in reader.trajectories(large)] == [
+        flight.summary for flight in reader.trajectories(small)]
     assert view_classes(large) == view_classes(small)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['large.rrd', 'small.rrd']
 
@@ -233,8 +233,8 @@ def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Sample
     notes: Notes = []
     FileSink(path, lambda *note: notes.append(note)).close()
     assert any('repaired' in text and level == 'WARN' for level, text in notes)
-    viewer.verify(path)
-    assert 0 < len(read.trajectories(path)) <= recorder.flights
+    rerun_program.verify(path)
+    assert 0 < len(reader.trajectories(path)) <= recorder.flights
     assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
 
 
@@ -266,7 +266,7 @@ def test_a_repair_that_was_ended_is_made_another_time(
     ended.write_text('#!/bin/sh\nkill -TERM $$\n')
     ended.chmod(0o755)
     with monkeypatch.context() as patched:
-        patched.setattr(viewer, 'binary', lambda: ended)
+        patched.setattr(rerun_program, 'binary', lambda: ended)
         with pytest.raises(OSError, match=r'not repaired yet, .* ended by signal 15'):
             FileSink(path, lambda *note: None)
     assert partial_path(path).read_bytes() == cut
@@ -303,9 +303,9 @@ def test_a_full_disk_ends_the_recording_whole(
     feed(recorder, flown.take(slice(half, None)))
     assert [level for level, _ in notes] == ['ERROR', 'INFO']
     assert 'only 20 MiB of disk left, 32 MiB needed' in notes[0][1]
-    viewer.verify(path)
+    rerun_program.verify(path)
     recorder.close()
-    assert 0 < recorder.flights == len(read.trajectories(path))
+    assert 0 < recorder.flights == len(reader.trajectories(path))
 
 
 def test_where_there_is_no_room_for_a_copy_none_is_made(
@@ -320,7 +320,7 @@ def test_where_there_is_no_room_for_a_copy_none_is_made(
     assert [level for level, _ in notes] == ['WARN', 'INFO']
     assert 'without a table of contents' in notes[0][1]
     assert not has_contents(path)
-    assert read.trajectories(path)
+    assert reader.trajectories(path)
     assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
 
 
@@ -354,7 +354,7 @@ def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
     assert not path.exists()
     FileSink(path, lambda *note: notes.append(note)).close()
     assert 'its recording is repaired' in notes[1][1]
-    viewer.verify(path)
+    rerun_program.verify(path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
@@ -377,11 +377,11 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
             stack.enter_context(largest_file(whole.stat().st_size - short))
 
         monkeypatch.setattr(file_sink, 'end', end_and_fill_the_disk)
-        monkeypatch.setattr(stream_file, 'PATIENCE', 3.0)
+        monkeypatch.setattr(rrd_file, 'PATIENCE', 3.0)
         sink.close()
     assert [level for level, _ in notes] == ['WARN', 'INFO']
-    assert [flight.summary for flight in read.trajectories(path)] == [
-        flight.summary for flight in read.trajectories(whole)]
+    assert [flight.summary for flight in reader.trajectories(path)] == [
+        flight.summary for flight in reader.trajectories(whole)]
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
@@ -390,7 +390,7 @@ def test_a_writer_that_died_is_noticed_while_recording(
 ) -> None:
     """The disk has room again, or a quota says otherwise."""
     monkeypatch.setattr(file_sink, 'LOOK', 0.0)
-    monkeypatch.setattr(stream_file, 'PATIENCE', 1.0)
+    monkeypatch.setattr(rrd_file, 'PATIENCE', 1.0)
     notes: Notes = []
     sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
     recorder = Recorder(Choice(), [sink], lambda *note: None)
@@ -432,7 +432,7 @@ def test_a_disk_may_stand_still_for_a_while_but_not_for_two(
     recorder.close()
     assert 0 < recorder.flights == before
     # The one with which it ended is in the file, but nobody could promise that.
-    assert before <= len(read.trajectories(tmp_path / 'run.rrd')) <= before + 1
+    assert before <= len(reader.trajectories(tmp_path / 'run.rrd')) <= before + 1
 
 
 def test_a_recorder_without_room_lets_go_of_the_file(
@@ -486,7 +486,7 @@ def test_what_cannot_get_its_name_stays(
     _, notes = record(tmp_path / 'run.rrd', flown)
     assert [level for level, _ in notes] == ['ERROR']
     assert 'is whole and stays' in notes[0][1]
-    viewer.verify(partial_path(tmp_path / 'run.rrd'))
+    rerun_program.verify(partial_path(tmp_path / 'run.rrd'))
     assert len(list(tmp_path.iterdir())) == 1
 
 
@@ -504,7 +504,7 @@ def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples)
     assert 'is lost' in notes[0][1]
     assert [p.name for p in tmp_path.iterdir()] == ['run.partial.rrd']
     other.close()
-    assert read.trajectories(path)
+    assert reader.trajectories(path)
 
 
 def test_a_large_file_of_a_killed_recorder_is_not_joined(
@@ -519,8 +519,8 @@ def test_a_large_file_of_a_killed_recorder_is_not_joined(
     notes: Notes = []
     FileSink(path, lambda *note: notes.append(note)).close()
     assert 'its recording is repaired' in notes[0][1]
-    viewer.verify(path)
-    assert read.trajectories(path)
+    rerun_program.verify(path)
+    assert reader.trajectories(path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
@@ -534,7 +534,7 @@ def test_a_recording_has_no_table_of_contents_while_it_is_written(
     sink._stream.flush()
     sink._stream.disconnect()
     assert not has_contents(partial_path(tmp_path / 'run.rrd'))
-    assert read.trajectories(partial_path(tmp_path / 'run.rrd'))
+    assert reader.trajectories(partial_path(tmp_path / 'run.rrd'))
 
 
 def buffer_feed(buffer: FlightBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:
@@ -591,7 +591,7 @@ def test_choice(
         recorder.training(Training('finetune', 1, {}))
     feed(recorder, flown)
     recorder.close()
-    got = {(flight.row, flight.episode) for flight in read.trajectories(path)}
+    got = {(flight.row, flight.episode) for flight in reader.trajectories(path)}
     assert {pair for pair in got if pair in expected} == got
     assert got == {pair for pair in expected if pair in got}
     assert len(got) == len([pair for pair in expected if has_ended(flown, pair)])
@@ -625,7 +625,7 @@ def test_training(tmp_path: Path, flown: Samples) -> None:
         recorder.training(Training(
             'finetune', k, {'mean_return': 10.0 * k, 'landing_rate': 0.25 * k, 'level': 3}))
     recorder.close()
-    viewer.verify(path)
+    rerun_program.verify(path)
     columns: dict[str, list[tuple[int, list[float]]]] = {}
     for chunk in RrdReader(path).stream():
         batch = chunk.to_record_batch()
@@ -650,12 +650,12 @@ def test_flights_lie_on_the_training_timeline_from_its_first_report_on(
         recorder.training(Training('demonstrate', 0, {}))
     feed(recorder, flown)
     recorder.close()
-    marks = rows_of(path, scene.LANDINGS, 'Points3D:positions', timeline='iteration')
+    marks = rows_of(path, entities.LANDINGS, 'Points3D:positions', timeline='iteration')
     assert [iteration for iteration, _ in marks] == [0] * (recorder.flights if trains else 0)
 
 
 def test_iterations_go_on_through_the_stages() -> None:
-    counter = training_log.IterationCounter()
+    counter = training_plots.IterationCounter()
     stages = [('clone', 1), ('clone', 2), ('finetune', 1), ('finetune', 5), ('evaluate', 100)]
     # An evaluation counts episodes.
     numbers = [counter.add(Training(stage, count, {})) for stage, count in stages]
@@ -676,21 +676,21 @@ def straight(height: np.ndarray, throttle: np.ndarray) -> Flight:
 def test_phases_ignore_chatter() -> None:
     throttle = np.concatenate((np.zeros(30), [0.5, 0.0, 0.5], np.zeros(20), np.full(40, 0.8)))
     flight = straight(np.linspace(100, 5.2, len(throttle)), throttle)
-    assert flight_log.phases(flight) == [(0, 'fall'), (53, 'burn'), (92, 'landed')]
+    assert trajectory_log.phases(flight) == [(0, 'fall'), (53, 'burn'), (92, 'landed')]
 
 
 def test_the_view_holds_rocket_and_pad() -> None:
     height = np.linspace(200, 5.2, 400)
     view = camera.shots(straight(height, np.zeros(400)), STAGE)
-    assert np.all(view[:, 2] + view[:, 3] / 2 >= height + vehicle.NOSE)
+    assert np.all(view[:, 2] + view[:, 3] / 2 >= height + rocket_model.NOSE)
     assert np.all(view[:, 2] - view[:, 3] / 2 <= 0.0)
     assert view[-1, 3] < 0.4 * view[0, 3]
 
 
 def test_the_vehicle_stands_on_its_feet() -> None:
-    mesh = vehicle.rocket()
+    mesh = rocket_model.rocket()
     assert mesh.position[:, 2].min() == pytest.approx(-STAGE.touchdown_height)
-    assert mesh.position[:, 2].max() == pytest.approx(vehicle.NOSE)
+    assert mesh.position[:, 2].max() == pytest.approx(rocket_model.NOSE)
     assert mesh.triangle.max() < len(mesh.position)
     np.testing.assert_allclose(np.linalg.norm(mesh.normal, axis=1), 1.0, atol=1e-5)
     corner = mesh.position[mesh.triangle].astype(np.float64)
@@ -733,10 +733,10 @@ def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint
 
 def test_no_recording_is_named(tmp_path: Path) -> None:
     with pytest.raises(OSError, match='no such recording'):
-        read.trajectories(tmp_path / 'none.rrd')
+        reader.trajectories(tmp_path / 'none.rrd')
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
     with pytest.raises(OSError, match='not a readable recording'):
-        read.trajectories(tmp_path / 'junk.rrd')
+        reader.trajectories(tmp_path / 'junk.rrd')
 
 
 def test_a_long_training_is_logged_in_ever_larger_parts() -> None:
@@ -780,9 +780,9 @@ def test_reports_of_a_fast_training_do_not_wait_in_any_number() -> None:
 
 
 def test_gathered_reports_are_what_was_reported() -> None:
-    gathered = training_log.GatheredReports()
+    gathered = training_plots.GatheredReports()
     places, values = gathered.take()
-    assert (len(gathered), places, values.shape) == (0, [], (0, len(training_log.LINES)))
+    assert (len(gathered), places, values.shape) == (0, [], (0, len(training_plots.LINES)))
     reports = [
         (Place(2**60 + 1, 7), {'mean_return': 1.5, 'landing_rate': 0.25, 'log_std': math.inf}),
         (Place(2**60 + 2), {})]
@@ -793,7 +793,7 @@ def test_gathered_reports_are_what_was_reported() -> None:
     assert len(gathered) == 2
     places, values = gathered.take()
     assert places == [Place(2**60 + 1, 7), Place(2**60 + 2, 0)]
-    row = dict(zip((line.value for line in training_log.LINES), values[0], strict=True))
+    row = dict(zip((line.value for line in training_plots.LINES), values[0], strict=True))
     assert (row['mean_return'], row['landing_rate'], row['log_std']) == (1.5, 25.0, math.inf)
-    assert np.isnan(values).sum() == 2 * len(training_log.LINES) - 3
+    assert np.isnan(values).sum() == 2 * len(training_plots.LINES) - 3
     assert len(gathered) == 0

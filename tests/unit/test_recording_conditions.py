@@ -14,19 +14,19 @@ from recordings import view_classes
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from rocket_sim_node.recording import conditions_log
-from rocket_sim_node.recording import plots
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.rewrite import rewrite
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds.conditions import DRAWN_NAMES
-from rocket_sim_node.worlds.conditions import RANGES
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import plots
+from rocket_sim_node.recording.scene import conditions_log
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.rewrite import rewrite
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import Samples
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
+from rocket_sim_node.worlds.rocket.conditions import RANGES
 
 N = 40
 NOMINAL = conditions.settings('nominal')
@@ -72,7 +72,7 @@ def joined(*flights: Samples) -> Samples:
         for field in fields(Samples) if field.name != 'layout'), layout=layout)
 
 
-def entities(path: Path) -> set[str]:
+def entities_of(path: Path) -> set[str]:
     """Entities of a recording."""
     return {chunk.entity_path for chunk in RrdReader(path).stream()}
 
@@ -81,12 +81,12 @@ def test_a_nominal_recording_has_nothing_of_conditions(tmp_path: Path) -> None:
     told, untold = tmp_path / 'told.rrd', tmp_path / 'untold.rrd'
     record(told, stage(), flight())
     record(untold, stage(names=()), flight(width=0))
-    assert scene.CONDITIONS not in entities(told)
-    assert scene.DISTURBANCE not in entities(told)
-    assert not rows_of(told, scene.ROCKET, plots.UNUSUAL)
+    assert entities.CONDITIONS not in entities_of(told)
+    assert entities.DISTURBANCE not in entities_of(told)
+    assert not rows_of(told, entities.ROCKET, plots.UNUSUAL)
     assert view_classes(told) == view_classes(untold)
     assert 'TextDocument' not in view_classes(told)
-    assert read.trajectories(told)[0].summary['conditions'] == '{}'
+    assert reader.trajectories(told)[0].summary['conditions'] == '{}'
 
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
@@ -95,25 +95,25 @@ def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path)
     samples = flight(
         thrust_factor=0.96, action_delay=2, side_acceleration=0.5, side_direction=np.pi / 3)
     record(path, stage(world), samples)
-    viewer.verify(path)
-    unusual = rows_of(path, scene.ROCKET, plots.UNUSUAL)
+    rerun_program.verify(path)
+    unusual = rows_of(path, entities.ROCKET, plots.UNUSUAL)
     assert len(unusual) == N + 1
     commanded = np.array([records[0]['commanded'] for _, records in unusual[:-1]], np.float64)
     np.testing.assert_allclose(commanded[:, 0], 60.0, rtol=1e-3)
     assert np.isnan(unusual[-1][1][0]['commanded'][0])
-    engine = [records[0]['engine'] for _, records in rows_of(path, scene.ROCKET, plots.SAMPLE)]
+    engine = [records[0]['engine'] for _, records in rows_of(path, entities.ROCKET, plots.SAMPLE)]
     np.testing.assert_allclose(np.array(engine)[:-1, 0], 30.0, rtol=1e-6)
     given = samples.values[:, FIELDS['disturbance']]
     wind = np.array([records[0]['disturbance'] for _, records in unusual[:-1]], np.float64)
     np.testing.assert_allclose(wind, given[:, :2], rtol=1e-3)
     # The arrow moves with the body and points where the wind blows in the world.
-    arrows = rows_of(path, scene.DISTURBANCE, 'Arrows3D:vectors')
+    arrows = rows_of(path, entities.DISTURBANCE, 'Arrows3D:vectors')
     assert [len(vectors) for _, vectors in arrows] == [1] * N + [0]
     attitude = Rotation.from_quat(samples.values[:, FIELDS['orientation']])
     there = attitude.apply(np.array([vectors[0] for _, vectors in arrows[:-1]]))
     np.testing.assert_allclose(
         there, conditions_log.ARROW * stage().scale * given, atol=1e-4)
-    (step, (text,)), = rows_of(path, scene.CONDITIONS, 'TextDocument:text')
+    (step, (text,)), = rows_of(path, entities.CONDITIONS, 'TextDocument:text')
     assert step == 0
     assert text.splitlines() == [
         '### Rocket 0, episode 0', '', '| condition | drawn | nominal |', '| --- | --- | --- |',
@@ -121,7 +121,7 @@ def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path)
         f'| side acceleration | 0.5 m/s^2, {TOWARDS[world]} | 0 m/s^2 |', '',
         'All else is nominal.']
     assert view_classes(path).count('TextDocument') == 1
-    assert json.loads(read.trajectories(path)[0].summary['conditions']) == {
+    assert json.loads(reader.trajectories(path)[0].summary['conditions']) == {
         'thrust_factor': 0.96, 'action_delay': 2, 'side_acceleration': 0.5,
         'side_direction': np.pi / 3}
 
@@ -130,18 +130,18 @@ def test_nominal_flights_beside_others_stay_as_they_are(tmp_path: Path) -> None:
     path = tmp_path / 'both.rrd'
     recorder = record(path, stage(), joined(
         flight(0), flight(1, throttle_floor=0.6), flight(2)))
-    viewer.verify(path)
+    rerun_program.verify(path)
     assert recorder.flights == 3
-    assert len(rows_of(path, scene.ROCKET, plots.SAMPLE)) == 3 * (N + 1)
-    assert len(rows_of(path, scene.ROCKET, plots.UNUSUAL)) == N + 1
-    (_, (text,)), = rows_of(path, scene.CONDITIONS, 'TextDocument:text')
+    assert len(rows_of(path, entities.ROCKET, plots.SAMPLE)) == 3 * (N + 1)
+    assert len(rows_of(path, entities.ROCKET, plots.UNUSUAL)) == N + 1
+    (_, (text,)), = rows_of(path, entities.CONDITIONS, 'TextDocument:text')
     assert 'episode 1' in text
     assert '| throttle floor | 0.6 | 0 |' in text
     # Nothing blows.
-    assert scene.DISTURBANCE not in {
+    assert entities.DISTURBANCE not in {
         chunk.entity_path for chunk in RrdReader(path).stream() if not chunk.is_static}
     assert 'TextDocument' in view_classes(path)
-    flown = [json.loads(one.summary['conditions']) for one in read.trajectories(path)]
+    flown = [json.loads(one.summary['conditions']) for one in reader.trajectories(path)]
     assert flown == [{}, {'throttle_floor': 0.6}, {}]
 
 
@@ -169,4 +169,4 @@ def test_samples_with_other_conditions_than_their_world_are_refused(tmp_path: Pa
         record(tmp_path / 'none.rrd', stage(), flight(width=3))
     # Who does not say what they are called has nothing shown of them.
     record(tmp_path / 'some.rrd', stage(names=()), flight(width=3))
-    assert scene.CONDITIONS not in entities(tmp_path / 'some.rrd')
+    assert entities.CONDITIONS not in entities_of(tmp_path / 'some.rrd')

@@ -18,26 +18,26 @@ from processes import wait_until
 from recordings import fly
 from rerun.chunk import RrdReader
 
-from rocket_sim_node.recording import follower
-from rocket_sim_node.recording import place
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import Settling
-from rocket_sim_node.recording.live_sink import LiveSink
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import timepoint
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.sink import Look
-from rocket_sim_node.recording.sink import Put
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import Training
-from rocket_sim_node.recording.unsent import FOR_EVER
-from rocket_sim_node.recording.unsent import Unsent
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.base import Look
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.sinks.increments import FOR_EVER
+from rocket_sim_node.recording.sinks.increments import Unsent
+from rocket_sim_node.recording.sinks.live_sink import LiveSink
+from rocket_sim_node.recording.trajectories import follower
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import Settling
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.base import Telemetry
 
 Notes = list[tuple[str, str]]
@@ -169,15 +169,15 @@ def test_what_was_seen_live_is_what_was_recorded(
     assert tape.flights == recorder.flights > 1
     assert tape.parts > 3 * tape.flights
     live, whole = rows(tmp_path / 'live.rrd'), rows(tmp_path / 'file.rrd')
-    summaries = [f.summary for f in read.trajectories(tmp_path / 'file.rrd')]
+    summaries = [f.summary for f in reader.trajectories(tmp_path / 'file.rrd')]
     assert len({(s['row'], s['episode']) for s in summaries}) == recorder.flights
-    pause = place.pause_steps(flown[0])
+    pause = timepoint.pause_steps(flown[0])
     recorded = {
         step for s in summaries
         for step in range(s['first_step'], s['first_step'] + s['samples'] + pause)}
     # What is drawn of a flight does not change when more of it is known ...
     for entity, by_step in whole.items():
-        if entity == scene.CAMERA and flown[0].world != 'lunar_lander':
+        if entity == entities.CAMERA and flown[0].world != 'lunar_lander':
             continue  # ... but for the view, which turns to a vehicle that ends lying.
         # A flight that goes on at the end was seen, but is not recorded.
         assert {step for step in live[entity] if step in recorded} == set(by_step), entity
@@ -195,7 +195,7 @@ def test_a_flight_is_seen_while_it_goes_on(tmp_path: Path, flown: tuple[Stage, S
     feed(recorder, (stage, begun), piece=2)
     assert recorder.flights == tape.flights == 0
     tape.close()
-    poses = rows(path)[scene.ROCKET]
+    poses = rows(path)[entities.ROCKET]
     # The youngest, that is the first of equals; all but its last sample, of which it is not known
     # whether it is the last.
     assert sorted(poses) == list(range(49))
@@ -217,10 +217,10 @@ def test_a_flight_that_breaks_off_leaves_room_for_the_next(
     feed(recorder, (stage, samples.take(samples.step < 40)))
     feed(recorder, flown, session=2)
     recorder.close()
-    first = read.trajectories(tmp_path / 'file.rrd')[0].summary
+    first = reader.trajectories(tmp_path / 'file.rrd')[0].summary
     assert first['first_step'] >= 39
     assert first['episode'] == 0
-    seen = rows(path)[scene.ROCKET]
+    seen = rows(path)[entities.ROCKET]
     assert set(range(39)) < set(seen)
     # The lines of the plots end between the two.
     gap = [step for step in seen if 39 <= step < first['first_step']]
@@ -259,7 +259,7 @@ def test_flights_come_in_the_order_in_which_they_ended(
             Clock(follower.PERIOD))
         feed(recorder, flown, piece=piece)
         recorder.close()
-        order.append([(f.row, f.episode) for f in read.trajectories(path)])
+        order.append([(f.row, f.episode) for f in reader.trajectories(path)])
     samples = flown[1]
     ended = np.flatnonzero(samples.outcome != FLYING)
     assert order[0] == [(samples.row[k], samples.episode[k]) for k in ended]
@@ -280,7 +280,7 @@ def test_viewers_go_on_when_the_file_is_full(
     assert [level for level, _ in notes] == ['WARN']
     assert tape.flights > 1
     assert tape.parts > tape.flights
-    assert read.trajectories(tmp_path / 'file.rrd') == []
+    assert reader.trajectories(tmp_path / 'file.rrd') == []
 
 
 def test_what_a_learner_flies_ends_with_the_room_for_it(
@@ -314,7 +314,7 @@ def test_a_new_session_is_another_flight(tmp_path: Path, flown: tuple[Stage, Sam
     # Rocket, episode and step are the same, and there are more samples at once.
     feed(recorder, flown, session=2, piece=200)
     recorder.close()
-    steps = sorted(rows(tmp_path / 'live.rrd')[scene.ROCKET])
+    steps = sorted(rows(tmp_path / 'live.rrd')[entities.ROCKET])
     whole = np.flatnonzero(np.diff(steps) > 20)
     assert whole.size
     assert steps[whole[0]] <= 31
@@ -333,9 +333,9 @@ def test_closed_in_the_first_flight_it_is_kept_once(
         lambda *note: None, Clock(follower.PERIOD))
     feed(recorder, (stage, samples.take(samples.step < 50)), piece=2)
     recorder.close()
-    flight, = read.trajectories(tmp_path / 'file.rrd')
+    flight, = reader.trajectories(tmp_path / 'file.rrd')
     assert flight.summary['first_step'] == 0
-    assert sorted(rows(tmp_path / 'live.rrd')[scene.ROCKET]) == list(range(51))
+    assert sorted(rows(tmp_path / 'live.rrd')[entities.ROCKET]) == list(range(51))
 
 
 def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go_on(
@@ -422,7 +422,7 @@ def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
     recorder.close()
     assert settled
     live, whole = rows(tmp_path / 'live.rrd'), rows(tmp_path / 'file.rrd')
-    assert set(whole[scene.ROCKET]) <= set(live[scene.ROCKET])
+    assert set(whole[entities.ROCKET]) <= set(live[entities.ROCKET])
 
 
 # Real viewers
@@ -440,18 +440,20 @@ def wait_for_more(path: Path) -> int:
 @pytest.fixture
 def port() -> int:
     """Return a free one."""
-    return viewer.free_port()
+    return rerun_program.free_port()
 
 
 @pytest.fixture
-def start(port: int) -> Iterator[Callable[..., viewer.Program]]:
+def start(port: int) -> Iterator[Callable[..., rerun_program.Program]]:
     """Return what starts a Rerun program that listens at the port."""
     programs = []
 
-    def program(*arguments: str) -> viewer.Program:
-        server = viewer.Program(*arguments, '--bind', viewer.LOCAL, '--port', str(port))
+    def program(*arguments: str) -> rerun_program.Program:
+        server = rerun_program.Program(
+            *arguments, '--bind', rerun_program.LOCAL, '--port', str(port))
         programs.append(server)
-        server.wait_for(lambda: viewer.reachable(viewer.LOCAL, port), 'the server', 20.0)
+        server.wait_for(
+            lambda: rerun_program.reachable(rerun_program.LOCAL, port), 'the server', 20.0)
         return server
 
     yield program
@@ -476,12 +478,12 @@ def test_a_viewer_that_is_away_holds_up_nobody(
     assert time.monotonic() - began < 30.0  # it would wait for ever
     assert len(notes) == 1
     assert 'no viewer at' in notes[0][1]
-    assert len(read.trajectories(path)) == recorder.flights
+    assert len(reader.trajectories(path)) == recorder.flights
 
 
 def test_a_viewer_that_comes_late_gets_what_was_before(
     tmp_path: Path, port: int, flown: tuple[Stage, Samples],
-    start: Callable[..., viewer.Program],
+    start: Callable[..., rerun_program.Program],
 ) -> None:
     notes: Notes = []
     live = LiveSink(url(port), lambda *note: notes.append(note))
@@ -499,18 +501,18 @@ def test_a_viewer_that_comes_late_gets_what_was_before(
     while path.stat().st_size != wait_for_more(path):
         pass
     server.stop()
-    viewer.repair(path, tmp_path / 'mended.rrd')
-    seen, recorded = read.trajectories(tmp_path / 'mended.rrd'), read.trajectories(whole)
+    rerun_program.repair(path, tmp_path / 'mended.rrd')
+    seen, recorded = reader.trajectories(tmp_path / 'mended.rrd'), reader.trajectories(whole)
     assert len(seen) == len(recorded) > 0
     for one, other in zip(seen, recorded, strict=True):
         assert (one.row, one.episode, one.start) == (other.row, other.episode, other.start)
         np.testing.assert_array_equal(one.position, other.position)
     assert any('checkpoint saved' in str(row) for row in rows(tmp_path / 'mended.rrd')[
-        scene.LOG].values())
+        entities.LOG].values())
 
 
 def test_a_viewer_may_go_and_come_back(
-    port: int, flown: tuple[Stage, Samples], start: Callable[..., viewer.Program],
+    port: int, flown: tuple[Stage, Samples], start: Callable[..., rerun_program.Program],
 ) -> None:
     notes: Notes = []
     live = LiveSink(url(port), lambda *note: notes.append(note), patience=0.5)
@@ -538,7 +540,7 @@ def test_a_viewer_that_stands_still_has_one_stream_at_a_time(
         looks.append(address)  # type: ignore[arg-type]
         return False
 
-    monkeypatch.setattr(viewer, 'reachable', look)
+    monkeypatch.setattr(rerun_program, 'reachable', look)
     live = LiveSink(url(port), lambda *note: None)
     stands = threading.Event()
     live._farewell = threading.Thread(target=stands.wait, daemon=True)

@@ -11,33 +11,33 @@ from recordings import record
 from recordings import rows_of
 from recordings import view_classes
 
-from rocket_sim_node.recording import effects
-from rocket_sim_node.recording import flight_log
-from rocket_sim_node.recording import lander
-from rocket_sim_node.recording import palette
-from rocket_sim_node.recording import planar
-from rocket_sim_node.recording import planar_rocket
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
+from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import screenshot
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import FlightBuffer
-from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording import trajectory_log
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node.recording.drawing import planar_view
+from rocket_sim_node.recording.drawing.timepoint import pause_steps
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Layout
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.sceneries import SCENERIES
+from rocket_sim_node.recording.scene import effects
+from rocket_sim_node.recording.scene import lunar_lander
+from rocket_sim_node.recording.scene import rocket_planar
+from rocket_sim_node.recording.scene.sceneries import SCENERIES
 from rocket_sim_node.recording.screenshot import Picture
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import Training
-from rocket_sim_node.worlds import lunar_vehicle
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import Layout
+from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import names
 from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.lunar import vehicle
 
 OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
 LUNAR = Stage.build('lunar_lander', 0.02, OUTCOMES, {'field_half_width': 10.0})
@@ -61,7 +61,7 @@ def descend(episodes: int, n: int = 60, layout: Layout = LAYOUT, high: float = 9
         quantities = {
             'time': 0.02 * k, 'position': np.column_stack(
                 (np.linspace(3.0, 1.0, n), np.zeros(n), np.linspace(high, 0.6, n))),
-            'orientation': planar.turn(np.linspace(0.3, 0.0, n)),
+            'orientation': planar_view.turn(np.linspace(0.3, 0.0, n)),
             'linear_velocity': np.tile((-1.0, 0.0, -5.0), (n, 1)),
             'angular_velocity': np.zeros((n, 3)), 'torque': np.zeros((n, 3)),
             'mass': np.full(n, 50.0 / 9.81), 'fuel': np.zeros(n),
@@ -131,21 +131,21 @@ def test_legs_hang_where_gymnasium_has_them() -> None:
     for k in (0, len(flight) - 1):
         hull = float(np.linspace(0.3, 0.0, 60)[k])
         for column, (i, side) in enumerate(((1, -1.0), (-1, 1.0))):
-            q = -i * (lunar_vehicle.LEG_INNER + float(flight.leg_angle[k, column]))
+            q = -i * (vehicle.LEG_INNER + float(flight.leg_angle[k, column]))
             expected = flight.position[k, [0, 2]] - turn(hull + q) @ (i * 20 / 30, 18 / 30)
             tip = expected + turn(hull + q) @ (0.0, -8 / 30)
-            box = lander.leg(side).position[4:8].astype(np.float64)
+            box = lunar_lander.leg(side).position[4:8].astype(np.float64)
             in_hull = effects.to_world(
-                planar.turn(np.full(4, side * lander.turned(flight)[k, column])), box)
+                planar_view.turn(np.full(4, side * lunar_lander.turned(flight)[k, column])), box)
             drawn = flight.position[k] + effects.to_world(
                 np.tile(flight.orientation[k], (4, 1)), in_hull)
             np.testing.assert_allclose(drawn.mean(axis=0)[[0, 2]], expected, atol=1e-6)
             np.testing.assert_allclose(
-                lander.feet(flight)[k, column, [0, 2]], tip, atol=1e-9)
+                lunar_lander.feet(flight)[k, column, [0, 2]], tip, atol=1e-9)
 
 
 def test_feet_of_the_rocket_stand_at_its_stance() -> None:
-    feet = planar_rocket.feet(one_flight(), PLANAR)
+    feet = rocket_planar.feet(one_flight(), PLANAR)
     np.testing.assert_allclose(feet[-1], [[1 - 6, 0, 0.6 - 5.2], [1 + 6, 0, 0.6 - 5.2]])
     assert feet[0, 0, 2] < feet[0, 1, 2], 'turned to the left the left foot is the lower one'
 
@@ -153,22 +153,22 @@ def test_feet_of_the_rocket_stand_at_its_stance() -> None:
 def test_what_a_lander_did_is_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(2))
-    viewer.verify(path)
+    rerun_program.verify(path)
     second = 60 + pause_steps(LUNAR)
-    ground = rows_of(path, scene.TERRAIN, 'Mesh3D:vertex_positions')
+    ground = rows_of(path, entities.TERRAIN, 'Mesh3D:vertex_positions')
     assert [step for step, _ in ground] == [0, second]
     for number, (_, vertices) in enumerate(ground, 1):
         top = np.array(vertices)[1:12]
         np.testing.assert_allclose(top[:, 0], np.linspace(-10, 10, 11))
         np.testing.assert_allclose(top[:, 2], number * TERRAIN, rtol=1e-6)
-    for leg, side, touched in zip(scene.LEGS, (-1.0, 1.0), (50, 55), strict=True):
+    for leg, side, touched in zip(entities.LEGS, (-1.0, 1.0), (50, 55), strict=True):
         turns = dict(rows_of(path, leg, 'Transform3D:quaternion'))
         assert list(turns) == [0, touched, second, second + touched]
         for step, angle in ((0, 0.0), (touched, 0.2)):
             # Outwards is counter-clockwise, about -y, for the right leg.
-            half = side * (lunar_vehicle.LEG_INNER + angle) / 2
+            half = side * (vehicle.LEG_INNER + angle) / 2
             assert turns[step][0] == pytest.approx([0, -np.sin(half), 0, np.cos(half)])
-    puffs = rows_of(path, scene.PUFF, 'Transform3D:quaternion')
+    puffs = rows_of(path, entities.PUFF, 'Transform3D:quaternion')
     assert puffs[0][1][0] == pytest.approx([0, -1, 0, 0], abs=1e-6), 'pushed right, blown left'
     assert puffs[1][0] == 30
     assert puffs[1][1][0] == pytest.approx([0, 0, 0, 1])
@@ -178,13 +178,13 @@ def test_contact_lights_up_and_goes_out(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(2))
     lit = {step: len(feet) for step, feet in rows_of(
-        path, scene.CONTACT, 'Points3D:positions')}
+        path, entities.CONTACT, 'Points3D:positions')}
     clear = 60 + pause_steps(LUNAR) - 1
     assert lit[50] == 1
     assert lit[55] == 2
     assert lit[clear] == 0
     assert min(lit) == 50
-    arrows = dict(rows_of(path, scene.CONTACT, 'Arrows3D:vectors'))
+    arrows = dict(rows_of(path, entities.CONTACT, 'Arrows3D:vectors'))
     # A force of one weight.
     assert arrows[50][0] == pytest.approx([0.0, 0.0, 2.0 * LUNAR.unit])
     assert arrows[clear] == []
@@ -195,7 +195,7 @@ def test_no_contact_costs_nothing(tmp_path: Path) -> None:
     samples.values[:, LAYOUT.place('contact')] = 0.0
     samples.values[:, FIELDS['contact_force']] = 0.0
     record(tmp_path / 'run.rrd', LUNAR, samples)
-    assert rows_of(tmp_path / 'run.rrd', scene.CONTACT, 'Points3D:positions') == []
+    assert rows_of(tmp_path / 'run.rrd', entities.CONTACT, 'Points3D:positions') == []
 
 
 def test_a_lander_stands_where_training_is_shown(tmp_path: Path) -> None:
@@ -206,10 +206,12 @@ def test_a_lander_stands_where_training_is_shown(tmp_path: Path) -> None:
     recorder.world(LUNAR)
     recorder.states(1, descend(1))
     recorder.close()
-    viewer.verify(path)
+    rerun_program.verify(path)
     for entity, component in (
-            (scene.TERRAIN, 'Mesh3D:vertex_positions'), (scene.CAMERA, 'Transform3D:translation'),
-            (scene.ROCKET, 'Transform3D:translation'), (scene.LEGS[0], 'Transform3D:quaternion')):
+            (entities.TERRAIN, 'Mesh3D:vertex_positions'),
+            (entities.CAMERA, 'Transform3D:translation'),
+            (entities.ROCKET, 'Transform3D:translation'),
+            (entities.LEGS[0], 'Transform3D:quaternion')):
         assert len(rows_of(path, entity, component, timeline='iteration')) == 1
     assert '2D' in view_classes(path)
     assert view_classes(path).count('TimeSeries') > len(SCENERIES['lunar_lander'].plots)
@@ -220,7 +222,7 @@ def test_flights_are_read_back(tmp_path: Path, stage: Stage, layout: Layout) -> 
     path = tmp_path / 'run.rrd'
     samples = descend(2, layout=layout)
     record(path, stage, samples)
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     assert [flight.outcome for flight in flights] == ['landed', 'landed']
     for number, flight in enumerate(flights):
         given = samples.values[samples.episode == number]
@@ -249,26 +251,26 @@ def test_each_world_has_its_view(tmp_path: Path) -> None:
 def test_it_settles_when_it_touches() -> None:
     flight = one_flight()
     flight.values[:, FIELDS['throttle']] = 0.0
-    assert flight_log.phases(flight) == [(0, 'fall'), (50, 'settling'), (59, 'landed')]
+    assert trajectory_log.phases(flight) == [(0, 'fall'), (50, 'settling'), (59, 'landed')]
 
 
 def test_marks_lie_on_the_ground() -> None:
     flight = one_flight()
     # At x = 1 the terrain is half way between its sixth and seventh point, both 0.
-    assert flight_log.touchdown(flight, LUNAR)[2] == pytest.approx(0.25 * LUNAR.scale)
+    assert trajectory_log.touchdown(flight, LUNAR)[2] == pytest.approx(0.25 * LUNAR.scale)
     flight.values[:, FIELDS['position'].start] = 9.0
     ground = (4.0 + 3.5) / 2
     flight.values[-1, FIELDS['position'].start + 2] = ground + 1.0
-    assert flight_log.touchdown(flight, LUNAR, 2.0)[2] == pytest.approx(
+    assert trajectory_log.touchdown(flight, LUNAR, 2.0)[2] == pytest.approx(
         ground + 0.25 * LUNAR.scale)
     flight.values[-1, FIELDS['position'].start + 2] = 9.0
-    assert flight_log.touchdown(flight, LUNAR, 2.0)[2] == 9.0
+    assert trajectory_log.touchdown(flight, LUNAR, 2.0)[2] == 9.0
 
 
 def test_the_field_fills_the_view() -> None:
-    x, y, z, height = lander.frame(np.array((7.0, 0.0, 9.0)), LUNAR)
+    x, y, z, height = lunar_lander.frame(np.array((7.0, 0.0, 9.0)), LUNAR)
     assert (x, y) == (0.0, 0.0)
-    assert height * lander.ASPECT == pytest.approx(20.0)
+    assert height * lunar_lander.ASPECT == pytest.approx(20.0)
     assert z + height / 2 == pytest.approx(10.0)
 
 
@@ -283,7 +285,7 @@ def test_outcomes_of_any_world_differ_in_colour() -> None:
 def test_the_picture_of_a_low_flight_is_taken_near_the_ground(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(1))
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     when = screenshot.moment(Picture(str(path), at='burn'), flights)
     height = np.interp(when, flights[0].time, flights[0].position[:, 2])
     assert 0.6 < height < 0.6 + 0.3 * 8.4

@@ -11,19 +11,19 @@ import rerun as rr
 from recordings import record
 from rerun.chunk import RrdReader
 
-from ppo_agent_node.evaluation import side_by_side
+from ppo_agent_node.commands import recorded_flights
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
-from rocket_sim_node.recording import plots
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.plots import Plot
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import Layout
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.sceneries import SCENERIES
-from rocket_sim_node.recording.stage import Stage
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import plots
+from rocket_sim_node.recording.drawing.plots import Plot
+from rocket_sim_node.recording.scene.sceneries import SCENERIES
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import Layout
+from rocket_sim_node.telemetry.samples import Samples
 
 
 def stage_of(name: str) -> Stage:
@@ -59,7 +59,7 @@ def test_rough_values_are_near_and_finite() -> None:
 
 def landing(name: str) -> Samples:
     world = worlds.make(name, 1)
-    return side_by_side.fly(world, scripted_pilot(world.spec), 3)
+    return recorded_flights.fly(world, scripted_pilot(world.spec), 3)
 
 
 @pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
@@ -68,7 +68,7 @@ def test_lines_have_names_and_colours(tmp_path: Path, world: str) -> None:
     record(path, stage_of(world), landing(world))
     styles = {}
     for chunk in RrdReader(path).stream():
-        if chunk.entity_path == scene.ROCKET and chunk.is_static:
+        if chunk.entity_path == entities.ROCKET and chunk.is_static:
             batch = chunk.to_record_batch()
             styles.update({
                 name: batch.column(name).to_pylist()[0][0] for name in batch.schema.names
@@ -95,7 +95,7 @@ def test_what_was_recorded_with_a_component_for_each_plot_is_read(
     record(tmp_path / 'new.rrd', *flown)
     monkeypatch.setattr(plots, 'columns', columns)
     record(tmp_path / 'old.rrd', *flown)
-    new, old = (read.trajectories(tmp_path / f'{name}.rrd')[0] for name in ('new', 'old'))
+    new, old = (reader.trajectories(tmp_path / f'{name}.rrd')[0] for name in ('new', 'old'))
     for name in ('position', 'velocity', 'tilt', 'throttle', 'fuel', 'reward'):
         np.testing.assert_array_equal(getattr(new, name), getattr(old, name), name)
     assert new.throttle.max() > 0.5

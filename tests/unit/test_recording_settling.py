@@ -14,31 +14,31 @@ from recordings import record
 from recordings import rows_of
 
 from rocket_sim_node import worlds
-from rocket_sim_node.recording import camera
-from rocket_sim_node.recording import planar
-from rocket_sim_node.recording import read
-from rocket_sim_node.recording import scene
-from rocket_sim_node.recording import touchdown
-from rocket_sim_node.recording import vehicle
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import Settling
-from rocket_sim_node.recording.flight_log import log_flight
-from rocket_sim_node.recording.place import Place
-from rocket_sim_node.recording.place import pause_steps
+from rocket_sim_node.recording import reader
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import planar_view
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import pause_steps
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import HELD
 from rocket_sim_node.recording.recorder import MOST_HELD
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import FIELDS
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import WIDTH
-from rocket_sim_node.recording.samples import Layout
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import Training
-from rocket_sim_node.worlds.outcome import OUTCOMES
+from rocket_sim_node.recording.scene import camera
+from rocket_sim_node.recording.scene import rocket_model
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import Settling
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectory_log import log_flight
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import WIDTH
+from rocket_sim_node.telemetry.samples import Layout
+from rocket_sim_node.telemetry.samples import Samples
+from rocket_sim_node.worlds.rocket.outcome import OUTCOMES
 
 STAGE = Stage('rocket', 0.02, ('landed', 'too_fast'), settings={'dry_mass': 22_000.0})
 FLIGHT, AFTER = 100, 150
@@ -76,7 +76,7 @@ def toppled(stage: Stage) -> Settling:
     force = np.zeros((AFTER, 3))
     force[:, 2] = 22_000.0 * 9.81
     return Settling.build(
-        'tips_over', foot + arm, planar.turn(-angle), contact_force=force)
+        'tips_over', foot + arm, planar_view.turn(-angle), contact_force=force)
 
 
 @pytest.fixture
@@ -85,12 +85,12 @@ def settled(tmp_path: Path) -> Path:
     path = tmp_path / 'run.rrd'
     recorder = record(path, STAGE, two_flights(), topple)
     assert recorder.steps == 2 * FLIGHT + AFTER
-    viewer.verify(path)
+    rerun_program.verify(path)
     return path
 
 
 def test_flights_are_what_they_were(settled: Path) -> None:
-    first, second = read.trajectories(settled)
+    first, second = reader.trajectories(settled)
     assert len(first.time) == len(second.time) == FLIGHT
     assert first.position[-1, 2] == pytest.approx(5.2)
     assert first.summary['return'] == FLIGHT - 1
@@ -101,12 +101,12 @@ def test_flights_are_what_they_were(settled: Path) -> None:
 
 
 def test_the_vehicle_goes_on_moving(settled: Path) -> None:
-    poses = dict(rows_of(settled, scene.ROCKET, 'Transform3D:translation'))
+    poses = dict(rows_of(settled, entities.ROCKET, 'Transform3D:translation'))
     settling = toppled(STAGE)
     for k in (0, 50, AFTER - 1):
         np.testing.assert_allclose(
             poses[FLIGHT + k][0], settling.values[k, FIELDS['position']], atol=1e-5)
-    tilt = dict(lines_of(settled, scene.ROCKET, 'tilt'))
+    tilt = dict(lines_of(settled, entities.ROCKET, 'tilt'))
     assert tilt[FLIGHT + AFTER - 1][0] == pytest.approx(90.0)
     assert np.isnan(tilt[FLIGHT + AFTER][0]), 'a gap ends the lines'
 
@@ -156,7 +156,7 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     assert asked == [2, MOST_HELD + 1, 1, 2, 2]
     recorder.close()
     assert asked == [2, MOST_HELD + 1, 1, 2, 2]
-    flights = read.trajectories(path)
+    flights = reader.trajectories(path)
     assert [flight.summary['settled'] for flight in flights] == [AFTER, 0] * 11 + [0, AFTER, 0]
     order = [flight.summary['simulator_step'] for flight in flights]
     assert order == sorted(order)
@@ -174,8 +174,8 @@ def test_what_is_reported_comes_after_the_flights_before_it(tmp_path: Path) -> N
     recorder.states(2, two_flights())
     recorder.training(Training('done', 1, {}))
     recorder.close()
-    told = dict((text[0], step) for step, text in rows_of(path, scene.LOG, 'TextLog:text'))
-    flights = read.trajectories(path)
+    told = dict((text[0], step) for step, text in rows_of(path, entities.LOG, 'TextLog:text'))
+    flights = reader.trajectories(path)
     ends = [flight.summary['first_step'] + flight.summary['samples'] for flight in flights]
     assert len(ends) == 4
     flown, done = (
@@ -194,27 +194,27 @@ def test_room_that_ends_amid_flights_that_settle_together(tmp_path: Path) -> Non
         recorder.states(session, two_flights())
     recorder.close()
     assert recorder.steps == 3 * FLIGHT + AFTER - FLIGHT
-    assert [flight.summary['settled'] for flight in read.trajectories(path)] == [AFTER, 0]
+    assert [flight.summary['settled'] for flight in reader.trajectories(path)] == [AFTER, 0]
 
 
 def test_it_is_said(settled: Path) -> None:
     states = [
-        (step, state[0]) for step, state in rows_of(settled, scene.PHASE, 'StateChange:state')]
+        (step, state[0]) for step, state in rows_of(settled, entities.PHASE, 'StateChange:state')]
     end = FLIGHT + AFTER - 1
     assert states[:5] == [
         (0, 'burn'), (FLIGHT - 1, 'landed'), (FLIGHT, 'settling'), (end, 'tips_over'),
         (end + pause_steps(STAGE) - 1, 'tips_over')]
     assert states[-1][1] == 'too_fast'
-    labels = dict(rows_of(settled, scene.PHASE, 'Points3D:labels'))
+    labels = dict(rows_of(settled, entities.PHASE, 'Points3D:labels'))
     assert labels[end][0].startswith('landed, tips over\n')
     assert not labels[FLIGHT - 1]
-    texts = [text[0] for _, text in rows_of(settled, scene.LANDINGS, 'TextLog:text')]
+    texts = [text[0] for _, text in rows_of(settled, entities.LANDINGS, 'TextLog:text')]
     assert 'episode 0: landed, tips over, ' in texts[0]
     assert 'episode 1: too fast, ' in texts[1]
 
 
 def test_the_ground_pushes_until_the_next_flight(settled: Path) -> None:
-    arrows = dict(rows_of(settled, scene.CONTACT, 'Arrows3D:vectors'))
+    arrows = dict(rows_of(settled, entities.CONTACT, 'Arrows3D:vectors'))
     assert min(arrows) == FLIGHT
     assert arrows[FLIGHT][0] == pytest.approx([0.0, 0.0, 2.0 * STAGE.unit])
     assert arrows[FLIGHT + AFTER + pause_steps(STAGE) - 1] == []
@@ -227,10 +227,10 @@ def test_nothing_is_added_where_nothing_settles(tmp_path: Path) -> None:
     for name, settle in (('with', nothing), ('without', None)):
         record(tmp_path / f'{name}.rrd', STAGE, two_flights(), settle)
     for entity, component in (
-            (scene.ROCKET, 'Transform3D:translation'), (scene.PHASE, 'StateChange:state')):
+            (entities.ROCKET, 'Transform3D:translation'), (entities.PHASE, 'StateChange:state')):
         assert (rows_of(tmp_path / 'with.rrd', entity, component)
                 == rows_of(tmp_path / 'without.rrd', entity, component))
-    assert rows_of(tmp_path / 'without.rrd', scene.CONTACT, 'Arrows3D:vectors') == []
+    assert rows_of(tmp_path / 'without.rrd', entities.CONTACT, 'Arrows3D:vectors') == []
 
 
 def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
@@ -263,8 +263,8 @@ def test_the_view_holds_what_has_toppled() -> None:
     assert len(whole) == FLIGHT + AFTER
     assert flight.followed_by(None) is flight
     view = camera.shots(whole, STAGE)[-1]
-    ends = whole.position[-1] + np.array(((0.0,), (vehicle.NOSE,))) * whole.up[-1]
-    assert ends[1, 0] == pytest.approx(6.7 + 5.2 + vehicle.NOSE)
+    ends = whole.position[-1] + np.array(((0.0,), (rocket_model.NOSE,))) * whole.up[-1]
+    assert ends[1, 0] == pytest.approx(6.7 + 5.2 + rocket_model.NOSE)
     assert np.all(np.abs(ends - view[:3]) < view[3] / 2)
     standing = camera.shots(flight, STAGE)[-1]
     assert ends[1, 0] > standing[0] + standing[3] / 2, 'the shot of a landing would not do'

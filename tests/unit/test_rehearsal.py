@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from ppo_agent_node.learning import rehearsal
-from ppo_agent_node.learning.presets import load_preset
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.training import preflight
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.rocket import conditions
 
 ROBUST = load_preset('robust')
 HARSH, MIX = ({**conditions.settings(name), 'level': 7} for name in ('harsh', 'mix'))
@@ -39,7 +39,7 @@ class Simulators:
 def test_all_starts_of_a_run_are_tried() -> None:
     """Those of `robust`: its level, the wider one under harsher conditions, demonstrations."""
     simulators = Simulators()
-    rehearsal.try_starts(simulators.fly, ROBUST)
+    preflight.try_starts(simulators.fly, ROBUST)
     demonstrations = simulators.asked[-1]
     assert simulators.asked[:-1] == [MIX, HARSH]
     assert demonstrations.items() > {**conditions.settings('mix'), 'level': 7}.items()
@@ -48,10 +48,10 @@ def test_all_starts_of_a_run_are_tried() -> None:
 
 def test_who_asked_for_a_start_that_is_refused_is_told() -> None:
     with pytest.raises(ValueError, match=r'^curriculum_wide_level: no such weather here$'):
-        rehearsal.try_starts(Simulators(HARSH).fly, ROBUST)
+        preflight.try_starts(Simulators(HARSH).fly, ROBUST)
     with pytest.raises(ValueError, match=r'^curriculum, level 7: no such weather here$'):
-        rehearsal.try_starts(Simulators(MIX).fly, ROBUST)
+        preflight.try_starts(Simulators(MIX).fly, ROBUST)
     reverse = load_preset('from_scratch')
     reached = {'level': 7, 'spawn_reach': reverse.curriculum.curriculum_start_reach}
     with pytest.raises(ValueError, match=r'^curriculum_start_reach: no such weather here$'):
-        rehearsal.try_starts(Simulators(reached).fly, reverse)
+        preflight.try_starts(Simulators(reached).fly, reverse)

@@ -13,20 +13,20 @@ from recordings import record
 from rerun.blueprint.encodings import ComponentSourceKind
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
-from ppo_agent_node.evaluation import side_by_side
+from ppo_agent_node.commands import recorded_flights
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
-from rocket_sim_node.recording import comparison
-from rocket_sim_node.recording import read
+from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import render
-from rocket_sim_node.recording import touchdown
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.comparison import Side
+from rocket_sim_node.recording.comparison import comparison
+from rocket_sim_node.recording.comparison.comparison import Side
+from rocket_sim_node.recording.drawing.training_plots import LINES
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import LINES
-from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import Samples
 
 SEED = 3
 
@@ -37,7 +37,7 @@ def flown(world: str) -> tuple[Stage, Samples]:
     spec = simulated.spec
     stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
     for seed in range(SEED, SEED + 10):
-        samples = side_by_side.fly(simulated, scripted_pilot(spec), seed)
+        samples = recorded_flights.fly(simulated, scripted_pilot(spec), seed)
         if spec.outcomes.index('landed') in samples.outcome:
             return stage, samples
     raise AssertionError('none landed')
@@ -48,7 +48,7 @@ def test_every_world_is_drawn(tmp_path: Path, world: str) -> None:
     path = tmp_path / 'run.rrd'
     stage, samples = flown(world)
     record(path, stage, samples, touchdown.follow)
-    flight, = read.trajectories(path)
+    flight, = reader.trajectories(path)
     assert flight.outcome == 'landed'
     end = flight.start + float(flight.time[-1])
     high, low = rendering.pictures(path, [flight.start + 0.2 * float(flight.time[-1]), end + 1.0])
@@ -93,9 +93,9 @@ def test_a_comparison_is_drawn(tmp_path: Path) -> None:
     simulated = worlds.make('rocket', 1)
     spec = simulated.spec
     stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
-    flights = side_by_side.flights(
-        side_by_side.fly(simulated, scripted_pilot(spec), SEED), spec.outcomes)
-    idle = side_by_side.flights(side_by_side.fly(
+    flights = recorded_flights.flights(
+        recorded_flights.fly(simulated, scripted_pilot(spec), SEED), spec.outcomes)
+    idle = recorded_flights.flights(recorded_flights.fly(
         simulated, Idle(), SEED), spec.outcomes)
     sides = [
         Side('1_first', 'first', 'The first', flights), Side('2_idle', 'idle', 'Idle', idle)]
@@ -142,7 +142,7 @@ def test_what_the_viewer_complains_of_is_told(tmp_path: Path) -> None:
         rr.DynamicArchetype.columns('A', components={'b': np.arange(9.0)}))
     stream.flush()
     stream.disconnect()
-    with pytest.raises(viewer.ViewerError, match='the viewer reports: Broken'):
+    with pytest.raises(rerun_program.ViewerError, match='the viewer reports: Broken'):
         rendering.pictures(path, [3.0])
 
 

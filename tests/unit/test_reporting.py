@@ -18,22 +18,22 @@ from reports import flown
 from reports import write_evaluation
 from reports import write_training
 
+from ppo_agent_node.commands import report
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.evaluation.episode_table import from_result
-from ppo_agent_node.evaluation.intervals import bootstrap_mean
-from ppo_agent_node.evaluation.intervals import mean_interval
 from ppo_agent_node.evaluation.metrics import summarise
-from ppo_agent_node.reporting import figures_table
-from ppo_agent_node.reporting import pictures
-from ppo_agent_node.reporting import report
-from ppo_agent_node.reporting import settings_table
-from ppo_agent_node.reporting import style
-from ppo_agent_node.reporting.flight_pictures import outcomes_figure
-from ppo_agent_node.reporting.flight_pictures import returns_figure
+from ppo_agent_node.reporting.pages import figures_table
+from ppo_agent_node.reporting.pages import settings_table
+from ppo_agent_node.reporting.pictures import catalogue
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures.flights import outcomes_figure
+from ppo_agent_node.reporting.pictures.flights import returns_figure
+from ppo_agent_node.reporting.pictures.touchdowns import fuel_figure
+from ppo_agent_node.reporting.pictures.training_curves import smooth
+from ppo_agent_node.reporting.pictures.training_curves import training_figure
 from ppo_agent_node.reporting.run_files import load
-from ppo_agent_node.reporting.touchdown_pictures import fuel_figure
-from ppo_agent_node.reporting.training_pictures import smooth
-from ppo_agent_node.reporting.training_pictures import training_figure
+from ppo_agent_node.statistics import bootstrap_mean
+from ppo_agent_node.statistics import mean_interval
 
 OF_ROCKET = {
     'outcomes.png', 'returns.png', 'touchdown.png', 'footprint.png', 'fuel.png',
@@ -322,7 +322,7 @@ def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command as a process."""
     return subprocess.run(
-        [sys.executable, '-m', 'ppo_agent_node.reporting.report', *arguments],
+        [sys.executable, '-m', 'ppo_agent_node.commands.report', *arguments],
         capture_output=True, text=True, timeout=110, check=False)
 
 
@@ -359,6 +359,6 @@ def test_the_command_refuses_in_one_line(
 
 
 def test_every_picture_of_the_catalogue_has_its_sentence() -> None:
-    for name, entry in pictures.CATALOGUE.items():
+    for name, entry in catalogue.CATALOGUE.items():
         assert entry.caption.endswith('.'), name
         assert '. ' not in entry.caption, name

@@ -13,17 +13,17 @@ from reports import flown
 from reports import write_evaluation
 from reports import write_training
 
+from ppo_agent_node.commands.report import write_comparison
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.metrics import summarise
-from ppo_agent_node.reporting import seeds
-from ppo_agent_node.reporting import style
-from ppo_agent_node.reporting.initial_conditions import binned
-from ppo_agent_node.reporting.initial_conditions import conditions_figure
-from ppo_agent_node.reporting.initial_conditions import label
-from ppo_agent_node.reporting.initial_conditions import varying
-from ppo_agent_node.reporting.report import write_comparison
+from ppo_agent_node.reporting.pictures import learning_curves
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures.initial_conditions import binned
+from ppo_agent_node.reporting.pictures.initial_conditions import conditions_figure
+from ppo_agent_node.reporting.pictures.initial_conditions import label
+from ppo_agent_node.reporting.pictures.initial_conditions import varying
+from ppo_agent_node.reporting.pictures.learning_curves import Curve
 from ppo_agent_node.reporting.run_files import load
-from ppo_agent_node.reporting.seeds import Curve
 
 
 def test_bins_hold_equally_many_and_have_wilsons_interval() -> None:
@@ -73,12 +73,12 @@ def test_runs_are_grouped_by_all_but_the_seed_and_told_apart(tmp_path: Path) -> 
     runs = [load(write_training(tmp_path / f'{number}', seed, clip_range=clip, gamma=gamma))
             for number, (seed, clip, gamma) in enumerate((
                 (1, 0.1, 0.99), (2, 0.1, 0.99), (1, 0.3, 0.99), (3, 0.3, 0.9)))]
-    groups = seeds.groups(runs)
+    groups = learning_curves.groups(runs)
     assert [[run.name for run in group.runs] for group in groups] == [['0', '1'], ['2'], ['3']]
     assert [group.title for group in groups] == [
         'A: clip_range 0.1, gamma 0.99', 'B: clip_range 0.3, gamma 0.99',
         'C: clip_range 0.3, gamma 0.9']
-    alone = seeds.groups(runs[:2])
+    alone = learning_curves.groups(runs[:2])
     assert [(group.title, len(group.runs)) for group in alone] == [('rocket', 2)]
 
 
@@ -87,7 +87,7 @@ def test_evaluations_alone_are_told_apart_by_pilot_and_level(tmp_path: Path) -> 
         load(write_evaluation(tmp_path / 'expert', flown(level=8))),
         load(write_evaluation(tmp_path / 'random', flown(pilot='random'))),
         load(write_training(tmp_path / 'run'))]
-    titles = [group.title for group in seeds.groups(runs)]
+    titles = [group.title for group in learning_curves.groups(runs)]
     assert titles[0].startswith('A: pilot expert, level 8')
     assert titles[1].startswith('B: pilot random, level 7')
     assert titles[2].startswith('C: ')
@@ -98,26 +98,27 @@ def test_evaluations_alone_are_told_apart_by_pilot_and_level(tmp_path: Path) -> 
 def test_the_band_is_median_lowest_and_highest_where_all_seeds_are() -> None:
     x = np.arange(11.0)
     curves = [Curve(x, 1.0 * x), Curve(x + 2, 3.0 * (x + 2)), Curve(x, 0.0 * x - 1)]
-    over = seeds.band(curves)
+    over = learning_curves.band(curves)
     assert over is not None
     assert over.x[[0, -1]].tolist() == [2.0, 10.0]
     each = np.stack([over.x, 3 * over.x, np.full_like(over.x, -1.0)])
     assert over.median == pytest.approx(np.median(each, axis=0))
     assert over.low == pytest.approx(each.min(axis=0))
     assert over.high == pytest.approx(each.max(axis=0))
-    assert seeds.band([Curve(x, x), Curve(x + 20, x)]) is None
+    assert learning_curves.band([Curve(x, x), Curve(x + 20, x)]) is None
 
 
 def test_curves_stand_over_steps_and_over_the_clock(tmp_path: Path) -> None:
     run = load(write_training(tmp_path / 'run', seed=2, iterations=4))
-    steps, clock = (seeds.curve(run, 'mean_return', by_time) for by_time in (False, True))
+    steps, clock = (
+        learning_curves.curve(run, 'mean_return', by_time) for by_time in (False, True))
     assert steps is not None
     assert clock is not None
     assert steps.x.tolist() == [1100, 1200, 1300]
     assert steps.y.tolist() == clock.y.tolist() == [3.0, 4.0, 5.0]
     # Half a minute of demonstrations, as much of cloning, then one minute an iteration.
     assert clock.x.tolist() == [3.0, 4.0, 5.0]
-    assert seeds.curve(run, 'scores') is None
+    assert learning_curves.curve(run, 'scores') is None
 
 
 def labels(figure: Figure | None) -> list[str]:
@@ -135,7 +136,8 @@ def test_every_group_that_is_drawn_is_named(tmp_path: Path) -> None:
     (young / 'train.jsonl').write_text(''.join(json.dumps({
         name: value for name, value in line.items() if not name.startswith('selection')
     }) + '\n' for line in log))
-    figure = seeds.seeds_figure(seeds.groups([load(run) for run in (one, two, young)]))
+    runs = [load(run) for run in (one, two, young)]
+    figure = learning_curves.seeds_figure(learning_curves.groups(runs))
     assert labels(figure) == ['A: gamma 0.9 (2 seeds)', 'B: gamma 0.8 (1 seed)']
 
 
@@ -151,7 +153,7 @@ def test_a_number_that_no_float_holds_is_refused_by_name(tmp_path: Path, number:
 def test_seeds_that_do_not_overlap_have_no_median(tmp_path: Path) -> None:
     runs = [load(write_training(tmp_path / name, seed, first_step=step))
             for name, seed, step in (('a', 1, 0), ('b', 2, 9000))]
-    figure = seeds.seeds_figure(seeds.groups(runs))
+    figure = learning_curves.seeds_figure(learning_curves.groups(runs))
     assert labels(figure) == ['rocket (2 seeds)']
     assert figure is not None
     by_steps = figure.axes[0].get_lines()

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ppo_agent_node.learning.curriculum_config import CurriculumConfig
-from ppo_agent_node.learning.reverse_curriculum import ReverseCurriculum
+from ppo_agent_node.config.curriculum_config import CurriculumConfig
+from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds import spawn
+from rocket_sim_node.worlds.rocket import spawn
 
 CONFIG = CurriculumConfig(
     curriculum_start_reach=0.4, curriculum_reach_growth=1.2, curriculum_reach_hardest=0.2,

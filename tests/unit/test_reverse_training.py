@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 import torch
 
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.ending import Result
-from ppo_agent_node.learning.journal import TIMES
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import TIMES
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training.stop_criterion import Result
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 SETTINGS: dict[str, Any] = {
     'demonstration_episodes': 0, 'hidden_sizes': (16, 16), 'iterations': 12, 'n_steps': 40,

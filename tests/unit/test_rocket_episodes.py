@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 F64 = NDArray[np.float64]
 

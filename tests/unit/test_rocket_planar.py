@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 import ppo_agent_node
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import registry
-from rocket_sim_node.worlds import spawn
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import Telemetry
-from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
-from rocket_sim_node.worlds.rocket import RocketWorld
-from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
+from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
+from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
+from rocket_sim_node.worlds.rocket import spawn
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 F64 = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from forging import contents
 from forging import packed
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
+from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
 
 N = 40
 

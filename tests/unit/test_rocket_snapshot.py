@@ -13,7 +13,7 @@ from forging import packed
 from numpy.typing import NDArray
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.rocket import RocketWorld
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 N = 5
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rocket_sim_node.worlds import rotation
+from rocket_sim_node.worlds.rocket import rotation
 
 F64 = NDArray[np.float64]
 

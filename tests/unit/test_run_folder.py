@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from ppo_agent_node import atomic_file
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.run_folder import RunFolderError
-from ppo_agent_node.learning.train_log import read_log
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.folder import RunFolderError
+from ppo_agent_node.runs.train_log import read_log
 
 
 @pytest.fixture

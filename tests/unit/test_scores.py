@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppo_agent_node.learning.scores import ScoreLines
-from ppo_agent_node.learning.scores import moving_average
+from ppo_agent_node.runs.episode_scores import ScoreLines
+from ppo_agent_node.runs.episode_scores import moving_average
 
 
 def test_lines_are_those_of_the_original() -> None:

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from rocket_sim_node.wire import security
-from rocket_sim_node.wire.security import SecurityError
-from rocket_sim_node.wire.security import require
+from rocket_sim_node.wire.dds import security
+from rocket_sim_node.wire.dds.security import SecurityError
+from rocket_sim_node.wire.dds.security import require
 
 SUPPORTED = security.supported
 POLICY = Path(__file__).parents[2] / 'launch_scripts' / 'security' / 'hoverslam.policy.xml'

@@ -16,22 +16,22 @@ from benchmarks import seeds as bench_seeds
 from numpy.typing import NDArray
 from training_runs import SMALL
 
+from ppo_agent_node import random_streams
+from ppo_agent_node.commands import pictures
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import RunConfig
 from ppo_agent_node.evaluation import conditions_table
-from ppo_agent_node.evaluation import showcase
 from ppo_agent_node.evaluation import tuning
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.learning import streams
-from ppo_agent_node.learning.config import RunConfig
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
 from ppo_agent_node.pilots.random import RandomPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 EVALUATIONS = (
-    RunConfig.evaluation_seed, conditions_table.SEED, showcase.SEED, bench_seeds.SEED, 60_000_000)
+    RunConfig.evaluation_seed, conditions_table.SEED, pictures.SEED, bench_seeds.SEED, 60_000_000)
 """where starts of published figures begin; the last is in the documents"""
 TRAINING, SELECTION = ('demonstrations', 'dagger', 'world', 'starts'), 'selection'
 """purposes of the seeds that worlds are reset with"""
@@ -42,7 +42,7 @@ def test_seeds_of_training_selection_evaluation_and_tuning_are_disjoint() -> Non
     found: dict[str, set[int]] = defaultdict(set)
     for seed, purpose in itertools.product((1, 2, 3, 4, 5), (*TRAINING, SELECTION)):
         found[purpose] |= {
-            streams.derived_seed(seed, purpose, *index)
+            random_streams.derived_seed(seed, purpose, *index)
             for index in (*((first,) for first in range(300)),
                           *itertools.product(range(300), range(1, 4)))}
     for one, other in itertools.combinations(found.values(), 2):
@@ -88,7 +88,7 @@ def test_a_run_is_selected_and_evaluated_on_starts_that_it_did_not_train_on(
     rehearsed, = {first for first, _ in watched.resets.pop('')}
     assert rehearsed == 0
     asked = {stage: {first for first, _ in resets} for stage, resets in watched.resets.items()}
-    selecting = {streams.derived_seed(seed, SELECTION, wave) for wave in range(4)}
+    selecting = {random_streams.derived_seed(seed, SELECTION, wave) for wave in range(4)}
     flown = {
         'training': asked['demonstrate'] | asked['clone'] | (asked['finetune'] - selecting),
         'selection': asked['finetune'] & selecting, 'evaluation': asked['evaluate']}

@@ -11,7 +11,7 @@ import pytest
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import SettingInfo
-from rocket_sim_node.worlds.vehicle import RocketSettings
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 INFOS = [info for info in worlds.settings('rocket') if not info.choices]
 UNITLESS = {

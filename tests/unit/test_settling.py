@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.landing_plane import LandingPlane
-from rocket_sim_node.worlds.settling import Settlement
-from rocket_sim_node.worlds.settling import settle
+from rocket_sim_node.worlds.planar.landing_plane import LandingPlane
+from rocket_sim_node.worlds.planar.settling import Settlement
+from rocket_sim_node.worlds.planar.settling import settle
 
 F64 = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds import rotation
-from rocket_sim_node.worlds import spawn
-from rocket_sim_node.worlds.vehicle import RocketSettings
-from rocket_sim_node.worlds.vehicle import TaskSettings
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket import rotation
+from rocket_sim_node.worlds.rocket import spawn
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
+from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
 
 F64 = NDArray[np.float64]
 COUNT = 20_000

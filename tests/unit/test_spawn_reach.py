@@ -10,9 +10,9 @@ from scipy import stats
 
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import random_streams
-from rocket_sim_node.worlds import rotation
-from rocket_sim_node.worlds import spawn
-from rocket_sim_node.worlds.vehicle import TaskSettings
+from rocket_sim_node.worlds.rocket import rotation
+from rocket_sim_node.worlds.rocket import spawn
+from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
 
 COUNT = 20_000
 ROWS = np.arange(COUNT)

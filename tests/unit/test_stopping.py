@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rocket_sim_node.wire import stopping
+from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds import EnvironmentClosed
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -18,14 +18,14 @@ from disks import writers
 from line_world import LineWorld
 from processes import wait_until
 
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.journal import TIMES
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
-from ppo_agent_node.reporting import report
-from rocket_sim_node.worlds.flight import SerialFleet
+from ppo_agent_node.commands import report
+from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import TIMES
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 ARGUMENTS = Path(__file__).parents[2] / 'launch_scripts' / 'arguments.sh'
 SEED = 6

@@ -11,14 +11,14 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from ppo_agent_node.learning.ending import Ending
-from ppo_agent_node.learning.status import Status
+from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
-from ppo_agent_node.terminal.picture import NARROW
-from ppo_agent_node.terminal.picture import Picture
 from ppo_agent_node.terminal.sparkline import sparkline
+from ppo_agent_node.terminal.status_lines import NARROW
+from ppo_agent_node.terminal.status_lines import Picture
+from ppo_agent_node.training.stop_criterion import Ending
 
 STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate')
 STATUS = Status(

@@ -14,24 +14,24 @@ import numpy as np
 import pytest
 import torch
 
-from ppo_agent_node.learning import run_state
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.config import Config
-from ppo_agent_node.learning.config import describe
-from ppo_agent_node.learning.config import make_config
-from ppo_agent_node.learning.crew import Crew
-from ppo_agent_node.learning.ending import Result
-from ppo_agent_node.learning.journal import TIMES
-from ppo_agent_node.learning.rollout import in_order
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import describe
+from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.ppo.rollout_buffer import in_order
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import TIMES
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training import run_state
+from ppo_agent_node.training.interruptible_fleet import Crew
+from ppo_agent_node.training.stop_criterion import Result
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import free_memory
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 ROCKETS = 8
 SMALL: dict[str, Any] = {

@@ -11,11 +11,11 @@ from unittest.mock import Mock
 
 import pytest
 
-from rocket_sim_node.wire import transport
-from rocket_sim_node.wire.dds_profile import ProfileError
-from rocket_sim_node.wire.dds_profile import check_profile
-from rocket_sim_node.wire.dds_profile import schema_path
-from rocket_sim_node.wire.transport import SharedMemory
+from rocket_sim_node.wire.dds import transport
+from rocket_sim_node.wire.dds.profile import ProfileError
+from rocket_sim_node.wire.dds.profile import check_profile
+from rocket_sim_node.wire.dds.profile import schema_path
+from rocket_sim_node.wire.dds.transport import SharedMemory
 from ros2 import graph
 from ros2.main import main
 

@@ -11,8 +11,8 @@ from ppo_agent_node.evaluation.tuning import GainSpace
 from ppo_agent_node.evaluation.tuning import Task
 from ppo_agent_node.evaluation.tuning import judge
 from ppo_agent_node.evaluation.tuning import search
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert import ExpertSettings
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.expert import ExpertSettings
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 

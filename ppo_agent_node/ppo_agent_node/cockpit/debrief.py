@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
-from ppo_agent_node.pilots.base import tell_begun
+from ppo_agent_node.flying.pilot import tell_begun
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes

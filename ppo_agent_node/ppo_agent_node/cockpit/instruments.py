@@ -13,12 +13,12 @@ import numpy as np
 
 from rocket_sim_node import worlds
 from rocket_sim_node.settings import check
-from rocket_sim_node.worlds import lunar_vehicle
-from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.planar_vehicle import foot_height
-from rocket_sim_node.worlds.rocket_flight import OBSERVATION_NAMES
+from rocket_sim_node.worlds.lunar import vehicle
+from rocket_sim_node.worlds.lunar import view
+from rocket_sim_node.worlds.planar.vehicle import foot_height
+from rocket_sim_node.worlds.rocket.dynamics import OBSERVATION_NAMES
 
 _NEWTON_STEPS = 6
 _BISECTIONS = 30
@@ -35,7 +35,7 @@ def checked(spec: WorldSpec) -> WorldSpec:
     infos, lander = worlds.settings(spec.name), spec.name == 'lunar_lander'
     if lander:  # which says what thrust its other settings give
         infos += tuple(info for info in worlds.settings('rocket') if info.name == 'max_thrust')
-    names = lunar_view.OBSERVATION_NAMES if lander else OBSERVATION_NAMES
+    names = view.OBSERVATION_NAMES if lander else OBSERVATION_NAMES
     if spec.observation_names != names:
         raise ValueError(
             f'world: observation_names: got {spec.observation_names}, expected {names}')
@@ -73,8 +73,8 @@ def read(spec: WorldSpec, observation: F32) -> Readings:
     """
     o = observation.astype(np.float64).tolist()
     if spec.name == 'lunar_lander':
-        wide, high = lunar_vehicle.HALF_WIDTH, lunar_vehicle.HALF_HEIGHT
-        drift, climb = (float(speed[0]) for speed in lunar_view.seen_velocity(observation[None]))
+        wide, high = vehicle.HALF_WIDTH, vehicle.HALF_HEIGHT
+        drift, climb = (float(speed[0]) for speed in view.seen_velocity(observation[None]))
         lean = -math.degrees(math.remainder(o[4], math.tau))
         return Readings(
             o[1] * high, climb, (drift, 0.0), (o[0] * wide, 0.0),
@@ -119,7 +119,7 @@ class Brake:
         thrust, gravity = (
             s[name] if s[name] > _NEXT_TO_NOTHING else 0.0 for name in ('max_thrust', 'gravity'))
         if spec.name == 'lunar_lander':
-            return cls(thrust, 0.0, lunar_vehicle.TOTAL_MASS, gravity)
+            return cls(thrust, 0.0, vehicle.TOTAL_MASS, gravity)
         exhaust = s['specific_impulse'] * gravity
         return cls(thrust, thrust / exhaust if exhaust else 0.0, s['dry_mass'], gravity)
 

@@ -19,12 +19,12 @@ from ppo_agent_node.evaluation import flying_quality
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluation_flight
-from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.scripted import for_vehicle
 from rocket_sim_node.worlds import VectorEnv
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds.flight import Fleet
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import Fleet
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.rocket import conditions
 
 LEVELS = (7, 8)
 EPISODES = 1000

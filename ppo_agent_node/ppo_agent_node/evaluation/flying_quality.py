@@ -9,8 +9,8 @@ import numpy as np
 
 from ppo_agent_node.evaluation.averages import mean
 from ppo_agent_node.evaluation.averages import spread
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.statistics import wilson
 
 
 def figures(result: EvaluationResult) -> dict[str, Any]:

@@ -15,10 +15,10 @@ from ppo_agent_node.evaluation import failures
 from ppo_agent_node.evaluation import flying_quality
 from ppo_agent_node.evaluation.averages import mean
 from ppo_agent_node.evaluation.averages import spread
-from ppo_agent_node.evaluation.intervals import mean_interval
-from ppo_agent_node.evaluation.intervals import wilson
 from ppo_agent_node.evaluation.runner import EvaluationResult
-from rocket_sim_node.worlds import conditions
+from ppo_agent_node.statistics import mean_interval
+from ppo_agent_node.statistics import wilson
+from rocket_sim_node.worlds.rocket import conditions
 
 UNITS = {
     'touchdown_speed': 'm/s', 'tilt': 'deg', 'distance': 'm', 'fuel_used_kg': 'kg',

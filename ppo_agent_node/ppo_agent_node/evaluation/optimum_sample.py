@@ -55,7 +55,7 @@ def solve_sample(result: EvaluationResult, sample: int = SAMPLE) -> OptimumSampl
         nothing = np.zeros(0)
         return OptimumSample(nothing, nothing, nothing, reason)
     # Only here: an evaluation without the solver's library is told so, and still gets the rest.
-    from ppo_agent_node.evaluation.optimum import LandingOptimiser
+    from ppo_agent_node.evaluation.optimum.optimiser import LandingOptimiser
 
     settings = result.settings
     try:

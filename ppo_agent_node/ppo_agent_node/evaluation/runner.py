@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.evaluation.bounds import StraightDropBound
+from ppo_agent_node.evaluation.optimum.fuel_bounds import StraightDropBound
 from ppo_agent_node.evaluation.standing import Standing
 from ppo_agent_node.evaluation.standing import after_touchdown
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.base import tell_begun
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.flying.pilot import tell_begun
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds import lunar_vehicle
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.conditions import DRAWN_NAMES
-from rocket_sim_node.worlds.drawn_vehicle import draw
-from rocket_sim_node.worlds.flight import Flight
-from rocket_sim_node.worlds.flight import Reset
-from rocket_sim_node.worlds.flight import fly
-from rocket_sim_node.worlds.vehicle import RocketSettings
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import fly
+from rocket_sim_node.worlds.lunar import vehicle
+from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
+from rocket_sim_node.worlds.rocket.drawn_vehicle import draw
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
 """Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
@@ -207,7 +207,7 @@ def evaluation_flight(
         position = (-last[:, [_PAD_X, _PAD_Z]].astype(np.float64)
                     * spec.settings['position_scale'])
     elif spec.name == 'lunar_lander':
-        position[:, 0] = last[:, 0].astype(np.float64) * lunar_vehicle.HALF_WIDTH
+        position[:, 0] = last[:, 0].astype(np.float64) * vehicle.HALF_WIDTH
         position[:, 1] = 0.0
     return EvaluationResult(
         spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),

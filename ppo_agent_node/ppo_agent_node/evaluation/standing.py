@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.settling import VERDICTS
-from rocket_sim_node.worlds.settling import settle
+from rocket_sim_node.worlds.planar.settling import VERDICTS
+from rocket_sim_node.worlds.planar.settling import settle
 
 _TOGETHER = 2000
 """touchdowns that are followed at once"""
@@ -18,7 +18,7 @@ _TOGETHER = 2000
 
 @dataclass(frozen=True)
 class Standing:
-    """What became of K episodes; see `rocket_sim_node.worlds.settling` for the model."""
+    """What became of K episodes; see `rocket_sim_node.worlds.planar.settling` for the model."""
 
     standing: NDArray[np.bool_]
     """`(K,)`, False for those that never came down, or so fast that legs would give way"""

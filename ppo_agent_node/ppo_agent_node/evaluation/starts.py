@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node.worlds import lunar_view
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.lunar import view
 
 Columns = dict[str, F64]
 
@@ -29,7 +29,7 @@ def initial_conditions(
     if spec.name.startswith('rocket'):
         return _rocket(seen, settings)
     if spec.name == 'lunar_lander':
-        x, y = lunar_view.seen_velocity(observation)
+        x, y = view.seen_velocity(observation)
         return {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
                 'start_speed_m_s': np.hypot(x, y)}
     return {f'start_{name}': values for name, values in seen.items()}

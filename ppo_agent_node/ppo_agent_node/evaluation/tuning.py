@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.flying.pilot import Pilot
 from rocket_sim_node.settings import describe
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import SimulatedWorld

@@ -12,24 +12,24 @@ from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.optimum_sample import SAMPLE
-from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
-from ppo_agent_node.nodes.connection import ConnectionParameters
-from ppo_agent_node.nodes.connection import make_client
-from ppo_agent_node.nodes.connection import require_lockstep
-from ppo_agent_node.nodes.evaluating import fly_and_write
-from ppo_agent_node.nodes.tabulating import fly_and_write_table
+from ppo_agent_node.nodes.flights.conditions_table import fly_and_write_table
+from ppo_agent_node.nodes.flights.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.flights.connection import ConnectionParameters
+from ppo_agent_node.nodes.flights.connection import make_client
+from ppo_agent_node.nodes.flights.connection import require_lockstep
+from ppo_agent_node.nodes.flights.evaluation import fly_and_write
 from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.choice import Chosen
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.parameters import ParameterError
-from rocket_sim_node.wire.parameters import Parameters
-from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.worlds import WorldSpec
-from rocket_sim_node.worlds import conditions
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.rocket import conditions
 
 ALL = 'all'
 _EPISODES = 2000

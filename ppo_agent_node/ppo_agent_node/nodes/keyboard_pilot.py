@@ -14,21 +14,21 @@ from rclpy.node import Node
 from ppo_agent_node.cockpit.display import Cockpit
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.raw_terminal import RawTerminal
-from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
-from ppo_agent_node.nodes.connection import ConnectionParameters
-from ppo_agent_node.nodes.connection import agent_named
-from ppo_agent_node.nodes.hand_flying import HandFlying
-from ppo_agent_node.nodes.hand_flying import Start
+from ppo_agent_node.nodes.flights.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.flights.connection import ConnectionParameters
+from ppo_agent_node.nodes.flights.connection import agent_named
+from ppo_agent_node.nodes.flights.hand_flying import HandFlying
+from ppo_agent_node.nodes.flights.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from ppo_agent_node.pilots.keyboard import KeyboardSettings
 from ppo_agent_node.pilots.keys import EXACT_OFF
 from ppo_agent_node.pilots.keys import EXACT_ON
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire.client import Client
-from rocket_sim_node.wire.parameters import Parameters
-from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.waiting import WireTimeout
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run
+from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import WorldSpec
 
 _PATIENCE = 3.0

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ppo_agent_node.learning.curriculum_config import level_setting
-from ppo_agent_node.nodes.connection import EXPECTED_ERRORS
-from ppo_agent_node.nodes.connection import ConnectionParameters
-from ppo_agent_node.nodes.connection import make_client
-from ppo_agent_node.nodes.flying import fly
-from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.config.curriculum_config import level_setting
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.nodes.flights.connection import EXPECTED_ERRORS
+from ppo_agent_node.nodes.flights.connection import ConnectionParameters
+from ppo_agent_node.nodes.flights.connection import make_client
+from ppo_agent_node.nodes.flights.flying import fly
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire.parameters import Parameters
-from rocket_sim_node.wire.running import run
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.worlds import WorldSpec
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ppo_agent_node.nodes.piloting import run_pilot
 from ppo_agent_node.pilots.random import RandomPilot
-from rocket_sim_node.wire.running import leave
+from rocket_sim_node.wire.node.running import leave
 
 
 def main() -> None:

@@ -9,17 +9,17 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.nodes.overhearing import show_warnings
+from ppo_agent_node.nodes.agent.rosout import show_warnings
+from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.printable import printable
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire import stopping
-from rocket_sim_node.wire.parameters import ParameterError
-from rocket_sim_node.wire.parameters import Parameters
-from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.transport import SharedMemory
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run
 
 _SPIN_PERIOD = 0.2
 """s"""

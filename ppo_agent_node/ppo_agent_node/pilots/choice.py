@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
 
-from ppo_agent_node.pilots.base import Pilot
+from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import ROCKET_PILOTS

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.pilots.attitude import attitude_torque
+from ppo_agent_node.pilots.expert.attitude import attitude_torque
 from ppo_agent_node.pilots.keys import HeldKeys
 from ppo_agent_node.pilots.keys import KeyEvent
 from ppo_agent_node.pilots.keys import Motion

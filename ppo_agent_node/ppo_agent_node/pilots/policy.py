@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.learning.policies import without_noise
-from ppo_agent_node.learning.policy_file import load_policy
+from ppo_agent_node.ppo.policies.factory import without_noise
+from ppo_agent_node.ppo.policies.file import load_policy
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32

@@ -2,11 +2,11 @@
 """The scripted pilot of each world: the expert that needs no learning."""
 from __future__ import annotations
 
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
-from ppo_agent_node.pilots.expert_estimator import ExpertEstimator
-from ppo_agent_node.pilots.hoverslam import FLOOR
-from ppo_agent_node.pilots.hoverslam import HoverslamPilot
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.expert.hoverslam import FLOOR
+from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node.worlds import WorldSpec
 

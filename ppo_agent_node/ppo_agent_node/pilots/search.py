@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.policy_file import POLICY
-from ppo_agent_node.learning.run_config import read_config
-from ppo_agent_node.learning.run_folder import UNFINISHED
+from ppo_agent_node.ppo.policies.file import POLICY
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.config_file import read_config
+from ppo_agent_node.runs.folder import UNFINISHED
 
 RUNS = Path('runs')
 DEFAULT = 'default'

@@ -16,8 +16,8 @@ import numpy as np
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
-from ppo_agent_node.learning.run_config import read_config
-from ppo_agent_node.learning.train_log import read_log
+from ppo_agent_node.runs.config_file import read_config
+from ppo_agent_node.runs.train_log import read_log
 from rocket_sim_node.worlds.base import F64
 
 CONFIG, LOG, FIGURES, EPISODES = 'config.yaml', 'train.jsonl', 'evaluation.json', 'episodes.csv'

@@ -13,10 +13,10 @@ from typing import TextIO
 from rich.console import Console
 from rich.text import Text
 
-from ppo_agent_node.learning.status import Status
+from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
-from ppo_agent_node.terminal.picture import Picture
+from ppo_agent_node.terminal.status_lines import Picture
 from rocket_sim_node.printable import printable
 
 VARIABLE = 'HOVERSLAM_TERMINAL'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ppo_agent_node.learning.status import Status
+from ppo_agent_node.runs.status import Status
 
 STAGES = {
     'demonstrate': 'expert flies', 'clone': 'cloning', 'finetune': 'PPO', 'evaluate': 'evaluating',

@@ -16,30 +16,30 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node import free_memory
-from rocket_sim_node.recording import touchdown
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.file_sink import FileSink
-from rocket_sim_node.recording.live_sink import LiveSink
+from rocket_sim_node.recording.drawing.training_plots import LINES
+from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.sink import Sink
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import LINES
-from rocket_sim_node.recording.training_log import Training
-from rocket_sim_node.recording.viewer import ViewerError
-from rocket_sim_node.recording.web_page import INVITATION
-from rocket_sim_node.recording.web_page import WebPage
+from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.sinks.live_sink import LiveSink
+from rocket_sim_node.recording.sinks.rerun_program import ViewerError
+from rocket_sim_node.recording.sinks.web_page import INVITATION
+from rocket_sim_node.recording.sinks.web_page import WebPage
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.world_info import Stage
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire import messages
-from rocket_sim_node.wire import qos
-from rocket_sim_node.wire import stopping
-from rocket_sim_node.wire.hearing import leaving_out
-from rocket_sim_node.wire.hearing import samples_from_message
-from rocket_sim_node.wire.parameters import ParameterError
-from rocket_sim_node.wire.parameters import Parameters
-from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run
-from rocket_sim_node.wire.steady import create_timer
-from rocket_sim_node.wire.transport import SharedMemory
+from rocket_sim_node.wire.client.state_input import leaving_out
+from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run
+from rocket_sim_node.wire.node.steady_clock import create_timer
 
 _SPIN_PERIOD = 0.2
 """s; the events executor needs a finite time-out, and Python looks after signals in between"""
@@ -90,7 +90,7 @@ class RecorderNode:
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
         with leaving_out(self._node, 'world'):
-            spec = messages.world_from_message(message)
+            spec = conversion.world_from_message(message)
             self._recorder.world(Stage.build(
                 spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
 

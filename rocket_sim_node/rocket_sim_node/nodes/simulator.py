@@ -2,15 +2,15 @@
 """Node `simulator`: N rockets of one world, stepped as one batch by the agent's actions."""
 from __future__ import annotations
 
-from rocket_sim_node.wire.running import Body
-from rocket_sim_node.wire.running import Errors
-from rocket_sim_node.wire.running import leave
-from rocket_sim_node.wire.running import run_late
-from rocket_sim_node.wire.transport import SharedMemory
+from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.node.running import Body
+from rocket_sim_node.wire.node.running import Errors
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run_late
 
 
 def _load() -> tuple[Body, Errors]:
-    from rocket_sim_node.nodes.serving import simulate
+    from rocket_sim_node.nodes.simulation import simulate
     return simulate, ()
 
 

@@ -11,24 +11,24 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from rocket_sim_node.recording.choice import Choice
-from rocket_sim_node.recording.conditions_log import unusual
-from rocket_sim_node.recording.flight import Flight
-from rocket_sim_node.recording.flight import FlightBuffer
-from rocket_sim_node.recording.follower import Follower
-from rocket_sim_node.recording.head import head
-from rocket_sim_node.recording.reel import Reel
-from rocket_sim_node.recording.reel import Settle
-from rocket_sim_node.recording.samples import FLYING
-from rocket_sim_node.recording.samples import Samples
-from rocket_sim_node.recording.sceneries import scenery
-from rocket_sim_node.recording.sink import Look
-from rocket_sim_node.recording.sink import Note
-from rocket_sim_node.recording.sink import Put
-from rocket_sim_node.recording.sink import Sink
-from rocket_sim_node.recording.stage import Stage
-from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.drawing.training_plots import Training
+from rocket_sim_node.recording.header import head
+from rocket_sim_node.recording.scene.conditions_log import unusual
+from rocket_sim_node.recording.scene.sceneries import scenery
+from rocket_sim_node.recording.sinks.base import Look
+from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.timeline import Reel
+from rocket_sim_node.recording.timeline import Settle
 from rocket_sim_node.recording.training_recorder import TrainingRecorder
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.follower import Follower
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.samples import Samples
 
 EARLY = 200
 """messages kept that come before the description of their world"""

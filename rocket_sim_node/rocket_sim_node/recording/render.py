@@ -11,9 +11,9 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from rocket_sim_node.recording import viewer
-from rocket_sim_node.recording.rewrite import rewrite
-from rocket_sim_node.recording.viewer import LOCAL
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.rerun_program import LOCAL
+from rocket_sim_node.recording.sinks.rewrite import rewrite
 
 BARS = (36, 32)
 """Pixels of the viewer's bars at the top and at the bottom."""
@@ -22,7 +22,7 @@ HINT = (
     'apt-get install --no-install-recommends mesa-vulkan-drivers')
 
 
-class RendererMissing(viewer.ViewerError):
+class RendererMissing(rerun_program.ViewerError):
     """There is no graphics driver to render with."""
 
 
@@ -36,28 +36,29 @@ def render(
 
     :param size: of the window, pixels; its bars are cut off from the pictures.
     :raises RendererMissing: when this machine has no graphics driver.
-    :raises viewer.ViewerError: when the viewer fails, or a view of it reports an error.
+    :raises rerun_program.ViewerError: when the viewer fails, or a view of it reports an error.
     """
-    port = viewer.free_port()
+    port = rerun_program.free_port()
     with tempfile.TemporaryDirectory() as folder:
         shown = recording
         if tab != 'flight':
             shown = Path(folder) / 'shown.rrd'
             rewrite(recording, shown, tab)
-        program = viewer.Program(
+        program = rerun_program.Program(
             '--headless', '--bind', LOCAL, '--port', str(port), '--hide-welcome-screen',
             '--window-size', f'{size[0]}x{size[1]}', XDG_RUNTIME_DIR=folder, TMPDIR=folder)
         try:
             try:
-                program.wait_for(lambda: viewer.reachable(LOCAL, port), 'the viewer', patience)
+                program.wait_for(
+                    lambda: rerun_program.reachable(LOCAL, port), 'the viewer', patience)
                 client = ViewerClient.connect(f'rerun+http://{LOCAL}:{port}/proxy')
                 client.open(str(shown.absolute()))
                 _wait_for_load(client, patience)
-            except (viewer.ViewerError, RuntimeError, ConnectionError) as error:
+            except (rerun_program.ViewerError, RuntimeError, ConnectionError) as error:
                 said = program.said(10_000)
                 if 'render context' in said or 'adapter' in said:
                     raise RendererMissing(HINT) from error
-                raise viewer.ViewerError(f'{error} {program.said()}') from error
+                raise rerun_program.ViewerError(f'{error} {program.said()}') from error
             pictures = []
             for moment in times:
                 if tab == 'training':
@@ -77,7 +78,8 @@ def _wait_for_load(client: ViewerClient, patience: float) -> None:
     state = client.get_state()
     while state.loading or state.active_recording is None:
         if time.monotonic() > deadline:
-            raise viewer.ViewerError(f'the viewer has not read the recording in {patience:g} s')
+            raise rerun_program.ViewerError(
+                f'the viewer has not read the recording in {patience:g} s')
         time.sleep(0.1)
         state = client.get_state()
 
@@ -103,4 +105,4 @@ def _complain(client: ViewerClient) -> None:
         if report.severity == 'error']
     complaints += [entry.message for entry in client.get_logs() if entry.level == 'ERROR']
     if complaints:
-        raise viewer.ViewerError('the viewer reports: ' + '; '.join(complaints))
+        raise rerun_program.ViewerError('the viewer reports: ' + '; '.join(complaints))

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from rocket_sim_node import command_line
-from rocket_sim_node.recording.blueprint import TABS
-from rocket_sim_node.recording.read import Trajectory
-from rocket_sim_node.recording.read import trajectories
+from rocket_sim_node.recording.reader import Trajectory
+from rocket_sim_node.recording.reader import trajectories
 from rocket_sim_node.recording.render import render
-from rocket_sim_node.recording.viewer import ViewerError
+from rocket_sim_node.recording.scene.blueprint import TABS
+from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.settings import setting
 
 BURN_HEIGHT = 26.0

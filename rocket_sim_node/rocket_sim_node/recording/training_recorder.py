@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rocket_sim_node.recording import training_log
-from rocket_sim_node.recording.place import Place
-from rocket_sim_node.recording.sink import Put
-from rocket_sim_node.recording.training_log import Training
+from rocket_sim_node.recording.drawing import training_plots
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.training_plots import Training
+from rocket_sim_node.recording.sinks.base import Put
 
 PERIOD, LONGEST_PERIOD = 10.0, 120.0
 """s of wall clock for which reports are gathered before they are logged: at first, and at most"""
@@ -31,8 +31,8 @@ class TrainingRecorder:
         """
         self._put = put
         self._clock = clock
-        self._iterations = training_log.IterationCounter()
-        self._pending = training_log.GatheredReports()
+        self._iterations = training_plots.IterationCounter()
+        self._pending = training_plots.GatheredReports()
         self._texts: list[tuple[Place, str, str]] = []
         self._began = self._pending_since = clock()
         self._stage = ''
@@ -59,7 +59,7 @@ class TrainingRecorder:
         if training.learning:
             self._pending.add(place, training.values)
         if new_stage:
-            self._put(lambda stream: training_log.log_stage(stream, training.stage, place, dt))
+            self._put(lambda stream: training_plots.log_stage(stream, training.stage, place, dt))
         text = training.message or (f'stage {training.stage}' if new_stage else '')
         if text:
             self._texts.append((place, f'{training.stage}: {text}', 'INFO'))
@@ -80,7 +80,7 @@ class TrainingRecorder:
         """Log what waits."""
         if self._pending:
             places, values = self._pending.take()
-            self._put(lambda stream: training_log.log_training(stream, places, values, dt))
+            self._put(lambda stream: training_plots.log_training(stream, places, values, dt))
         if self._texts:
             lines, self._texts = self._texts, []
-            self._put(lambda stream: training_log.log_text(stream, lines, dt))
+            self._put(lambda stream: training_plots.log_text(stream, lines, dt))

@@ -10,12 +10,12 @@ from typing import Any
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.base import SimulatedWorld
-from rocket_sim_node.worlds.lunar_lander import LunarLanderWorld
-from rocket_sim_node.worlds.lunar_vehicle import LunarSettings
-from rocket_sim_node.worlds.planar_vehicle import PlanarSettings
-from rocket_sim_node.worlds.rocket import RocketWorld
-from rocket_sim_node.worlds.rocket_planar import RocketPlanarWorld
-from rocket_sim_node.worlds.vehicle import RocketSettings
+from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
+from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
+from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
+from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
+from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 
 @dataclass(frozen=True)

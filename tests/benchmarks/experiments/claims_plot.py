@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.experiments import claims
 from benchmarks.experiments import statistics
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 _COLOURS = dict(zip(claims.CLONED, (style.BLUE, style.VERMILION), strict=True))
 

@@ -12,7 +12,7 @@ from ppo_agent_node.evaluation.averages import spread
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 _ROCKETS = 500
 _KEPT = 'flown.json'

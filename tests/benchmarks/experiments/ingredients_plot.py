@@ -15,7 +15,7 @@ from benchmarks.experiments import ingredients
 from benchmarks.experiments import statistics
 from benchmarks.experiments import variants
 from benchmarks.experiments.flights import Task
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 _LINEAR = 0.1
 """return up to which the axis is linear, logarithmic beyond"""

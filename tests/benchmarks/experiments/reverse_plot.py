@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.experiments.reverse import FULL_REACH
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 
 def title(figures: Mapping[str, Any]) -> str:

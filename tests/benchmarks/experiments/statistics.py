@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ppo_agent_node.evaluation.intervals import wilson
+from ppo_agent_node.statistics import wilson
 
 
 class Estimate(NamedTuple):

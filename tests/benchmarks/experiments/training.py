@@ -15,16 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import machine
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.evaluation.metrics import write_json
-from ppo_agent_node.learning import sealed_file
-from ppo_agent_node.learning.config import Config
-from ppo_agent_node.learning.policy_file import POLICY
-from ppo_agent_node.learning.presets import load_preset
-from ppo_agent_node.learning.run_folder import RunFolder
-from ppo_agent_node.learning.status import Status
-from ppo_agent_node.learning.trainer import Trainer
+from ppo_agent_node.ppo.policies.file import POLICY
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.flight import SerialFleet
+from rocket_sim_node.worlds.jobs import SerialFleet
 
 _NOTE = 'trained.json'
 

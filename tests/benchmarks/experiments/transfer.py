@@ -13,14 +13,14 @@ from typing import Any
 
 from benchmarks.experiments.options import Options
 from ppo_agent_node.evaluation.conditions_table import fly_table
-from ppo_agent_node.pilots.base import Pilot
-from ppo_agent_node.pilots.expert import ExpertPilot
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
 from ppo_agent_node.pilots.search import shipped_names
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
-from rocket_sim_node.worlds import conditions
+from rocket_sim_node.worlds.rocket import conditions
 
 WORLDS = ('rocket', 'rocket_planar')
 LEVEL = 7

@@ -15,7 +15,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from benchmarks.experiments import transfer
-from ppo_agent_node.reporting import style
+from ppo_agent_node.reporting.pictures import style
 
 _BOUNDS = (-100, 0, 100, 200, 240, 260, 280, 290, 300)
 _BRIGHT = 0.5

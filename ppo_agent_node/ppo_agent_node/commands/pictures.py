@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command `pictures`: makes the pictures of the documents anew, flights and all."""
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ppo_agent_node.commands import compare
+from ppo_agent_node.commands import recorded_flights
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import world_of
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures import training_curves
+from ppo_agent_node.reporting.run_files import Lines
+from ppo_agent_node.reporting.run_files import load
+from rocket_sim_node import command_line
+from rocket_sim_node import worlds
+from rocket_sim_node.recording.reader import trajectories
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.render import render
+from rocket_sim_node.recording.screenshot import Picture
+from rocket_sim_node.recording.screenshot import moment
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.sinks.rerun_program import ViewerError
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.settings import setting
+
+SEED = 20_000_000
+"""where the starts of evaluations begin"""
+WINDOW = (1600, 968)
+TALL = (1600, 1168)
+"""pixels of the viewer's window; its bars are cut off"""
+COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
+"""What a run has when it has ended."""
+Maker = Callable[[Path, Path], Image.Image]
+"""Makes a picture of a run's folder, with a folder for what it needs on the way."""
+
+
+def fly_and_record(world: str, path: Path) -> None:
+    """Fly the policy that ships with a world, and record the flight.
+
+    :raises OSError: when the recording cannot be written.
+    """
+    simulated = worlds.make(world, 1, SEED)
+    spec = simulated.spec
+    policies = resources.files('ppo_agent_node') / 'policies'
+    pilot = PolicyPilot(Path(str(policies / f'{world}.safetensors')), spec)
+    recorder = Recorder(
+        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None,
+        settle=touchdown.follow)
+    recorder.world(Stage.build(
+        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
+    recorder.states(1, recorded_flights.fly(simulated, pilot, SEED))
+    recorder.close()
+
+
+def shot(
+    recording: Path, at: str, flight: int = -1, size: tuple[int, int] = WINDOW,
+) -> Image.Image:
+    """Return a picture of a flight of a recording, at one of the moments of `screenshot`."""
+    when = moment(Picture(str(recording), at=at, flight=flight), trajectories(recording))
+    return render(recording, [when], size=size)[0]
+
+
+def landing(run: Path, scratch: Path) -> Image.Image:
+    """Return a landing in its burn."""
+    path = scratch / 'landing.rrd'
+    fly_and_record('rocket', path)
+    return shot(path, 'burn')
+
+
+def lunar_lander(run: Path, scratch: Path) -> Image.Image:
+    """Return a lander on its pad."""
+    path = scratch / 'lunar_lander.rrd'
+    fly_and_record('lunar_lander', path)
+    return shot(path, 'touchdown')
+
+
+def comparison(run: Path, scratch: Path) -> Image.Image:
+    """Return the pilots of a run side by side, in their burns."""
+    path = scratch / 'comparison.rrd'
+    compare.make(compare.Comparison(run_dir=str(run), output=str(path)))
+    return shot(path, 'burn', flight=0, size=TALL)
+
+
+def cloning(run: Path, scratch: Path) -> Image.Image:
+    """Return the loss of a run's clone."""
+    return _plot(run, 'clone', training_curves.cloning_figure, scratch)
+
+
+def training(run: Path, scratch: Path) -> Image.Image:
+    """Return the learning curves of a run."""
+    return _plot(run, 'finetune', training_curves.training_figure, scratch)
+
+
+def _plot(
+    run: Path, stage: str, draw: Callable[[Lines], Figure], scratch: Path,
+) -> Image.Image:
+    lines = load(run).stage(stage)
+    with style.styled():
+        path = style.save(draw(lines), scratch / f'{stage}.png')
+    return Image.open(path).convert('RGB')
+
+
+MAKERS: Mapping[str, Maker] = {
+    'landing': landing, 'lunar_lander': lunar_lander, 'comparison': comparison,
+    'cloning': cloning, 'training': training}
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Arguments of the command."""
+
+    run_dir: str = setting(
+        '', '', 'run for cloning, training and comparison; empty: the newest complete one of '
+        "'rocket'")
+    output: str = setting('docs/images', '', 'folder of the pictures')
+    only: str = setting('', '', 'make this one alone', choices=('', *MAKERS))
+
+
+def newest_run(runs: Path) -> Path:
+    """Return the newest run of world `rocket` that has ended.
+
+    :raises FileNotFoundError: when there is none.
+    """
+    ended = [
+        config.parent for config in runs.glob('*/config.yaml')
+        if all((config.parent / name).is_file() for name in COMPLETE)
+        and world_of(config) == 'rocket']
+    if not ended:
+        raise FileNotFoundError(
+            2, "run_dir: no run of world 'rocket' has ended, with its clone; train one, or name "
+            'one, below', str(runs.resolve()))
+    return max(ended, key=lambda run: (run / 'evaluation.json').stat().st_mtime)
+
+
+def make(wanted: Pictures) -> str:
+    """Make the pictures and name each; return '', as all is said then.
+
+    :raises FileNotFoundError: when a run is needed and there is none.
+    :raises ValueError: when a run or a recording does not fit.
+    :raises OSError: when a picture cannot be written.
+    :raises ViewerError: when the viewer fails.
+    """
+    chosen = [wanted.only] if wanted.only else list(MAKERS)
+    run = Path(wanted.run_dir)
+    if not wanted.run_dir and {'cloning', 'training', 'comparison'} & set(chosen):
+        run = newest_run(Path('runs'))
+    output = Path(wanted.output)
+    output.mkdir(parents=True, exist_ok=True)
+    for name in chosen:
+        with tempfile.TemporaryDirectory() as scratch:
+            picture = MAKERS[name](run, Path(scratch))
+        picture.save(output / f'{name}.png', optimize=True)
+        sys.stdout.write(f'{output / name}.png, {picture.width} x {picture.height}\n')
+        sys.stdout.flush()
+    return ''
+
+
+def main() -> None:
+    """Run the command."""
+    command_line.run(
+        'pictures', '[NAME:=VALUE ...]',
+        f'Makes the pictures of the documents anew: {", ".join(MAKERS)}.', Pictures, make,
+        expected=(ViewerError,), bare=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command `report`: pictures and a page of a run, or of several and how they compare."""
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.reporting.pages.comparison_page import comparison_page
+from ppo_agent_node.reporting.pages.run_page import REPORT
+from ppo_agent_node.reporting.pages.run_page import run_page
+from ppo_agent_node.reporting.pictures import catalogue
+from ppo_agent_node.reporting.pictures import learning_curves
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.run_files import Run
+from ppo_agent_node.reporting.run_files import load
+from rocket_sim_node import command_line
+from rocket_sim_node.settings import setting
+
+PLOTS = 'plots'
+
+
+@dataclass(frozen=True)
+class Options:
+    """Arguments of the command, beside the folders."""
+
+    output: str = setting(
+        '', '', 'folder for the comparison of several runs; empty: report-DATE beside the first')
+
+
+def write_report(folder: Path) -> Path:
+    """Draw a folder's pictures into its `plots/`, write its page and return the page's path.
+
+    :param folder: of a training run, of an evaluation, or of a run that is still unfinished.
+    :raises ValueError: when it is no run, or a file is damaged; the message names it.
+    :raises OSError: when something cannot be read or written.
+    """
+    return _write(load(folder))
+
+
+def _write(run: Run) -> Path:
+    """Draw and write a run's report, and return its path."""
+    drawn = catalogue.draw(run, run.path / PLOTS)
+    path = run.path / REPORT
+    write_atomically(path, run_page(run, drawn).encode())
+    return path
+
+
+def write_comparison(runs: Sequence[Run], folder: Path) -> Path:
+    """Draw learning curves over the seeds of runs, write a page and return its path.
+
+    :raises OSError: when something cannot be written.
+    """
+    (folder / PLOTS).mkdir(parents=True, exist_ok=True)
+    groups = learning_curves.groups(runs)
+    curves = None
+    with style.styled():
+        figure = learning_curves.seeds_figure(groups)
+        if figure is not None:
+            curves = style.save(figure, folder / PLOTS / 'seeds.png')
+    path = folder / REPORT
+    write_atomically(path, comparison_page(groups, curves, folder).encode())
+    return path
+
+
+def _new_folder(path: Path) -> Path:
+    """Make a folder, numbered where there is one of its name: a clock may be set back."""
+    for number in itertools.count(1):
+        folder = path if number == 1 else path.with_name(f'{path.name}-{number}')
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        return folder
+    raise AssertionError
+
+
+def _report(arguments: Sequence[str]) -> None:
+    """Draw and write what is asked for.
+
+    :raises ValueError: or TypeError, for bad arguments; OSError for files.
+    """
+    options = command_line.parse(Options, [one for one in arguments if ':=' in one])
+    folders = list(dict.fromkeys(Path(one) for one in arguments if ':=' not in one))
+    if not folders:
+        raise ValueError('got no RUN, expected the folder of a run or an evaluation')
+    if options.output and len(folders) < 2:
+        raise ValueError(f'output: got {options.output!r}, expected none with one RUN')
+    runs = [load(folder) for folder in folders]  # all of them, before any is drawn
+    for run in runs:
+        sys.stdout.write(f'{_write(run)}\n')
+    if len(runs) > 1:
+        output = Path(options.output) if options.output else _new_folder(
+            runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
+        sys.stdout.write(f'{write_comparison(runs, output)}\n')
+
+
+def main() -> None:
+    """Run the command."""
+    arguments = sys.argv[1:]
+    if not arguments or {'-h', '--help'} & set(arguments):
+        sys.stdout.write(command_line.usage(
+            'report', 'RUN [RUN ...] [NAME:=VALUE ...]',
+            'Draws the pictures of training runs and evaluations into RUN/plots and writes\n'
+            'RUN/report.html, one page that holds them with figures and settings. Of several\n'
+            'runs it also compares the learning curves over seeds.', Options))
+        return
+    try:
+        with command_line.interruptible():
+            _report(arguments)
+    except (ValueError, TypeError, OSError) as error:
+        sys.stderr.write(f'report: {error}\n')
+        sys.exit(2)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Presets: files of names and values that a run begins with, for each world its own."""
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any
+
+import yaml
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import make_config
+
+_PRESETS = resources.files('ppo_agent_node') / 'presets'
+
+
+def preset_names(world: str | None = None) -> tuple[str, ...]:
+    """Return the names of the presets that ship for a world, or for any."""
+    return tuple(sorted({
+        preset.name.removesuffix('.yaml') for folder in _PRESETS.iterdir()
+        if folder.is_dir() and world in (None, folder.name)
+        for preset in folder.iterdir() if preset.name.endswith('.yaml')}))
+
+
+def preset_values(name: str, world: str) -> dict[str, Any]:
+    """Return the values that a preset sets in a world, by name, unchecked.
+
+    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of the
+    same name comes first, or a preset by world and name, as in `rocket/from_scratch`.
+
+    :raises ValueError: when there is no such preset.
+    """
+    known = preset_names(world)
+    if name not in known:
+        raise ValueError(
+            f'unknown preset {name!r} of world {world!r}, '
+            f'expected one of {", ".join(known) or "none"}')
+    values = dict(yaml.safe_load((_PRESETS / world / f'{name}.yaml').read_text('utf-8')))
+    like = values.pop('like', None)
+    if not like:
+        return values
+    world, _, other = like.partition('/')
+    return {**preset_values(other or name, world), **values}
+
+
+def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config:
+    """Return the settings of a world's preset, some of them overridden.
+
+    :raises ValueError: for an unknown preset or setting, or a value out of range.
+    :raises TypeError: for a value of another kind.
+    """
+    return make_config({**preset_values(name, world), **overrides})

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Behavioural cloning: the policy learns to do what the expert did, and is checked on the rest.
+
+Pomerleau, 'Efficient training of artificial neural networks for autonomous navigation', 1991.
+"""
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.imitation_config import CloneConfig
+from ppo_agent_node.imitation.demonstrations import Demonstrations
+from ppo_agent_node.ppo.minibatches import Minibatches
+from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
+from ppo_agent_node.ppo.policies.factory import Policy
+
+
+class NothingLanded(ValueError):
+    """There is no demonstration to be cloned."""
+
+
+@dataclass(frozen=True)
+class CloneEpoch:
+    """How one pass over the demonstrations went."""
+
+    epoch: int
+    """from 1"""
+    clone_loss: float
+    """mean over the samples trained on, while they were"""
+    clone_validation_loss: float
+    """mean over the samples held out, after the epoch"""
+    learning_rate: float
+    best: bool
+    """whether the validation loss is the least so far"""
+
+
+def split_by_episode(
+    episode: Tensor, fraction: float, generator: torch.Generator,
+) -> tuple[Tensor, Tensor]:
+    """Return the indices of samples to train on and to validate on.
+
+    Whole episodes are held out: neighbours in time are nearly equal, and a split by sample would
+    validate on what was trained on.
+
+    :param episode: `(S,)` the episode of each sample.
+    """
+    episodes = int(episode.max()) + 1
+    held_out = torch.zeros(episodes, dtype=torch.bool)
+    count = min(max(1, round(fraction * episodes)), episodes - 1) if fraction > 0 else 0
+    held_out[torch.randperm(episodes, generator=generator)[:count]] = True
+    validating = held_out[episode]
+    return torch.nonzero(~validating)[:, 0], torch.nonzero(validating)[:, 0]
+
+
+@torch.no_grad()
+def clone(
+    policy: Policy,
+    demonstrations: Demonstrations,
+    config: CloneConfig,
+    seed: int,
+    report: Callable[[CloneEpoch], None],
+    poll: Callable[[], None] = lambda: None,
+    refit: bool = True,
+) -> float:
+    """Train the policy and leave it with the weights of its best epoch.
+
+    The learning rate falls to 0 along a half cosine (Loshchilov and Hutter, 'SGDR: stochastic
+    gradient descent with warm restarts', 2017). Without episodes to validate on, the training
+    loss decides.
+
+    :param report: called after each epoch.
+    :param poll: called before each minibatch; may raise to end half-way, the policy unchanged.
+    :param refit: whether the policy's normaliser takes its numbers from these demonstrations; a
+        policy that has learnt already would have to learn anew.
+    :return: the least validation loss.
+    :raises NothingLanded: when there are no demonstrations.
+    """
+    if not len(demonstrations.episode):
+        raise NothingLanded('demonstrations: none landed, nothing to clone')
+    training, validation = split_by_episode(
+        demonstrations.episode, config.clone_validation_fraction,
+        random_streams.generator(seed, 'clone split'))
+    # The optimiser keeps the parameters of its network in memory of its own.
+    student = copy.deepcopy(policy)
+    if refit:
+        student.normaliser.fit(demonstrations.observation[training])
+    optimiser = FlatAdam([list(student.network.parameters())], epsilon=1e-8)
+    network = Backpropagation(student.network, optimiser.gradient_of, config.clone_batch_size)
+    minibatches = Minibatches(
+        (student.normaliser(demonstrations.observation[training]),
+         demonstrations.action[training]), (), config.clone_batch_size, network.rows)
+    steps = config.clone_epochs * len(list(minibatches))
+    step = 0
+
+    def learning_rate() -> float:
+        return config.clone_learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
+
+    least, best_epoch = math.inf, 0
+    best_weights = copy.deepcopy(student.state_dict())
+    for epoch in range(1, config.clone_epochs + 1):
+        shuffle = random_streams.generator(seed, 'clone epoch', epoch)
+        minibatches.shuffle(torch.randperm(len(training), generator=shuffle))
+        rate = learning_rate()
+        total = torch.zeros(())
+        for start, stop, pieces in minibatches:
+            poll()
+            optimiser.gradient.zero_()
+            for observation, action in pieces:
+                loss, error = student.imitation(
+                    network.forward(observation), action, config.clone_huber_delta,
+                    config.clone_margin)
+                network.backward(error)
+                total += loss
+            optimiser.step([learning_rate()], math.inf, stop - start)
+            step += 1
+        training_loss = float(total) / len(training)
+        loss_now = training_loss
+        if len(validation):
+            loss_now = _validation_loss(
+                student, demonstrations, validation, config)
+        if loss_now < least:
+            least, best_epoch = loss_now, epoch
+            best_weights = copy.deepcopy(student.state_dict())
+        report(CloneEpoch(epoch, training_loss, loss_now, rate, best_epoch == epoch))
+        if epoch - best_epoch >= config.clone_patience:
+            break
+    policy.load_state_dict(best_weights)
+    return least
+
+
+def _validation_loss(
+    policy: Policy, demonstrations: Demonstrations, index: Tensor, config: CloneConfig,
+) -> float:
+    total = torch.zeros(())
+    for part in index.split(8192):
+        total += policy.imitation(
+            policy.output(demonstrations.observation[part]).T, demonstrations.action[part],
+            config.clone_huber_delta, config.clone_margin)[0]
+    return float(total) / len(index)

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Imitation: the expert demonstrates, the policy clones it, and DAgger mends the clone.
+
+A clone alone drifts into states that no demonstration shows. In each round of DAgger the clone
+flies, the expert says what it would have done in every state that the clone came to, and cloning
+is repeated on all samples so far (Ross, Gordon and Bagnell, 'A reduction of imitation learning and
+structured prediction to no-regret online learning', AISTATS 2011, algorithm 3.1 with beta = 0).
+"""
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import asdict
+from dataclasses import replace
+from typing import Any
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.flying.episodes import Pilot
+from ppo_agent_node.imitation.cloning import CloneEpoch
+from ppo_agent_node.imitation.cloning import clone
+from ppo_agent_node.imitation.demonstrations import Demonstrations
+from ppo_agent_node.imitation.demonstrations import fly_clone
+from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import spawn_settings
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.policies.factory import without_noise
+from ppo_agent_node.runs import episode_scores
+from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.threads import tensor_threads
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.jobs import Flight
+
+Wave = Callable[[], Flight[tuple[Demonstrations, Episodes]]]
+Fly = Callable[[Sequence[Wave]], Iterator[tuple[Demonstrations, Episodes]]]
+
+
+class Imitation:
+    """Teaches a policy to do what the expert does."""
+
+    def __init__(
+        self, spec: WorldSpec, config: Config, expert: Pilot, fly: Fly, journal: Journal,
+        poll: Callable[[], None],
+    ) -> None:
+        """Prepare; nothing flies yet.
+
+        :param fly: flies waves and yields their results, in order.
+        :param poll: called before each minibatch; may raise to end half-way.
+        """
+        self._spec, self._config, self._expert = spec, config, expert
+        self._fly, self._journal, self._poll = fly, journal, poll
+        self.steps = 0
+        """rocket steps taken"""
+
+    def teach(self, policy: Policy) -> None:
+        """Demonstrate, clone, and repeat for each round of DAgger; leaves the last clone.
+
+        :raises NothingLanded: when no demonstration landed.
+        """
+        config = self._config
+        rounds = config.demonstration.dagger_rounds
+        parts = self._demonstrate()
+        epochs = [config.clone.dagger_epochs] * rounds + [config.clone.clone_epochs]
+        self._journal.begin('clone', sum(epochs), unit='epochs')
+        done = 0
+        for number, count in enumerate(epochs):
+            figures: dict[str, Any] = {}
+            if number:
+                samples, figures = self._fly_clone(policy, number)
+                parts.append(samples)
+            done = self._clone(policy, Demonstrations.join(parts), number, count, done, figures)
+
+    def _demonstrate(self) -> list[Demonstrations]:
+        """Let the expert fly; return the samples of each wave."""
+        waves = [
+            functools.partial(
+                fly_wave, self._spec, self._expert, self._config.demonstration, settings,
+                self._config.run.seed, number)
+            for number, settings in enumerate(self.starts(self._waves()))]
+        self._journal.begin('demonstrate', len(waves), unit='waves')
+        parts = []
+        for number, (samples, episodes) in enumerate(self._fly(waves), start=1):
+            parts.append(samples)
+            self._count(episodes)
+            self._journal.entry(
+                number, self.steps, samples=len(samples.episode),
+                **episode_scores.figures(episodes, self._spec.outcomes))
+        return parts
+
+    def _fly_clone(
+        self, policy: Policy, number: int,
+    ) -> tuple[Demonstrations, dict[str, Any]]:
+        """Let the clone fly a round and the expert say what it would have done."""
+        waves = [
+            functools.partial(
+                fly_clone, self._spec, without_noise(policy), self._expert, settings,
+                random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave))
+            for wave, settings in enumerate(self.starts(1))]
+        samples, episodes = zip(*self._fly(waves), strict=True)
+        for flown in episodes:
+            self._count(flown)
+        found = Demonstrations.join(list(samples))
+        figures = episode_scores.figures(Episodes.concatenate(list(episodes)), self._spec.outcomes)
+        rate = figures['landing_rate']
+        self._journal.message(
+            f'DAgger round {number}: the clone landed {100 * rate:.1f} %, '
+            f'{len(found.episode)} samples more')
+        return found, {'dagger_round': number, 'samples': len(found.episode), **figures}
+
+    def _clone(
+        self, policy: Policy, samples: Demonstrations, number: int, epochs: int, done: int,
+        figures: dict[str, Any],
+    ) -> int:
+        """Clone all samples; return how many epochs of the stage are behind us."""
+        def report(epoch: CloneEpoch) -> None:
+            numbers = asdict(epoch)
+            first = figures if epoch.epoch == 1 else {}
+            self._journal.entry(
+                done + numbers.pop('epoch'), self.steps, **numbers, **first)
+
+        config = self._config
+        seed = config.run.seed if not number else random_streams.derived_seed(
+            config.run.seed, 'dagger clone', number)
+        with tensor_threads(config.run.threads):
+            clone(policy, samples, replace(config.clone, clone_epochs=epochs), seed, report,
+                  self._poll, refit=not number)
+        return done + epochs
+
+    def _waves(self) -> int:
+        episodes = self._config.demonstration.demonstration_episodes
+        return -(-episodes // self._spec.num_envs)
+
+    def starts(self, waves: int) -> list[dict[str, float]]:
+        """Return what each wave is reset with: so many as planned, then as many wider ones."""
+        curriculum, demonstration = self._config.curriculum, self._config.demonstration
+        final = curriculum.curriculum_final_level
+        plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}
+        turned = {name: plain[name] for name in ('spawn_heading',) if name in plain}
+        wide = {**curriculum.wide_settings, **turned}
+        return [plain] * waves + ([wide] * waves if curriculum.curriculum_wide_level else [])
+
+    def _count(self, episodes: Episodes) -> None:
+        self.steps += int(episodes.length.max()) * self._spec.num_envs

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Demonstrations: what was seen, and what the expert did about it or would have done."""
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from collections.abc import Sequence
+from typing import Any
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.imitation_config import UNSET
+from ppo_agent_node.config.imitation_config import DemonstrationConfig
+from ppo_agent_node.flying.episodes import Pilot
+from ppo_agent_node.flying.episodes import Step
+from ppo_agent_node.flying.episodes import fly_once
+from ppo_agent_node.flying.pilot import tell_begun
+from ppo_agent_node.flying.pilot import tell_flown
+from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
+from ppo_agent_node.pilots.scripted import rocket_pilot
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.planar.vehicle import foot_height
+
+_TOUCH = 1e-5
+"""m above the ground at which a foot touches, for the rounding of observations"""
+
+
+class Demonstrations(NamedTuple):
+    """Samples of episodes, episode after episode."""
+
+    observation: Tensor
+    """`(S, D)`"""
+    action: Tensor
+    """`(S, *action_shape)`, what the expert wanted, within the action's bounds"""
+    episode: Tensor
+    """`(S,)` which of the episodes that were kept, from 0, ascending"""
+
+    @classmethod
+    def join(cls, parts: list[Demonstrations]) -> Demonstrations:
+        """Put waves together, and number their episodes on."""
+        episodes, first = [], 0
+        for part in parts:
+            episodes.append(part.episode + first)
+            first += int(part.episode[-1]) + 1 if len(part.episode) else 0
+        return cls(
+            torch.cat([part.observation for part in parts]),
+            torch.cat([part.action for part in parts]), torch.cat(episodes))
+
+
+def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
+    """Return the scripted pilot of the world's rockets with the gains of the settings.
+
+    :raises ValueError: when it cannot fly the world.
+    """
+    try:
+        teacher = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
+        return teacher(spec, **config.teacher_gains())
+    except ValueError as error:
+        raise ValueError(
+            f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as nobody '
+            f'can demonstrate: {error}') from error
+
+
+def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
+    """Return what the world is reset with: the level, or wider where the config says so."""
+    wider = {
+        name.removeprefix('demonstration_'): getattr(config, name)
+        for name in config.__dataclass_fields__ if name.startswith('demonstration_spawn_')
+    }
+    chosen = {name: value for name, value in wider.items() if value != UNSET}
+    return {'level': level, **chosen} if level else {}
+
+
+def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
+    """Return which rockets touch the ground, `(N,)`, by what is seen of them.
+
+    :param observation: `(N, 15)` of a world of rockets with feet.
+    :param settings: of that world.
+    """
+    seen = observation.astype(np.float64)
+    lean = np.hypot(seen[:, 6], seen[:, 8])
+    foot = foot_height(seen[:, 1] * settings['position_scale'], lean, seen[:, 7], settings)
+    return np.asarray(foot <= _TOUCH)
+
+
+def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
+    """Return which actions were flown, `(N, T)`: after its touchdown nobody steers a rocket.
+
+    Where its contact switch cuts the engine, what the expert says afterwards means nothing, and a
+    policy that learnt it would have less of an eye for the last metre.
+    """
+    if 'stance' not in settings or not settings['engine_cutoff']:
+        return np.ones((len(steps[0].flying), len(steps)), np.bool_)
+    touched = np.stack([touching(step.observation, settings) for step in steps], axis=1)
+    return ~np.logical_or.accumulate(touched, axis=1)
+
+
+def usable_engine(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
+    """Return in which steps the engine burnt or could still be lit, `(N, T)`.
+
+    With its last ignition gone it stays off whatever is said. A teacher that does not know of it
+    goes on asking for thrust, and an unlit rocket that falls looks like one that has yet to be
+    lit: learnt from, those samples teach the policy to light early.
+
+    :param steps: with the actions flown.
+    :param settings: of the world; `ignitions` 0 allows any number, and all steps are usable.
+    """
+    most = settings.get('ignitions', 0)
+    if not most:
+        return np.ones((len(steps[0].flying), len(steps)), np.bool_)
+    asked = np.stack([(step.action[:, 0] + 1) / 2 for step in steps], axis=1)
+    lit = asked > settings['throttle_cutoff']
+    before = np.pad(lit, ((0, 0), (1, 0)))[:, :-1]
+    ignitions = np.pad(np.cumsum(lit & ~before, axis=1), ((0, 0), (1, 0)))[:, :-1]
+    usable: Bools = (ignitions < most) | before & (ignitions == most)
+    return usable
+
+
+def fly_wave(
+    spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, settings: Mapping[str, float],
+    seed: int, wave: int,
+) -> Flight[tuple[Demonstrations, Episodes]]:
+    """Let the expert fly one episode with each rocket and keep those that landed.
+
+    Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
+    injection for robust imitation learning', 2017); what is kept is what the expert wanted.
+
+    :param settings: what the world is reset with.
+    :return: the samples of landed episodes, and all episodes.
+    """
+    noise = np.random.default_rng(random_streams.derived_seed(seed, 'demonstration noise', wave))
+
+    def disturb(action: NDArray[Any]) -> NDArray[Any]:
+        if not config.demonstration_noise or not spec.continuous:
+            return action
+        wanted = action + config.demonstration_noise * noise.standard_normal(action.shape)
+        flown = wanted.astype(np.float32)
+        tell_flown(pilot, flown)
+        return flown
+
+    observation = yield Reset(
+        random_streams.derived_seed(seed, 'demonstrations', wave), settings)
+    pilot = copy.deepcopy(expert)  # as it was given, whenever the flight begins anew
+    tell_begun(pilot)
+    steps = yield from fly_once(observation, pilot, disturb)
+    episodes = Episodes.concatenate([step.episodes for step in steps])
+    landed = np.zeros(spec.num_envs, np.bool_)
+    landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
+    return _samples(spec, steps, landed), episodes
+
+
+def fly_clone(
+    spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
+) -> Flight[tuple[Demonstrations, Episodes]]:
+    """Let a clone fly one episode with each rocket while the expert says what it would do.
+
+    All episodes are kept, whatever became of them: where the clone fails is where it has to learn.
+    Only what follows when it has used up its ignitions is not.
+
+    :param settings: what the world is reset with.
+    :return: what the clone saw with what the expert wanted, and the episodes.
+    """
+    observation = yield Reset(seed, settings)
+    steps = yield from fly_once(observation, pilot)
+    expert, labelled = copy.deepcopy(expert), []
+    tell_begun(expert)
+    for step in steps:
+        labelled.append(step._replace(action=expert(step.observation)))
+        tell_flown(expert, step.action)
+        tell_begun(expert, step.ended)
+    episodes = Episodes.concatenate([step.episodes for step in steps])
+    usable = usable_engine(steps, spec.after_reset(settings).settings)
+    return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_), usable), episodes
+
+
+def _samples(
+    spec: WorldSpec, steps: Sequence[Step], chosen: Bools, usable: Bools | None = None,
+) -> Demonstrations:
+    """Return the samples of chosen rockets `(N,)`, rocket after rocket.
+
+    :param usable: `(N, T)`, which steps count; by default all.
+    """
+    # (N, T) before flattening.
+    kept = np.stack([step.flying & chosen for step in steps], axis=1)
+    if usable is not None:
+        kept &= usable
+    kept &= steered(steps, spec.settings)
+    action = np.stack([step.action for step in steps], axis=1)[kept]
+    if spec.continuous:
+        action = np.clip(action, spec.action_low, spec.action_high, dtype=np.float32)
+    else:
+        action = action.astype(np.int64)
+    return Demonstrations(
+        torch.from_numpy(np.stack([step.observation for step in steps], axis=1)[kept]),
+        torch.from_numpy(action),
+        torch.from_numpy((np.cumsum(chosen) - 1)[np.nonzero(kept)[0]]))

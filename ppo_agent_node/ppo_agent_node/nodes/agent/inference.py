@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flying a trained policy as a node."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.config.curriculum_config import level_setting
+from ppo_agent_node.nodes.flights.connection import ConnectionParameters
+from ppo_agent_node.nodes.flights.connection import make_client
+from ppo_agent_node.nodes.flights.flying import fly
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.node.parameters import Parameters
+
+
+@dataclass(frozen=True)
+class InferenceParameters:
+    """Parameters of mode `infer`, beside those of the connection."""
+
+    policy: str = setting(
+        '', '', 'policy file, or the name of one that ships; empty: of the newest finished run, '
+        'else the one that ships for the world')
+    seed: int = setting(0, '', 'where the spawns start', 0, 2**62)
+    level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
+    episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)
+
+
+def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
+    """Fly until enough episodes have ended or ROS shuts down; return the exit status."""
+    options = parameters.declare(InferenceParameters)
+    connection = parameters.declare(ConnectionParameters)
+    parameters.finish()
+    with make_client(node, executor, connection) as client:
+        spec = client.connect()
+        path = find_policy(options.policy, spec.name)
+        pilot = PolicyPilot(path, spec)
+        node.get_logger().info(f'flying {path}')
+        if pilot.unfamiliar:
+            node.get_logger().warning(pilot.unfamiliar)
+        fly(node, client, pilot, options.seed, options.episodes, **level_setting(options.level))
+    return 0

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What other nodes warn of, on the terminal of this one."""
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.recording.sinks.web_page import INVITATION
+
+_ROSOUT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def show_warnings(node: Node, terminal: Terminal) -> None:
+    """Show what other nodes of this namespace warn of, where a display keeps them off the screen.
+
+    The address of a live view is shown as well: people wait for it.
+
+    So does what this node warns of itself, where its own log goes to a file.
+    """
+    if not terminal.live:
+        return
+    own = sys.stderr.isatty()
+    # A logger is called as its node, with points for slashes.
+    here = node.get_namespace().strip('/').replace('/', '.')
+    prefix = f'{here}.' if here else ''
+    skipped = prefix + node.get_name() if own else ''
+    node.create_subscription(
+        Log, '/rosout', partial(_on_log, terminal.say, prefix, skipped), _ROSOUT)
+
+
+def _on_log(say: Callable[[str, str], None], prefix: str, skipped: str, message: Log) -> None:
+    name = message.name
+    inner = name.removeprefix(prefix)
+    if not name.startswith(prefix) or name == skipped or '.' in inner:
+        return
+    if message.msg.startswith(INVITATION):
+        say(message.msg, '')
+    if message.level < Log.WARN:
+        return
+    grave = message.level >= Log.ERROR
+    say(f'{"error" if grave else "warning"}, {inner}: {message.msg}', 'red' if grave else 'yellow')

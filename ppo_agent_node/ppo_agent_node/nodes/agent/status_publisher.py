@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a training says: on the terminal and, the same, on `training`."""
+from __future__ import annotations
+
+import os
+import shlex
+import time
+from dataclasses import asdict
+from dataclasses import replace
+
+from rclpy.node import Node
+from rocket_msgs.msg import TrainingStatus
+
+from ppo_agent_node.nodes.agent.rosout import show_warnings
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.wire.dds import qos
+
+STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
+"""set where launch_scripts/train says at the very end how to resume"""
+
+
+class Teller:
+    """Tells of a run."""
+
+    def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
+        """Begin with where it is."""
+        self._terminal, self._folder = terminal, folder
+        self._namespace = node.get_namespace()
+        self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
+        self._began = time.monotonic()
+        self._last = Status(run=folder.name, folder=str(folder.path))
+        terminal.say(f'run {folder.path}')
+        terminal.wait_for('the simulator', self._last)
+        show_warnings(node, terminal)
+
+    def report(self, status: Status) -> None:
+        """Tell of an iteration of learning, or of what happened in between."""
+        status = replace(status, stages=(*status.stages, 'evaluate'))
+        self._last = status
+        self._tell(status)
+
+    def report_evaluation(self, status: Status) -> None:
+        """Tell of the flights that follow; what is known of the run stays known."""
+        self._tell(replace(
+            status, **self._last.of_run(), elapsed=time.monotonic() - self._began,
+            progress=status.iteration, goal=status.iterations, unit='episodes',
+            saved=status.saved or self._last.saved))
+
+    def advise(self, simulators: str) -> None:
+        """Say how to resume, if nobody else will; of a run that never began leave nothing.
+
+        :param simulators: namespaces of those that fly, as the agent was given them.
+        """
+        if STARTED_BY_TRAIN in os.environ:
+            return
+        if not self._folder.config.exists():
+            self._folder.withdraw()
+            self._terminal.say('stopped before the run began; start it as before')
+            return
+        words = ['ros2', 'run', 'ppo_agent_node', 'ppo_agent', '--ros-args']
+        if self._namespace != '/':
+            words += ['-r', f'__ns:={self._namespace}']
+        if simulators:
+            words += ['-p', f'simulators:={simulators}']
+        words += ['-p', f'run_dir:={self._folder.path.resolve()}', '-p', 'resume:=true']
+        self._terminal.say(
+            f'stopped; go on, with simulators as they were, by: {shlex.join(words)}')
+
+    def _tell(self, status: Status) -> None:
+        self._terminal.show(status)
+        self._publisher.publish(TrainingStatus(**asdict(status)))

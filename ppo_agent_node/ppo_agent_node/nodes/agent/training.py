@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A training run as a node: settings from parameters, reports to the terminal and `training`."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from ppo_agent_node.config import presets
+from ppo_agent_node.config import training_config
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.imitation.cloning import NothingLanded
+from ppo_agent_node.nodes.agent.status_publisher import Teller
+from ppo_agent_node.nodes.flights.connection import ConnectionParameters
+from ppo_agent_node.nodes.flights.connection import agent_of_run
+from ppo_agent_node.nodes.flights.connection import make_fleet
+from ppo_agent_node.nodes.flights.connection import require_lockstep
+from ppo_agent_node.nodes.flights.evaluation import fly_and_write
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.terminal import Terminal
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node import settings
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.client.connection import SimulatorBusy
+from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.client.membership import check_pattern
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
+
+
+@dataclass(frozen=True)
+class TrainingParameters:
+    """Parameters of mode `train`, beside the settings of the run."""
+
+    run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001, or the next number')
+    resume: bool = setting(False, '', 'go on with the run in run_dir')
+    simulators: str = setting(
+        '', '', "namespaces of the simulators to train in, such as /sim_*: those that are there "
+        "and those that come; empty: the one in the agent's own namespace")
+    preset: str = setting(
+        'default', '', 'where the settings of the run begin',
+        choices=presets.preset_names())
+
+
+def train(node: Node, executor: Executor, parameters: Parameters) -> int:
+    """Train in the simulator of this namespace, evaluate, plot; return the exit status."""
+    options = parameters.declare(TrainingParameters)
+    connection = parameters.declare(ConnectionParameters)
+    _check_given(node, parameters)
+    check_pattern(options.simulators)
+    folder = RunFolder(_run_path(options), options.resume)
+    saved = _saved_settings(folder) if options.resume else {}
+    with (
+        folder.locked(), Terminal() as terminal,
+        make_fleet(
+            node, executor, connection, options.simulators, agent_of_run(folder.path)) as fleet,
+    ):
+        def tick() -> None:
+            fleet.keep()
+            terminal.tick()
+
+        def stop_requested() -> bool:
+            tick()
+            return stopping.requested()
+
+        if not folder.finished:  # a finished run stays one when it cannot be taken up
+            folder.mark_unfinished()
+        teller = Teller(node, terminal, folder)
+        try:
+            config = _config(parameters, options.preset, fleet.connect().name, saved)
+            require_lockstep(fleet)
+            result = Trainer(
+                fleet, config, folder, teller.report, stop_requested=stop_requested,
+                say=terminal.say).run()
+            if result.finished:
+                folder.mark_unfinished()
+                try:
+                    _evaluate(fleet, config, folder, teller, terminal, tick)
+                except EnvironmentClosed:
+                    teller.report_evaluation(Status(
+                        stage='evaluate', message='stopped; a resumed run evaluates anew'))
+                    raise
+                folder.mark_finished()
+                return 0
+        except EnvironmentClosed:
+            pass
+        except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
+            teller.advise(options.simulators)
+            raise
+        except NothingLanded:
+            folder.mark_finished()  # a resumed run would come to the same
+            raise
+        except (ValueError, OSError):
+            folder.withdraw()
+            raise
+        teller.advise(options.simulators)
+    return 0
+
+
+def _run_path(options: TrainingParameters) -> Path:
+    if options.run_dir:
+        return Path(options.run_dir)
+    if options.resume:
+        raise ParameterError('parameter run_dir: empty, expected the folder of the run to resume')
+    number = 1
+    while (path := Path('runs') / f'run-{number:03d}').exists():
+        number += 1
+    return path
+
+
+def _check_given(node: Node, parameters: Parameters) -> None:
+    """Check the parameters of the run as far as can be without its world.
+
+    Which preset fills in the rest is known only when the simulator has said what world it is;
+    but nobody shall wait for one to be told of a misspelt name.
+
+    :raises ParameterError: for an unknown name, a value of another kind or out of range.
+    """
+    infos = {info.name: info for info in training_config.describe()}
+    known = [*node.get_parameters_by_prefix(''), *infos]
+    unknown = sorted(set(parameters.given) - set(known))
+    if unknown:
+        raise ParameterError(
+            f'unknown parameter {", ".join(map(repr, unknown))}, expected {", ".join(known)}')
+    for name in parameters.given.keys() & infos.keys():
+        try:
+            settings.check(infos[name], parameters.given[name])
+        except (ValueError, TypeError) as error:
+            raise ParameterError(f'parameter {error}') from error
+
+
+def _saved_settings(folder: RunFolder) -> dict[str, Any]:
+    """Return the settings of the run that is resumed, by name."""
+    saved = folder.read_config().get('training', {})
+    if not isinstance(saved, dict):
+        raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
+    return saved
+
+
+def _config(
+    parameters: Parameters, preset: str, world: str, saved: dict[str, Any],
+) -> Config:
+    """Return the settings: those given, else those of the run resumed, else the preset's.
+
+    A preset other than the default one that is named when a run is resumed has to be the one that
+    it was begun with; `default` says nothing, since launch files always name it.
+    """
+    values = saved
+    if not saved or preset != TrainingParameters.preset:
+        values = {**saved, **presets.preset_values(preset, world)}
+    return training_config.make_config(
+        parameters.declare_infos(training_config.describe(), values))
+
+
+def _evaluate(
+    fleet: Fleet, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
+    tick: Callable[[], None],
+) -> None:
+    """Fly the best policy on fresh starts; write the figures and all plots."""
+    level = config.curriculum.curriculum_final_level
+    summary = fly_and_write(
+        fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
+        config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
+        tick, settings=config.curriculum.task_settings(level), training_seed=config.run.seed)
+    terminal.say(metrics.table(summary))
+    low, high = summary['landing_rate_interval']
+    teller.report_evaluation(Status(
+        stage='done', level=level, landing_rate=summary['landing_rate'], landing_rate_low=low,
+        landing_rate_high=high, mean_return=summary['mean_return'], saved='evaluation.json',
+        message=f'everything is in {folder.path}'))

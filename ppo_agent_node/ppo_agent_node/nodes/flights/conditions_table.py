@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of conditions as the node makes it: flown, told, and written to a folder."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.evaluation import conditions_files
+from ppo_agent_node.evaluation import conditions_table
+from ppo_agent_node.evaluation.conditions_table import Cell
+from ppo_agent_node.pilots.choice import Chosen
+from ppo_agent_node.runs.status import Status
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.worlds.jobs import Fleet
+
+_PERIOD = 0.5
+"""s between reports of progress, at least"""
+
+
+def fly_and_write_table(
+    fleet: Fleet, chosen: Sequence[Chosen], episodes: int, seed: int, levels: Sequence[int],
+    folder: Path | None, report: Callable[[Status], None],
+    poll: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Fly pilots under all conditions and return the table.
+
+    :param episodes: of each cell.
+    :param folder: where `conditions.json`, `.md`, `.csv`, `plots/` and `report.html` go, the last
+        two with what else the folder holds of a run; None: nowhere.
+    :param poll: called before each step.
+    :raises ValueError: for a world that has no conditions.
+    """
+    start = told = time.monotonic()
+
+    def progress(cell: Cell, done: int, total: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told < _PERIOD and done < total:
+            return
+        told = now
+        report(Status(
+            run=f'{cell.pilot}, {cell.condition}', stage='evaluate', iteration=done,
+            iterations=total, level=cell.level, elapsed=now - start,
+            remaining=(now - start) / done * (total - done)))
+
+    def anew(message: str) -> None:
+        report(Status(stage='evaluate', message=message, elapsed=time.monotonic() - start))
+
+    table = conditions_table.fly_table_with(
+        fleet, {one.label: one.pilot for one in chosen}, episodes, seed, levels,
+        progress=progress, poll=poll, report=anew)
+    table['policies'] = {one.label: one.facts for one in chosen if one.facts}
+
+    def write() -> None:
+        if folder is not None:
+            conditions_files.write(folder, table)
+            # It draws, and what draws takes its time to import: not before a run can begin.
+            from ppo_agent_node.commands.report import write_report
+
+            write_report(folder)
+
+    stopping.abandonable(write)
+    return table

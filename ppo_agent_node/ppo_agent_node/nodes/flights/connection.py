@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the nodes of this package reach a simulator."""
+from __future__ import annotations
+
+import hashlib
+import os
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import SimulatorBusy
+from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentRestarted
+
+EXPECTED_ERRORS = (
+    ParameterError, WireTimeout, SimulatorBusy, EnvironmentRestarted, ValueError, OSError)
+"""What can go wrong from outside: told in one line that names it, without a traceback."""
+
+
+@dataclass(frozen=True)
+class ConnectionParameters:
+    """How long to wait for the simulator."""
+
+    resend_after: float = setting(
+        0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
+    patience: float = setting(
+        60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
+    acknowledge: str = setting(
+        'auto', '', 'whether each observation and reward is acknowledged, so that DDS repeats '
+        'what was lost; auto: when the discovery range goes beyond this machine',
+        choices=qos.ACKNOWLEDGE)
+
+    def link_options(self) -> LinkOptions:
+        """Return them as the wire takes them."""
+        return LinkOptions(self.resend_after, self.patience, self.acknowledge)
+
+
+def make_client(
+    node: Node, executor: Executor, parameters: ConnectionParameters, agent: int | None = None,
+) -> Client:
+    """Return a client of the simulator in the node's namespace."""
+    return Client(node, executor, parameters.link_options(), agent)
+
+
+def make_fleet(
+    node: Node, executor: Executor, parameters: ConnectionParameters, simulators: str, agent: int,
+) -> Fleet:
+    """Return all simulators that train one agent."""
+    return Fleet(node, executor, parameters.link_options(), agent, simulators)
+
+
+def require_lockstep(client: Client | Fleet) -> None:
+    """Check that no step can be missed.
+
+    :raises ValueError: when the simulator goes by the clock.
+    """
+    if client.realtime:
+        raise ValueError('simulator: mode is realtime, expected lockstep')
+
+
+def agent_of_run(run: Path) -> int:
+    """Return the identity of a run: the same when it is resumed, so that it may go on at once."""
+    return agent_named(str(run.resolve()))
+
+
+def agent_named(name: str) -> int:
+    """Return the identity of who is called so on this machine.
+
+    Containers may share the name of their host: what tells them apart is their root.
+    """
+    root = os.stat('/')
+    name = f'{socket.gethostname()}:{root.st_dev}:{root.st_ino}:{name}'
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], 'little') or 1

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flying a simulator with a pilot that does not learn, for as long as wanted."""
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy.node import Node
+
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.flying.pilot import tell_begun
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds import Episodes
+
+_REPORT_PERIOD = 5.0
+"""s between two lines on the log"""
+
+
+class Tally:
+    """How episodes ended."""
+
+    def __init__(self, outcomes: tuple[str, ...]) -> None:
+        """Count from 0."""
+        self._outcomes = outcomes
+        self._counts = np.zeros(len(outcomes), np.int64)
+        self._return = 0.0
+
+    @property
+    def count(self) -> int:
+        """Episodes."""
+        return int(self._counts.sum())
+
+    def add(self, ended: Episodes) -> None:
+        """Count some more."""
+        self._counts += np.bincount(ended.outcome, minlength=len(self._outcomes))
+        self._return += float(ended.episode_return.sum())
+
+    def __str__(self) -> str:
+        """Return one line: how many ended how, and the mean return."""
+        counts = [f'{name} {count}' for name, count in zip(
+            self._outcomes, self._counts.tolist(), strict=True) if count]
+        mean = self._return / self.count if self.count else float('nan')
+        return f'{self.count} episodes: {", ".join(counts) or "none"}; mean return {mean:.1f}'
+
+
+def fly(
+    node: Node, client: Client, pilot: Pilot, seed: int, episodes: int, **settings: float,
+) -> None:
+    """Fly until `episodes` have ended (0: for ever), or this process is asked to end.
+
+    Those that end first count, whoever flies them; `evaluation.runner` is fair to long ones.
+    The log says every few seconds how they ended, for ever of those few seconds, and in the end
+    of all. A simulator that comes back is reset and flown on, from other starts.
+    """
+    outcomes = client.spec.outcomes
+    total, recent = Tally(outcomes), Tally(outcomes)
+    observation = None
+    report = time.monotonic() + _REPORT_PERIOD
+    while not episodes or total.count < episodes:
+        try:
+            if observation is None:
+                observation = client.reset(seed, **settings)
+                tell_begun(pilot)
+            observation, _, _, _, info = client.step(pilot(observation))
+            tell_begun(pilot, info['final_rows'])
+        except EnvironmentRestarted as error:
+            node.get_logger().warning(f'{error}: starting anew')
+            observation = None
+            seed += 1  # those that were flown count already
+            continue
+        except EnvironmentClosed:
+            break
+        if len(info['episodes']):
+            total.add(info['episodes'])
+            recent.add(info['episodes'])
+        if time.monotonic() > report and recent.count:
+            report = time.monotonic() + _REPORT_PERIOD
+            node.get_logger().info(str(total if episodes else recent))
+            recent = Tally(outcomes)
+    node.get_logger().info(str(total))

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flights by hand: keys to actions, step by step, and instruments back to the terminal."""
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from ppo_agent_node.cockpit.debrief import ExpertFlight
+from ppo_agent_node.cockpit.debrief import Flight
+from ppo_agent_node.cockpit.debrief import Watch
+from ppo_agent_node.cockpit.debrief import debrief
+from ppo_agent_node.cockpit.display import Cockpit
+from ppo_agent_node.cockpit.display import Tank
+from ppo_agent_node.cockpit.display import View
+from ppo_agent_node.cockpit.instruments import Brake
+from ppo_agent_node.cockpit.instruments import checked
+from ppo_agent_node.cockpit.instruments import read
+from ppo_agent_node.cockpit.key_bindings import HELP
+from ppo_agent_node.cockpit.key_bindings import NEXT
+from ppo_agent_node.cockpit.key_bindings import QUIT
+from ppo_agent_node.cockpit.key_bindings import KeyboardCommands
+from ppo_agent_node.cockpit.raw_terminal import RawTerminal
+from ppo_agent_node.config.curriculum_config import level_setting
+from ppo_agent_node.pilots.keyboard import KeyboardPilot
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import SimulatorBusy
+from rocket_sim_node.wire.client.state_input import leaving_out
+from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.waiting import WireTimeout
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds import EnvironmentRestarted
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+
+_FRAME = 1 / 15
+"""s between two pictures in flight"""
+_IDLE = 0.05
+"""s between two looks at the keys on the ground"""
+_LOST = (SimulatorBusy, WireTimeout, EnvironmentRestarted)
+_NEXT = ('', 'r: next start   t: this start again   h: help   q: quit')
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where flights begin."""
+
+    seed: int
+    level: int
+    """0: there are none, or as the simulator has it"""
+
+    @property
+    def settings(self) -> dict[str, float]:
+        """Settings for the reset."""
+        return level_setting(self.level)
+
+
+class HandFlying:
+    """The flights of one person at one terminal.
+
+    Each begins with a reset, when the person says so. Between flights nobody has control of the
+    simulator, and nothing falls.
+    """
+
+    def __init__(
+        self, node: Node, client: Client, terminal: RawTerminal, cockpit: Cockpit,
+        pilot: KeyboardPilot, start: Start, place: str,
+    ) -> None:
+        """Take all that is needed; `client` is connected.
+
+        :param place: where one can watch, or ''.
+        :raises ValueError: when the world says what its vehicle cannot be; names it.
+        """
+        self._node, self._client, self._terminal = node, client, terminal
+        self._cockpit, self._pilot, self._start = cockpit, pilot, start
+        self._spec = spec = checked(client.spec)
+        self._brake = Brake.of(spec)
+        self._keys = KeyboardCommands(pilot)
+        self._expert: ExpertFlight | None = None
+        self._flights = Counter[str]()
+        self._best = float('-inf')
+        s = spec.settings
+        fuel = s.get('fuel', 0.0)
+        self._full = Tank(self._brake.dry_mass + fuel, fuel, fuel, 0.0, 0.0)
+        self._tank = self._full
+        self._drawn = 0.0
+        self._view = View(
+            '', max(s.get('spawn_height', 14.0) - s.get('touchdown_height', 0.0), 1.0),
+            tuple(s.get(f'landed_{name}', 0.0)  # type: ignore[arg-type]
+                  for name in ('speed', 'tilt', 'distance')),
+            help=True)
+        self._view.notes = [('bold green', 'press r to fly')]
+        if place:
+            self._view.notes.insert(0, ('', f'watch it: {place}'))
+        self._subscription = node.create_subscription(
+            msg.RocketState, 'state', self._on_state, qos.EVENTS)
+
+    def run(self) -> None:
+        """Fly, flight after flight, until told to stop."""
+        start, flown = self._start, False
+        command = self._rest(start)
+        while command != QUIT:
+            if command == NEXT and flown:
+                start = replace(start, seed=start.seed + 1)
+            flown = True
+            command = self._fly(start) or self._rest(start)
+
+    def tally(self) -> str:
+        """Return how it went so far; empty before the first flight."""
+        total = sum(self._flights.values())
+        if not total:
+            return ''
+        return f'landed {self._flights["landed"]} of {total}, best return {self._best:.1f}'
+
+    # On the ground
+
+    def _rest(self, start: Start) -> str:
+        """Wait for what the person wants next."""
+        view = self._view
+        view.flying = False
+        self._draw(start)
+        while True:
+            for command in self._commands(0.0 if self._expert else _IDLE):
+                if command != HELP:
+                    return command
+                view.help = not view.help
+                self._draw(start)
+            if stopping.requested():
+                raise EnvironmentClosed('asked to stop')
+            self._let_the_expert_fly()
+            if self._take_errors() or time.monotonic() - self._drawn > 1.0:
+                self._draw(start)
+
+    def _commands(self, seconds: float = 0.0) -> list[str]:
+        """Read the keys: those of the controls go to the pilot, commands are returned.
+
+        :raises EnvironmentClosed: when the terminal has gone.
+        """
+        data = self._terminal.read(seconds)
+        if data is None:
+            raise EnvironmentClosed('the terminal is gone')
+        return self._keys.take(data, time.monotonic())
+
+    def _take_errors(self) -> bool:
+        """Show the last line that the log had; return whether there was one."""
+        lines = [line for line in self._terminal.errors() if line.strip()]
+        if lines:
+            self._view.message = lines[-1]
+        return bool(lines)
+
+    # In the air
+
+    def _fly(self, start: Start) -> str | None:
+        """Fly from a start; return the command that broke the flight off, if one did."""
+        view = self._view
+        view.help, view.flying, view.notes, view.message = False, True, [], ''
+        self._expert = None
+        try:
+            self._tank = self._full
+            self._pilot.reset()
+            observation = self._client.reset(start.seed, **start.settings)
+            return self._steer(start, observation)
+        except _LOST as error:
+            view.notes = [('bold red', str(error)), ('', 'r: fly   q: quit')]
+        finally:
+            # Nobody in control: the simulator waits, and others may have it.
+            self._client.close()
+        return None
+
+    def _steer(self, start: Start, observation: F32) -> str | None:
+        watch = Watch(self._brake)
+        due = time.monotonic()
+        steps = 0
+        while True:
+            commands = [c for c in self._commands() if c != HELP]
+            if commands:
+                return commands[0]
+            now = time.monotonic()
+            action = self._pilot.act(observation, now)
+            observation, _, _, _, info = self._client.step(action)
+            steps += 1
+            mine = (info['final_rows'] == 0).nonzero()[0]
+            seen = info['final_observation'][mine[0]] if mine.size else observation[0]
+            self._view.readings = readings = read(self._spec, seen)
+            if mine.size:
+                self._touch_down(start, info, watch)
+                return None
+            # In lock-step the state comes many steps at a time, and so late.
+            flown = self._tank.time if self._client.realtime else steps * self._spec.dt
+            watch.see(flown, readings, self._tank.mass, self._pilot.throttle(now))
+            if now - self._drawn > _FRAME:
+                self._take_errors()
+                self._draw(start)
+            if not self._client.realtime:
+                due = max(due + self._spec.dt, time.monotonic() - self._spec.dt)
+                time.sleep(max(due - time.monotonic(), 0.0))
+
+    def _touch_down(self, start: Start, info: dict[str, Any], watch: Watch) -> None:
+        """Tell how a flight ended."""
+        rows = np.flatnonzero(info['episodes'].row == 0)
+        if not rows.size:
+            self._view.notes = [('', 'how it ended got lost on the way'), ('', ''), _NEXT]
+            return
+        flight = Flight.of(info['episodes'], int(rows[0]), self._spec)
+        self._flights[flight.outcome] += 1
+        self._best = max(self._best, flight.episode_return)
+        self._flown = flight, watch
+        self._expert = ExpertFlight(self._spec, start.seed, **start.settings)
+        self._report()
+
+    def _report(self, expert: Flight | None = None) -> None:
+        """Put what there is to say after a flight below the instruments."""
+        self._view.notes = [
+            *debrief(self._flown[0], expert, self._flown[1]), ('', ''), _NEXT]
+
+    def _let_the_expert_fly(self) -> None:
+        """Go on with the flight to compare with, a few steps, so that keys need not wait."""
+        if self._expert is None:
+            return
+        over = True
+        with suppress(ValueError):  # an expert that cannot fly such a vehicle
+            over = self._expert.go_on()
+        if over:
+            self._report(self._expert.flight)
+            self._expert = None
+            self._drawn = 0.0
+
+    def _draw(self, start: Start) -> None:
+        self._drawn = time.monotonic()
+        level = f' · level {start.level}' if start.level else ''
+        self._view.title = f'hoverslam · {self._spec.name}{level} · start {start.seed}'
+        self._view.tally = self.tally()
+        self._view.tank = self._tank
+        self._terminal.draw(self._cockpit.lines(self._view))
+
+    def _on_state(self, message: msg.RocketState) -> None:
+        """Take what is not observed: of the first vehicle, in the flight under way."""
+        if message.session != self._client.session:
+            return
+        with leaving_out(self._node, 'state'):
+            samples = samples_from_message(message)
+            mine = samples.values[(samples.row == 0) & (samples.episode == 0)]
+            if len(mine):
+                self._tank = self._tank_of(mine[-1])
+
+    def _tank_of(self, sample: F64) -> Tank:
+        """Return what a sample says of the vehicle.
+
+        :param sample: `(D,)`; see :data:`FIELDS`.
+        :raises ValueError: for what this vehicle cannot be, naming it.
+        """
+        full = self._full
+        seen = {}
+        for name, low, high in (
+                ('mass', self._brake.dry_mass, full.mass), ('fuel', 0.0, full.fuel),
+                ('throttle', 0.0, 1.0), ('time', 0.0, math.inf)):
+            seen[name] = value = float(sample[FIELDS[name].start])
+            if not low <= value <= high:
+                raise ValueError(f'{name}: got {value:g}, expected {low:g} to {high:g}')
+        return Tank(full=full.full, **seen)

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The expert of vehicles that are not by the book: it identifies them in flight, and predicts.
+
+It flies the expert's laws on the state in which its command will arrive, a Smith predictor
+(Smith, 'Closer control of loops with dead time', 1957), for the engine, RCS and side acceleration
+that it has identified, and inverts the engine's lag.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from ppo_agent_node.pilots.estimator.identification import DELAYS
+from ppo_agent_node.pilots.estimator.identification import Estimate
+from ppo_agent_node.pilots.estimator.identification import Identification
+from ppo_agent_node.pilots.estimator.kalman import VELOCITY
+from ppo_agent_node.pilots.estimator.kalman import turn
+from ppo_agent_node.pilots.estimator.state_filter import Expected
+from ppo_agent_node.pilots.estimator.state_filter import StateFilter
+from ppo_agent_node.pilots.expert.descent import Descent
+from ppo_agent_node.pilots.expert.descent import DescentProfile
+from ppo_agent_node.pilots.expert.descent import TimeToGo
+from ppo_agent_node.pilots.expert.expert import ExpertSettings
+from ppo_agent_node.pilots.expert.lateral import Pull
+from ppo_agent_node.pilots.expert.lateral import drift_upright
+from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.stateful import RememberingExpert
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import WorldSpec
+
+
+@dataclass(frozen=True)
+class EstimatorSettings(ExpertSettings):
+    """Gains of the expert that identifies its vehicle."""
+
+    lateral_time: float = setting(
+        0.5, 's', 'time to go never thought shorter, sideways', 0.02, 10.0)
+    upright_time: float = setting(
+        0.7, 's', 'burn left from which on the lateral pull fades out, to land upright',
+        1e-3, 10.0)
+    attitude_rate: float = setting(16.0, 'rad/s', 'natural frequency of the attitude', 0.1, 50.0)
+    expected_strength: float = setting(
+        0.94, '', 'factor of the acceleration of the engine before it has been lit', 0.5, 1.5)
+    strength_spread: float = setting(
+        0.04, '', 'standard deviation of that factor among vehicles', 1e-4, 1.0)
+    disturbance: float = setting(
+        0.1, 'm/s^2', 'deviation of accelerations from what is expected, where sights are noisy',
+        1e-3, 100.0)
+    side_spread: float = setting(
+        0.6, 'm/s^2', 'standard deviation of the side acceleration along an axis', 1e-3, 100.0)
+    side_wandering: float = setting(
+        0.05, 'm/s^2', 'by which it changes in a second, where sights are noisy', 1e-6, 100.0)
+    side_memory: float = setting(
+        5.0, 's', 'in which measurements of the side acceleration are forgotten', 0.02, 1e4)
+    side_upright_time: float = setting(
+        0.3, 's', 'burn left from which on it is no longer leant against the side acceleration',
+        0.01, 10.0)
+    lagging_flare: float = setting(
+        2.0, '', 'flare rate at most, as a multiple of 1 / lag', 0.1, 1e3)
+    noisy_flare_rate: float = setting(
+        5.0, '1/s', 'flare rate at most where sights are noisy', 0.5, 1e3)
+    noisy_lateral_time: float = setting(
+        2.5, 's', 'time to go never thought shorter, sideways, where sights are noisy',
+        0.02, 10.0)
+    noise_margin: float = setting(
+        2.0, '', 'deviations of height and speed that the touchdown is faster by', 0.0, 10.0)
+    lag_inverted: float = setting(
+        1.0, '', 'share of the lag of the engine that commands make up for', 0.0, 1.0)
+
+
+class ExpertEstimator(RememberingExpert):
+    """Lands rockets whose mass, thrust, RCS, lag, delay and side wind are not told. A `Pilot`."""
+
+    name = 'expert_estimator'
+    settings_class = EstimatorSettings
+    settings: EstimatorSettings
+
+    def __init__(self, spec: WorldSpec, **gains: float) -> None:
+        """Take the vehicle from the world's settings and the gains from the caller.
+
+        :raises ValueError: as :class:`ExpertPilot` does.
+        """
+        super().__init__(spec, **gains)
+        self._by_the_book = self._full
+        self._prepare(0)
+
+    def _prepare(self, count: int) -> None:
+        """Forget all flights, and be ready for `count` rockets."""
+        v, gain = self.vehicle, self.settings
+        self._count = count
+        self._identification = Identification(
+            v, count, gain.side_memory, gain.expected_strength, gain.strength_spread)
+        self._filter = StateFilter(count, v.dt, Expected(
+            v.gravity, gain.expected_strength, gain.strength_spread, gain.side_spread,
+            gain.side_wandering, gain.disturbance))
+        self._found = self._identification.estimate()
+        self._now = self._found.throttle
+        self._full = self._by_the_book
+        self.profile = self._descent(self._full - v.gravity)
+
+    def __call__(self, observation: F32) -> F32:
+        """Return actions `(N, 3)`, as :class:`ExpertPilot` does."""
+        if len(observation) != self._count:
+            self._prepare(len(observation))
+        return super().__call__(observation)
+
+    def _note(self, action: F32) -> None:
+        """Take note of the action `(N, 3)` that was flown since the last call."""
+        throttle = (action[:, 0].astype(np.float64) + 1) / 2
+        self._identification.command(throttle, action[:, 1:].T.astype(np.float64))
+        # Fuel flows as the engine follows.
+        self._memory.command(throttle + (self._now - throttle) * self._kept(self._found.lag))
+
+    def _look(self, observation: F32) -> Sight:
+        """Return what will be seen when the command arrives."""
+        v, gain, sight = self.vehicle, self.settings, super()._look(observation)
+        fresh = self._memory.look(sight)
+        mass = self._book_mass(sight)
+        self._identification.forget(fresh)
+        self._identification.learn(sight, mass, ~fresh, VELOCITY * self._filter.noise)
+        found = self._identification.estimate()
+        speed = np.sqrt((sight.velocity**2).sum(axis=0))
+        sight = self._filter.update(
+            sight, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
+        noisy = self._filter.noise > 0
+        self._found = found = replace(
+            found, strength=np.where(noisy, self._filter.strength, found.strength),
+            side=np.where(noisy, self._filter.side, found.side))
+        self._full = np.maximum(self._by_the_book * found.strength, 1.01 * v.gravity)
+        self._spin_up = found.turning * (v.rcs_torque / v.inertia)
+        self.profile = self._flared(self._descent(self._full - v.gravity))
+        self._lateral = replace(self._lateral, least_time=np.where(
+            noisy, max(gain.lateral_time, gain.noisy_lateral_time), gain.lateral_time))
+        return self._predict(sight, mass, found)
+
+    def _predict(self, sight: Sight, mass: F64, found: Estimate) -> Sight:
+        """Return the state after the commands that are under way, step by step as the world."""
+        v, commands = self.vehicle, self._identification.commands
+        dt, rows = v.dt, np.arange(self._count)
+        kept = self._kept(found.lag)
+        height, lateral, velocity = sight.height, sight.lateral, sight.velocity
+        up, spin, self._now = sight.up, sight.spin, found.throttle
+        full = v.max_thrust * found.strength / mass
+        for step in range(min(int(found.delay.max(initial=0)), DELAYS - 1)):
+            flying = step < found.delay
+            asked = commands[np.maximum(found.delay - 1 - step, 0), :, rows].T
+            throttle = asked[0] + (self._now - asked[0]) * kept
+            now = Sight(height, sight.origin_height, lateral, velocity, up, spin)
+            push = self._acceleration(now, throttle * full, mass)
+            torque = np.stack((asked[1], np.zeros_like(height), asked[2])) * self._spin_up
+            faster = velocity + push * dt
+            turned = spin + torque * dt
+            self._now = np.where(flying, throttle, self._now)
+            velocity, spin = np.where(flying, faster, velocity), np.where(flying, turned, spin)
+            height = np.where(flying, height + velocity[1] * dt, height)
+            lateral = np.where(flying, lateral + velocity[::2] * dt, lateral)
+            up = np.where(flying, turn(up, spin, dt), up)
+        return Sight(height, sight.origin_height, lateral, velocity, up, spin)
+
+    def _acceleration(self, sight: Sight, push: F64, mass: F64) -> F64:
+        """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
+        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
+        acceleration: F64 = sight.up * push - drag * sight.velocity
+        acceleration[1] += self._found.fall - self.vehicle.gravity
+        acceleration[::2] += self._found.side
+        return acceleration
+
+    def _kept(self, lag: F64) -> F64:
+        """Return which part of its throttle `(N,)` an engine keeps over a step."""
+        kept: F64 = np.exp(-self.vehicle.dt / np.maximum(lag, 1e-9))
+        return kept
+
+    def _book_mass(self, sight: Sight) -> F64:
+        """Return the mass `(N,)` kg by the book: that at spawn less the fuel commanded."""
+        v = self.vehicle
+        left = np.maximum(v.fuel - self._memory.burnt, 0.0)
+        mass: F64 = np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        return mass
+
+    def _flared(self, profile: Descent) -> Descent:
+        """Return a descent with a flare no sharper than lag and noise allow.
+
+        It aims at a touchdown so fast that the height may be off, and the speed.
+        """
+        assert isinstance(profile, DescentProfile)
+        gain = self.settings
+        height, speed = self._filter.deviation
+        rate = np.minimum(
+            profile.flare_rate, gain.lagging_flare / np.maximum(self._found.lag, 1e-3))
+        rate = np.where(self._filter.noise > 0, np.minimum(rate, gain.noisy_flare_rate), rate)
+        return replace(
+            profile, flare_rate=rate,
+            touchdown_speed=profile.touchdown_speed + gain.noise_margin * (rate * height + speed))
+
+    def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
+        """Return what thrust shall do sideways, held against the side acceleration."""
+        way = drift_upright(self._found.side, to_go.burn, self.settings.side_upright_time)
+        pull = self._lateral.pull(
+            sight.lateral - way.x, sight.drift - way.drift, push + way.opposed, to_go)
+        rate = np.where(to_go.coast > 0, pull.rate, pull.rate - way.opposed_rate)
+        return Pull(pull.acceleration - way.opposed, rate)
+
+    def _mass(self, sight: Sight) -> F64:
+        """Return the mass `(N,)` kg that the thrust by the book moves as it was seen to."""
+        mass: F64 = self._book_mass(sight) / self._found.strength
+        return mass
+
+    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+        """Return the deceleration `(N,)` m/s^2 wanted; an engine that lags is lit earlier."""
+        lead = np.where(self._memory.lit, 0.0, self._found.lag)
+        fall = self.vehicle.gravity * lead
+        velocity = sight.velocity.copy()
+        velocity[1] -= fall
+        later = sight._replace(
+            height=sight.height - (sight.speed + fall / 2) * lead, velocity=velocity)
+        return super()._brake(profile, later, to_go)
+
+    def _throttle(self, profile: Descent, sight: Sight, wanted: F64) -> F64:
+        """Return the throttle `(N,)` to command so that the engine gives what is wanted."""
+        kept = self._kept(self._found.lag * self.settings.lag_inverted)
+        asked = (np.clip(wanted, 0.0, 1.0) - self._now * kept) / (1 - kept)
+        throttle: F64 = np.clip(asked, 0.0, 1.0)
+        return throttle

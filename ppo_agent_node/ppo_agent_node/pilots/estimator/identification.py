@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identifying a vehicle in flight from what it was told and what it did.
+
+Least squares on a bank of models, one for each delay and each engine lag that may be (multiple
+model estimation: Magill, 'Optimal adaptive estimation of sampled stochastic processes', 1965).
+The RCS answers at once, so the turns tell the delay; the vertical acceleration tells lag and
+strength of the engine, which a horizontal disturbance does not touch; what is left of the
+horizontal one is the side acceleration.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.pilots.expert.observed_state import Sight
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
+
+DELAYS = 6
+"""Delays thought possible: 0 to 5 steps."""
+LAGS = np.linspace(0.0, 0.3, 25)
+"""s, time constants thought possible"""
+_STRENGTH, _TURNING = (0.8, 1.25), (0.4, 1.2)
+"""Bounds of the factors of engine and RCS."""
+
+
+@dataclass
+class Estimate:
+    """What N vehicles are thought to be like."""
+
+    delay: NDArray[np.int64]
+    """`(N,)` steps"""
+    lag: F64
+    """`(N,)` s"""
+    strength: F64
+    """`(N,)`, factor of the engine's acceleration"""
+    turning: F64
+    """`(N,)`, factor of the RCS's"""
+    side: F64
+    """`(2, N)` m/s^2, along x and z"""
+    fall: F64
+    """`(N,)` m/s^2, acceleration upwards beyond gravity by the book, from before the ignition"""
+    throttle: F64
+    """`(N,)`, what the engine gives at present"""
+
+
+class Identification:
+    """Learns from the flights of N rockets, row by row."""
+
+    def __init__(
+        self, vehicle: RocketSettings, count: int, memory: float, expected: float,
+        spread: float,
+    ) -> None:
+        """Begin with the vehicle as it should be.
+
+        :param memory: s, in which what was measured of the side acceleration is forgotten.
+        :param expected: factor of the engine's acceleration before it was measured.
+        :param spread: standard deviation of that factor among vehicles.
+        """
+        self._vehicle, self._expected, self._spread = vehicle, expected, spread
+        self._kept = np.exp(-vehicle.dt / memory)
+        self._lag_kept = np.exp(-vehicle.dt / np.maximum(LAGS, 1e-9))[None, :, None]
+        self._drag = 0.5 * vehicle.air_density * vehicle.drag_coefficient * vehicle.drag_area
+        self._rows = np.arange(count)
+        self.commands = np.zeros((DELAYS, 3, count))
+        """throttle, torque about X and Z of the last steps, newest first, as flown"""
+        self._throttle = np.zeros((DELAYS, len(LAGS), count))
+        self._turned = np.zeros((3, DELAYS, count))
+        self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
+        self._side, self._side_weight = np.zeros((2, count)), np.zeros(count)
+        self._fall, self._fallen = np.zeros(count), np.zeros(count)
+        self._before: Sight | None = None
+        self._variance = np.full(count, _EXACT**2)
+
+    def forget(self, rows: Bools) -> None:
+        """Begin anew with the rows `(N,)` that are marked."""
+        for array in (self.commands, self._throttle, self._turned, self._pushed, self._side,
+                      self._side_weight, self._fall, self._fallen):
+            array[..., rows] = 0.0
+
+    def command(self, throttle: F64, torque: F64) -> None:
+        """Take note of what is told: throttle `(N,)` 0 to 1 and torque `(2, N)`."""
+        self.commands[1:] = self.commands[:-1]
+        self.commands[0, 0] = np.where(throttle > self._vehicle.throttle_cutoff, throttle, 0.0)
+        self.commands[0, 1:] = torque
+        asked = self.commands[:, None, 0]
+        self._throttle = asked + (self._throttle - asked) * self._lag_kept
+
+    def learn(self, sight: Sight, mass: F64, known: Bools, noise: F64) -> None:
+        """Learn from the step that ended.
+
+        :param mass: `(N,)` kg by the book, during the step.
+        :param known: `(N,)` rows of which the step's start was seen, too.
+        :param noise: `(N,)` m/s, standard deviation of the speeds seen.
+        """
+        v, before = self._vehicle, self._before
+        self._before = sight
+        self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
+        if before is None or not known.any():
+            return
+        # As a sum of squares of y, y u and u u for each model y = factor u.
+        turn = (sight.spin - before.spin)[::2] / v.dt
+        asked = self.commands[:, 1:] * (v.rcs_torque / v.inertia)
+        self._turned += np.stack((
+            np.broadcast_to((turn**2).sum(axis=0), asked[:, 0].shape),
+            (turn * asked).sum(axis=1), (asked**2).sum(axis=1))) * known
+        change = (sight.velocity - before.velocity) / v.dt
+        drag = self._drag * np.sqrt((before.velocity**2).sum(axis=0)) / mass
+        change += drag * before.velocity
+        change[1] += v.gravity
+        idle = known & ~self._throttle.any(axis=(0, 1))
+        self._fallen += idle
+        self._fall += idle * change[1]
+        change[1] -= self._mean_fall()
+        full = v.max_thrust / mass
+        model = self._throttle * (full * before.up[1])
+        self._pushed += np.stack((
+            np.broadcast_to(change[1]**2, model.shape), change[1] * model, model**2)) * known
+        found = self._models()
+        push = found.throttle * found.strength * full * before.up[::2]
+        weight = self._kept * self._side_weight + known
+        share = known / np.maximum(weight, 1.0)
+        self._side += share * (change[::2] - push - self._side)
+        self._side_weight = weight
+
+    def _mean_fall(self) -> F64:
+        """Return the acceleration `(N,)` m/s^2 of falls beyond gravity: none until measured."""
+        fall: F64 = self._fall / (self._fallen + self._variance / _FALL_SPREAD**2)
+        return fall
+
+    def _models(self) -> Estimate:
+        """Return the likeliest models, side acceleration left out."""
+        rows = self._rows
+        squares, product, power = self._turned
+        turning = _fit(product, power, 1.0, 1e-3, _TURNING)
+        delay = np.argmin(squares - 2 * turning * product + turning**2 * power + _SLIGHT *
+                          np.arange(DELAYS)[:, None], axis=0)
+        squares, product, power = self._pushed[:, delay, :, rows].transpose(1, 2, 0)
+        weight = self._variance / self._spread**2
+        strength = _fit(product, power, self._expected, weight, _STRENGTH)
+        misfit = (squares - 2 * strength * product + strength**2 * power) / self._variance
+        misfit += weight * (strength - self._expected)**2 / self._variance
+        lag = np.argmin(misfit + _AKAIKE * (LAGS > 0)[:, None], axis=0)
+        return Estimate(
+            delay, LAGS[lag], strength[lag, rows], turning[delay, rows], self._side,
+            self._mean_fall(), self._throttle[delay, lag, rows])
+
+    def estimate(self) -> Estimate:
+        """Return what the vehicles are thought to be like now."""
+        return self._models()
+
+
+_EXACT = 0.05
+"""m/s^2 by which a model may be off without noise"""
+_FALL_SPREAD = 0.1
+"""m/s^2, standard deviation of gravity"""
+_AKAIKE = 2.0
+"""what a lag has to explain, in units of the variance of noise: one parameter (Akaike, 1974)"""
+_SLIGHT = 1e-6
+"""(m/s^2)^2 or (rad/s^2)^2 by which, of models that say the same, the first is preferred"""
+
+
+def _fit(
+    product: F64, power: F64, expected: float, weight: float | F64, bounds: tuple[float, float],
+) -> F64:
+    """Return the factor of least squares, towards what is expected while little is known."""
+    factor: F64 = np.clip(
+        (product + weight * expected) / (power + weight), *bounds)
+    return factor

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scripted pilot of the rocket worlds: a hoverslam by the book, and the learner's teacher.
+
+Four laws: a descent profile followed by feed-forward and feedback; a critically damped pull to
+the pad's axis that ends with the descent; a pace that holds the descent back while the rocket has
+too far to go sideways; a proportional-derivative law for the attitude on the cross product of the
+up vector and the wanted one, the turn of the wanted one fed forward.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.pilots.expert.attitude import attitude_torque
+from ppo_agent_node.pilots.expert.descent import Descent
+from ppo_agent_node.pilots.expert.descent import DescentProfile
+from ppo_agent_node.pilots.expert.descent import TimeToGo
+from ppo_agent_node.pilots.expert.lateral import LateralLaw
+from ppo_agent_node.pilots.expert.lateral import Pull
+from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import look
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
+
+F64 = NDArray[np.float64]
+
+_SEEN = 15
+"""numbers of an observation that are looked at, the first"""
+_PACE_ITERATIONS = 4
+_LEAST_SPIN_UP = 1e-9
+"""rad/s^2 that the RCS is thought to give, one without torque too"""
+
+
+@dataclass(frozen=True)
+class ExpertSettings:
+    """Gains of the scripted pilot."""
+
+    braking_share: float = setting(
+        0.93, '', 'planned deceleration, as a share of what full throttle gives at half fuel',
+        0.1, 1.0)
+    flare_rate: float = setting(42.0, '1/s', 'speed per height in the flare', 0.5, 1000.0)
+    flare_speed: float = setting(0.0084, 'm/s', 'speed at touchdown the flare aims at', 1e-4, 2.0)
+    speed_settling: float = setting(
+        0.053, '', 'time in which errors in speed die out, as a share of the burn left', 0.0, 10.0)
+    lateral_power: float = setting(
+        5.2, '', 'the distance to the axis shrinks with this power of the time to go', 1.0, 20.0)
+    lateral_time: float = setting(
+        0.43, 's', 'time to go never thought shorter, sideways', 0.02, 10.0)
+    upright_time: float = setting(
+        0.41, 's', 'burn left from which on the lateral pull fades out, to land upright',
+        1e-3, 10.0)
+    lateral_reach: float = setting(
+        4.2, 'm/s^2', 'lateral acceleration counted on when the pace is chosen', 0.1, 100.0)
+    lateral_stretch: float = setting(
+        1.8, '', 'time allowed sideways, as a multiple of the shortest possible', 0.1, 10.0)
+    lateral_grace: float = setting(
+        0.22, 's', 'time sideways that is not waited for, lest a small miss delay the touchdown',
+        0.0, 10.0)
+    tilt_reserve: float = setting(
+        1.4, '', 'part of the first lateral pull that thrust is kept in reserve for', 0.0, 2.0)
+    slowest: float = setting(0.24, '', 'smallest pace of the descent', 0.01, 1.0)
+    tilt_cap: float = setting(31.0, 'deg', 'largest tilt asked for', 0.0, 80.0)
+    attitude_rate: float = setting(27.0, 'rad/s', 'natural frequency of the attitude', 0.1, 50.0)
+    attitude_damping: float = setting(0.96, '', 'damping ratio of the attitude', 0.1, 10.0)
+    attitude_brake: float = setting(
+        0.57, '', 'share of the RCS counted on to stop a turn', 0.05, 1.0)
+
+
+class ExpertPilot:
+    """Lands rockets from their observation alone; stateless, N rockets at a time. A `Pilot`.
+
+    Fuel is not observed. The mass is taken to be that of a standard flight with as much burn time
+    left: mass at spawn less the flow of full throttle over the time burnt so far, where a standard
+    flight falls from rest at `spawn_height`. Feedback absorbs the difference.
+    """
+
+    name = 'expert'
+    settings_class = ExpertSettings
+
+    def __init__(self, spec: WorldSpec, **gains: float) -> None:
+        """Take the vehicle from the world's settings and the gains from the caller.
+
+        :param gains: fields of :class:`ExpertSettings`, the rest by default.
+        :raises ValueError: for a world that is no rocket or has discrete actions, an unknown
+            gain, one out of range, or a vehicle that cannot hover.
+        """
+        if not spec.continuous:
+            raise ValueError(f'the expert steers continuously, but world {spec.name!r} does not')
+        names = {field.name for field in fields(RocketSettings) if field.type != 'str'}
+        known = {name: value for name, value in spec.settings.items() if name in names}
+        if not {'max_thrust', 'rcs_torque', 'touchdown_height'} <= set(known):
+            raise ValueError(f'the expert flies rockets, but world {spec.name!r} has none')
+        self._world = spec.settings
+        self.settings = settings_module.build(self.settings_class, gains)
+        self.vehicle = settings_module.build(RocketSettings, known)
+        v, gain = self.vehicle, self.settings
+        self._spin_up: float | F64 = v.rcs_torque / v.inertia
+        self._full: float | F64 = v.max_thrust / (v.dry_mass + 0.5 * v.fuel)
+        if not 0 < v.gravity < self._full:
+            raise ValueError('the expert needs gravity and a thrust above the weight')
+        self.profile: Descent = self._descent(self._full - v.gravity)
+        self._lateral = LateralLaw(
+            gain.lateral_power, gain.lateral_time, gain.lateral_reach, gain.upright_time)
+        self._flow = v.max_thrust / (v.specific_impulse * v.gravity)
+        height = np.array([v.spawn_height - v.touchdown_height])
+        self._standard_burn = float(self.profile.time_to_go(height, np.zeros(1)).burn[0])
+        self._drag = 0.5 * v.air_density * v.drag_coefficient * v.drag_area
+
+    def __call__(self, observation: F32) -> F32:
+        """Return actions `(N, 3)`: throttle, RCS about X, RCS about Z, each in [-1, 1].
+
+        :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
+        """
+        v, gain = self.vehicle, self.settings
+        sight = self._look(observation)
+        profile = self._paced_profile(sight)
+        to_go = self._to_go(profile, sight)
+        mass = self._mass(sight)
+        lift = self._lift(profile, sight, mass, to_go)
+        # The lift while braking, also in the flare: it ends too soon to be leant into.
+        firing = np.maximum(v.gravity + profile.braking, np.where(to_go.coast > 0, 0.0, lift))
+        pull = self._pull(sight, firing * sight.up[::2] / sight.upright, to_go)
+        wanted, turning = self._wanted_up(pull, firing)
+        torque = attitude_torque(
+            sight.up, sight.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
+            gain.attitude_rate, gain.attitude_damping, gain.attitude_brake, turning)
+        throttle = self._throttle(profile, sight, lift * mass / (v.max_thrust * sight.upright))
+        action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
+
+    def _look(self, observation: F32) -> Sight:
+        """Return what is seen."""
+        return look(observation, self._world)
+
+    def _descent(self, net: float | F64) -> Descent:
+        """Return the descent to follow, `net` m/s^2 being what full throttle brakes with."""
+        gain = self.settings
+        return DescentProfile(
+            gain.braking_share * net, gain.flare_rate, gain.flare_speed, self.vehicle.gravity)
+
+    def _throttle(self, profile: Descent, sight: Sight, throttle: F64) -> F64:
+        """Return the throttle `(N,)` to command where this much thrust is wanted."""
+        return throttle
+
+    def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
+        """Return the time until touchdown."""
+        return profile.time_to_go(sight.height, sight.speed)
+
+    def _mass(self, sight: Sight) -> F64:
+        """Return the estimated mass `(N,)` kg."""
+        v = self.vehicle
+        to_go = self.profile.time_to_go(sight.height, sight.speed)
+        burnt = np.maximum(self._standard_burn - to_go.burn, 0.0)
+        mass: F64 = np.maximum(v.dry_mass + v.fuel - self._flow * burnt, v.dry_mass)
+        return mass
+
+    def _paced_profile(self, sight: Sight) -> Descent:
+        """Return the fastest descent whose burn lasts as long as the way to the axis.
+
+        Pace and way depend on each other, as a slower descent begins to burn earlier, at another
+        place; a few damped steps of fixed-point iteration settle that.
+        """
+        v, gain = self.vehicle, self.settings
+        lateral, drift = sight.lateral, sight.drift
+        pace = np.ones_like(sight.height)
+        for _ in range(_PACE_ITERATIONS):
+            to_go = self._to_go(self.profile.paced(pace), sight)
+            begin = lateral + drift * to_go.coast
+            needed = (
+                gain.lateral_stretch * self._lateral.shortest(begin, drift) - gain.lateral_grace)
+            in_time = pace * to_go.burn / np.maximum(needed, 1e-6)
+            pull = gain.tilt_reserve * np.hypot(*self._lateral.first_pull(lateral, drift, to_go))
+            left = np.sqrt(np.maximum(self._full**2 - pull**2, 0.0)) - v.gravity
+            strong = np.sqrt(np.maximum(left / (self._full - v.gravity), 0.0))
+            pace = np.clip(np.sqrt(pace * np.minimum(in_time, strong)), gain.slowest, 1.0)
+        return self.profile.paced(pace)
+
+    def _lift(
+        self, profile: Descent, sight: Sight, mass: F64, to_go: TimeToGo,
+    ) -> F64:
+        """Return the vertical acceleration `(N,)` m/s^2 wanted of the engine, 0 or more."""
+        v = self.vehicle
+        brake = self._brake(profile, sight, to_go)
+        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) * sight.speed / mass
+        lift: F64 = np.clip(v.gravity + brake - drag, 0.0, v.max_thrust / mass)
+        return lift
+
+    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+        """Return the deceleration `(N,)` m/s^2 wanted."""
+        dt, gain = self.vehicle.dt, self.settings
+        wanted = np.maximum(profile.next_speed(sight.height, dt), 0.0)
+        planned = profile.deceleration(wanted)
+        excess = sight.speed - wanted - planned * dt
+        return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
+
+    def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
+        """Return what thrust shall do sideways, where it pushes with `push` `(2, N)` m/s^2 now."""
+        return self._lateral.pull(sight.lateral, sight.drift, push, to_go)
+
+    def _wanted_up(self, pull: Pull, lift: F64) -> tuple[F64, F64]:
+        """Return the up vector `(3, N)` of a thrust with this lateral and vertical part.
+
+        And how it turns, `(2, N)` rad/s about X and Z: not at all where the tilt is capped.
+        """
+        slope = pull.acceleration / lift
+        size = np.maximum(np.hypot(*slope), 1e-12)
+        within = np.minimum(np.tan(np.deg2rad(self.settings.tilt_cap)) / size, 1.0)
+        wanted = np.stack((slope[0] * within, np.ones_like(lift), slope[1] * within))
+        wanted /= np.sqrt((wanted**2).sum(axis=0))
+        rate = np.where(within < 1, 0.0, pull.rate / lift * wanted[1]**2)
+        return wanted, np.stack((rate[1], -rate[0]))

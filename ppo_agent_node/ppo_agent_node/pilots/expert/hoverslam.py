@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scripted pilot of an engine that cannot hover: lit once, it burns until the ground.
+
+With a least thrust above the weight, speed and height have to reach zero together. The pilot
+lights early enough to brake with less than full thrust, follows a curve that never asks for less
+than the least, and plans the last steps one by one.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import replace
+
+import numpy as np
+
+from ppo_agent_node.pilots.expert.braking import BrakingProfile
+from ppo_agent_node.pilots.expert.braking import last_steps
+from ppo_agent_node.pilots.expert.descent import Descent
+from ppo_agent_node.pilots.expert.descent import TimeToGo
+from ppo_agent_node.pilots.expert.expert import ExpertSettings
+from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.stateful import RememberingExpert
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import WorldSpec
+
+FLOOR = 'throttle_floor_high'
+
+
+@dataclass(frozen=True)
+class HoverslamSettings(ExpertSettings):
+    """Gains of the pilot of an engine that cannot hover."""
+
+    braking_share: float = setting(
+        0.8, '', 'planned deceleration, as a share of what full throttle gives at half fuel',
+        0.1, 1.0)
+    lateral_stretch: float = setting(
+        1.5, '', 'time allowed sideways, as a multiple of the shortest possible', 0.1, 10.0)
+    tilt_cap: float = setting(38.0, 'deg', 'largest tilt asked for', 0.0, 80.0)
+    flare_speed: float = setting(0.02, 'm/s', 'speed at touchdown', 1e-4, 2.0)
+    last_speed: float = setting(
+        2.0, 'm/s', 'speed from which on the planned deceleration leaves room on both sides',
+        0.01, 20.0)
+    last_share: float = setting(
+        0.5, '', 'deceleration below it, from the least (0) to the most (1) the engine gives',
+        0.0, 1.0)
+    settled_time: float = setting(
+        4.0, 's', 'burn left from which on the descent is not made slower or faster any more',
+        0.0, 30.0)
+    least_share: float = setting(
+        0.05, '', 'least planned deceleration, from the least (0) to the most (1)', 0.0, 1.0)
+
+
+class HoverslamPilot(RememberingExpert):
+    """Lands rockets whose engine has a least throttle and may be lit once. A `Pilot`.
+
+    An observation does not tell whether the engine burns. A rocket is lit when this pilot lit it,
+    or when it has less energy than the poorest spawn has left after a fall from there.
+    """
+
+    name = 'hoverslam'
+    settings_class = HoverslamSettings
+    settings: HoverslamSettings
+    profile: BrakingProfile
+
+    def __init__(self, spec: WorldSpec, **gains: float) -> None:
+        """Take the vehicle from the world's settings and the gains from the caller.
+
+        :raises ValueError: as :class:`ExpertPilot` does.
+        """
+        self._floor = spec.settings[FLOOR]
+        super().__init__(spec, **gains)
+
+    def _descent(self, net: float | F64) -> BrakingProfile:
+        v, gain = self.vehicle, self.settings
+        self._least = np.maximum(self._floor * self._full - v.gravity, 0.0)
+        between = net - self._least
+        return BrakingProfile(
+            gain.braking_share * net, self._least + gain.last_share * between, gain.last_speed,
+            gain.flare_speed, v.gravity, self._least + gain.least_share * between)
+
+    def _look(self, observation: F32) -> Sight:
+        sight = super()._look(observation)
+        self._memory.look(sight)
+        self._memory.lit |= self._has_braked(sight)
+        return sight
+
+    def _has_braked(self, sight: Sight) -> Bools:
+        """Return which rockets `(N,)` cannot have come here without thrust.
+
+        A fall from rest in semi-implicit steps keeps v^2 / 2 + g v dt / 2 - g s exactly, but for
+        drag, which over the fall s takes k g s^2 / m with the force k v^2.
+        """
+        v = self.vehicle
+        fallen = v.spawn_height - v.touchdown_height - sight.origin_height
+        step = v.dt / v.substeps
+        energy = (sight.velocity**2).sum(axis=0) / 2 + v.gravity * (
+            sight.speed * step / 2 - fallen)
+        drag = self._drag * v.gravity * fallen**2 / (v.dry_mass + v.fuel)
+        braked: Bools = energy < -1.1 * drag - _TOLERANCE
+        return braked
+
+    def _mass(self, sight: Sight) -> F64:
+        """Return the mass `(N,)` kg: spawn's less what was burnt, a standard flight's else."""
+        v = self.vehicle
+        left = np.maximum(v.fuel - self._memory.burnt, 0.0)
+        return np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+
+    def _paced_profile(self, sight: Sight) -> BrakingProfile:
+        """Return the descent to follow; near the ground a lit rocket makes it no slower.
+
+        One that brakes gently by then leads on as it is: pace and way to the axis depend on each
+        other, and a curve that swings takes all there is between least and full thrust.
+        """
+        paced, on = super()._paced_profile(sight), self.profile.through(sight.height, sight.speed)
+        assert isinstance(paced, BrakingProfile)
+        left = on.burn_time(on.speed(sight.height))
+        settled = self._memory.lit & (left < self.settings.settled_time)
+        gentle = on.braking < _GENTLE * self.profile.braking
+        braking = np.where(gentle, on.braking, np.maximum(on.braking, paced.braking))
+        return replace(paced, braking=np.where(settled, braking, paced.braking))
+
+    def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
+        to_go = super()._to_go(profile, sight)
+        assert isinstance(profile, BrakingProfile)
+        lit, burn = self._memory.lit, profile.burn_time(profile.speed(sight.height))
+        return TimeToGo(np.where(lit, 0.0, to_go.coast), np.where(lit, burn, to_go.burn))
+
+    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+        """Return the deceleration `(N,)` m/s^2 wanted: on the curve, at the end step by step."""
+        dt, touchdown_speed = self.vehicle.dt, self.settings.flare_speed
+        # Half a step below the ground, so that the last one does not end just above it.
+        below = sight.height + touchdown_speed * dt / 2
+        near = (sight.height < profile.join_height) & (sight.speed < 1.5 * profile.join_speed)
+        return np.where(
+            near, last_steps(below, sight.speed, touchdown_speed, dt),
+            super()._brake(profile, sight, to_go))
+
+    def _throttle(self, profile: Descent, sight: Sight, wanted: F64) -> F64:
+        """Return the throttle `(N,)`: none while coasting, else the least or more.
+
+        An engine that would stop the rocket above the ground is cut when the fall from there is
+        harmless: it would only carry it up again.
+        """
+        coasting = ~self._memory.lit & (sight.speed < profile.speed(sight.height))
+        height = np.maximum(sight.height, 0.0)
+        short = sight.speed < _SHORT * np.sqrt(2 * self._least * height)
+        harmless = sight.speed**2 + 2 * self.vehicle.gravity * height < _HARMLESS**2
+        off = coasting | (short & harmless)
+        return np.where(off, 0.0, np.clip(wanted, self._floor, 1.0))
+
+
+_TOLERANCE = 0.05
+"""m^2/s^2, for rounding"""
+_GENTLE = 0.7
+"""part of the planned deceleration"""
+_SHORT, _HARMLESS = 0.7, 1.5
+"""part of the speed that least thrust would stop at the ground; m/s at touchdown"""

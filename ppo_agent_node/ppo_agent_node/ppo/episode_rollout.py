@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Roll-outs of whole episodes, each start flown several times, which judge each other.
+
+The mean return of its copies tells how much a start is worth, and no critic has to. Near an
+optimum that decides: a critic that is wrong by 0.1 drowns the thousandths that an action is worth
+there, while the copies of a start differ by their actions alone.
+
+The advantage of an episode, one for all its steps, is its return less the mean of the other copies
+(the leave-one-out baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
+for free!', 2019), over their standard deviation, as in group relative policy optimization (Shao et
+al., 'DeepSeekMath', 2024, section 4.1): starts that nobody can mend do not drown the others.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
+from ppo_agent_node.ppo.rollout_buffer import Ended
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
+
+_CHUNK = 128
+"""steps whose random numbers are drawn at once"""
+_LEAST_DEVIATION = 0.02
+"""of the returns of a start's copies: what differs by less is rounding and luck"""
+_LIMIT = 4.0
+"""most an advantage counts, in units of the 90th percentile of all: one crash among copies that
+land is news, but the episode's many steps would be the whole batch's"""
+
+
+def relative_advantages(returns: F64, copies: int) -> F64:
+    """Return the advantages `(E,)` of episodes among the copies of their starts.
+
+    :param returns: `(E,)`, the copies of a start one after the other.
+    :param copies: K of them, 2 or more.
+    """
+    groups = returns.reshape(-1, copies)
+    above = (groups - groups.mean(1, keepdims=True)) * (copies / (copies - 1))
+    relative = above / (groups.std(1, keepdims=True) + _LEAST_DEVIATION)
+    scale = np.quantile(np.abs(relative), 0.9)
+    advantage: F64 = np.clip(relative / max(scale, 1e-6), -_LIMIT, _LIMIT).ravel()
+    return advantage
+
+
+class EpisodeRollout:
+    """What G groups of N rockets did in an episode each; see `rollout.Rollout` for its verbs."""
+
+    def __init__(self, rockets: int, copies: int, groups: int = 1) -> None:
+        """Prepare for N rockets in each of G groups, of which K, one after the other, begin alike.
+
+        :raises ValueError: when K does not divide N.
+        """
+        if rockets % copies:
+            raise ValueError(
+                f"start_copies: got {copies}, expected a divisor of the simulator's num_envs, "
+                f'{rockets}')
+        self._copies = copies
+        self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
+        self._returns = np.zeros((groups, rockets))
+        self.steps = 0
+        """rocket steps of the last roll-out, of all groups"""
+
+    @torch.no_grad()
+    def flight(
+        self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
+    ) -> Flight[tuple[list[Ended], bytes]]:
+        """Fly until each rocket has ended its first episode, overwriting what was here of a group.
+
+        :param begin: resets the world to starts with K copies each.
+        :return: those episodes, step by step, and the snapshot after the last step.
+        """
+        flown: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
+        finished: list[Ended] = []
+        returns = np.zeros(self._returns.shape[1])
+        observation = yield begin
+        flying = np.ones(len(returns), np.bool_)
+        log_prob = torch.empty(_CHUNK, len(returns))
+        step = 0
+        while flying.any():
+            if step % _CHUNK == 0:
+                sample = policy.sampler(log_prob, generator)
+            seen = torch.tensor(observation)
+            action = sample(step % _CHUNK, seen)
+            rows = torch.from_numpy(np.flatnonzero(flying))
+            # Copies: actions and log-probabilities may lie in memory that is used again.
+            flown.append((
+                seen[rows], action[rows], log_prob[step % _CHUNK][rows], rows))
+            observation, reward, _, _, info = yield action.numpy()
+            returns[flying] += reward[flying]
+            episodes: Episodes = info['episodes']
+            first = episodes.take(flying[episodes.row])
+            if len(first):
+                finished.append((step, first))
+            flying[info['final_rows']] = False
+            step += 1
+        self._flown[group], self._returns[group] = flown, returns
+        return finished, (yield Snapshot())
+
+    def batch(
+        self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
+        reward_scale: float,
+    ) -> Batch:
+        """Return all samples, flat; neither critic nor discounts matter, and there are no targets.
+
+        They are those of `rollout.Rollout.batch`.
+        """
+        advantage = torch.from_numpy(relative_advantages(
+            self._returns.ravel(), self._copies).astype(np.float32))
+        first = 0
+        parts = []
+        for flown in self._flown:
+            parts += [(*sample, advantage[rows + first]) for *sample, rows in flown]
+            first += self._returns.shape[1]
+        observation, action, log_prob, advantages = map(torch.cat, zip(*parts, strict=True))
+        self.steps = len(log_prob)
+        nothing = torch.zeros_like(log_prob)
+        return Batch(observation, action, log_prob, advantages, nothing, nothing)

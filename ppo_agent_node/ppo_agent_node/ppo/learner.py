@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What learns: policy, critic and their optimisers, saved and put back as one."""
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+from typing import TypeVar
+
+import torch
+from torch import Tensor
+from torch import nn
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.ppo import update
+from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
+from ppo_agent_node.ppo.update import Diagnostics
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.sealed_file import Tensors
+from rocket_sim_node.worlds import WorldSpec
+
+_VALUED_AT_ONCE = 4096
+"""Observations; many more would leave the processor's cache between the layers."""
+_RATE_STEP = 1.5
+"""by which the actor's rate changes after an update, see `desired_kl`"""
+_RATE_BOUNDS = (1e-3, 1e3)
+_RATE_FACTOR = 'rate_factor'
+M = TypeVar('M', bound=nn.Module)
+
+
+class Samples(Protocol):
+    """A roll-out that has been flown."""
+
+    def batch(
+        self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
+        reward_scale: float,
+    ) -> Batch:
+        """Return all samples, flat, with their advantages."""
+        ...
+
+
+def find_device(name: str) -> torch.device:
+    """Return the device of a setting: `auto`, `cpu` or `cuda`.
+
+    :raises ValueError: when there is none.
+    """
+    there = torch.cuda.is_available()
+    if name == 'cuda' and not there:
+        raise ValueError(
+            "device: got 'cuda', but torch finds no GPU here, expected 'auto' or 'cpu'")
+    return torch.device('cuda' if there and name != 'cpu' else 'cpu')
+
+
+class Learner:
+    """Policy and critic for a world, and how they learn.
+
+    Both are on the CPU, where roll-outs are flown. On another device an update works on copies
+    that stay there, and brings back what they have become.
+    """
+
+    def __init__(self, spec: WorldSpec, config: Config) -> None:
+        """Make both networks, which depend on the seed alone.
+
+        :raises ValueError: when the device of the settings is not there, or for features that the
+            world's observations do not allow.
+        """
+        network, self._seed = config.network, config.run.seed
+        self._ppo, self.device = config.ppo, find_device(config.run.device)
+        self.policy = make_policy(spec, network, random_streams.generator(self._seed, 'policy'))
+        self.critic = Critic(
+            spec.observation_size, network.hidden_sizes,
+            random_streams.generator(self._seed, 'critic'), network.activation,
+            make_features(network.features, spec.observation_names, spec.settings))
+        for normaliser in (self.policy.normaliser, self.critic.normaliser):
+            for name in set(network.fine_observations.split()) & set(spec.observation_names):
+                normaliser.width[spec.observation_names.index(name)] = network.fine_width
+        for name in set(network.hidden_observations.split()) & set(spec.observation_names):
+            self.policy.normaliser.hide(spec.observation_names.index(name))
+        self._rate_factor = torch.ones((), dtype=torch.float64)
+        """of the actor's learning rate, see `_adapt_rate`"""
+        self._policy_update = update.PolicyUpdate(self._there(self.policy), self._ppo)
+        self._critic_update = update.CriticUpdate(self._there(self.critic), self._ppo)
+
+    def _there(self, network: M) -> M:
+        here = torch.device('cpu')
+        return network if self.device == here else copy.deepcopy(network).to(self.device)
+
+    def learn(
+        self, iteration: int, rollout: Samples, poll: Callable[[], None],
+    ) -> tuple[Diagnostics, float]:
+        """Improve both networks by one roll-out; return how it went and the learning rate.
+
+        :param iteration: from 1.
+        :param poll: called before each minibatch; may raise, which leaves it half-done.
+        :raises ValueError: when weights come out of it that are not finite.
+        """
+        c = self._ppo
+        self._carry(there=True)  # the critic says what is worth learning
+        return self.improve(
+            iteration,
+            rollout.batch(self._values, self.gamma(iteration), c.gae_lambda, c.reward_scale), poll)
+
+    def gamma(self, iteration: int) -> float:
+        """Return the discount of an iteration, from 1."""
+        c = self._ppo
+        if c.gamma_first < 0 or c.iterations < 2:
+            return c.gamma
+        part = (iteration - 1) / (c.iterations - 1)
+        return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
+
+    def entropy_coefficient(self, iteration: int) -> float:
+        """Return the weight of the entropy bonus of an iteration, from 1."""
+        c = self._ppo
+        if c.entropy_coefficient_final < 0:
+            return c.entropy_coefficient
+        part = (iteration - 1) / c.iterations
+        return (1 - part) * c.entropy_coefficient + part * c.entropy_coefficient_final
+
+    def _values(self, observation: Tensor) -> Tensor:
+        """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
+        return torch.cat([
+            self._critic_update.critic(part.to(self.device)).cpu()
+            for part in observation.split(_VALUED_AT_ONCE)])
+
+    def improve(
+        self, iteration: int, batch: Batch, poll: Callable[[], None],
+    ) -> tuple[Diagnostics, float]:
+        """Improve both networks by samples, as `learn` does by those of a roll-out."""
+        c = self._ppo
+        self._carry(there=True)
+        part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
+        rates = [c.actor_learning_rate * part * float(self._rate_factor)]
+        if self.policy.noise_parameters():
+            rates.append(c.log_std_learning_rate * part)
+        diagnostics = update.update(
+            self._policy_update, self._critic_update, batch.to(self.device),
+            random_streams.generator(self._seed, 'minibatches', iteration), rates,
+            c.critic_learning_rate * part,
+            train_policy=iteration > c.critic_warmup_iterations,
+            train_critic=c.start_copies == 1, poll=poll,
+            entropy_coefficient=self.entropy_coefficient(iteration))
+        self._adapt_rate(diagnostics.approx_kl)
+        self._carry(there=False)
+        self.policy.constrain(iteration / c.iterations)
+        for name, network in (('policy', self.policy), ('critic', self.critic)):
+            if not all(bool(weight.isfinite().all()) for weight in network.parameters()):
+                raise ValueError(
+                    f'iteration {iteration}: the weights of the {name} are not finite any more: '
+                    'rewards or learning rates are too large; resumed with these it ends so again')
+        return diagnostics, rates[0]
+
+    def _adapt_rate(self, divergence: float) -> None:
+        """Keep the policy's steps near the size wanted, nats; NaN where there was none.
+
+        As `schedule='adaptive'` of rsl_rl does (Rudin et al., 'Learning to walk in minutes using
+        massively parallel deep reinforcement learning', 2022). While the deviation is small any
+        fixed rate is wrong: the same step of the weights is ever more deviations of an action.
+        """
+        desired, (least, most) = self._ppo.desired_kl, _RATE_BOUNDS
+        if desired and divergence > 2 * desired:
+            self._rate_factor.div_(_RATE_STEP).clamp_min_(least)
+        elif desired and divergence < desired / 2:
+            self._rate_factor.mul_(_RATE_STEP).clamp_max_(most)
+
+    def _carry(self, there: bool) -> None:
+        """Copy the networks to the device, or back, where it is another one."""
+        for here, away in (
+            (self.policy, self._policy_update.policy), (self.critic, self._critic_update.critic),
+        ):
+            if here is not away:
+                source, target = (here, away) if there else (away, here)
+                target.load_state_dict(source.state_dict())
+
+    def tensors(self) -> Tensors:
+        """Return copies of all weights and of the optimisers' state, on the CPU."""
+        return {name: tensor.to('cpu', copy=True) for name, tensor in self._state().items()}
+
+    def load(self, path: Path, tensors: Tensors) -> None:
+        """Put back what `tensors` returned, on whatever device.
+
+        :param path: of the file they come from, for messages.
+        :raises ValueError: when they do not fit; nothing changes.
+        """
+        sealed_file.expect_tensors(path, tensors, self._state())
+        if self._ppo.desired_kl:
+            self._rate_factor.copy_(tensors[_RATE_FACTOR])
+        for kind, part in self._parts().items():
+            mine = {name.removeprefix(f'{kind}.'): tensor for name, tensor in tensors.items()
+                    if name.startswith(f'{kind}.')}
+            part.load_state_dict(mine)
+
+    def _parts(self) -> dict[str, nn.Module | FlatAdam]:
+        return {
+            'policy': self.policy, 'critic': self.critic,
+            'policy_optimiser': self._policy_update.optimiser,
+            'critic_optimiser': self._critic_update.optimiser}
+
+    def _state(self) -> dict[str, Tensor]:
+        adapted = {_RATE_FACTOR: self._rate_factor} if self._ppo.desired_kl else {}
+        return adapted | {
+            f'{kind}.{name}': tensor for kind, part in self._parts().items()
+            for name, tensor in part.state_dict().items()}

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Adam over parameters that lie one after the other in one piece of memory.
+
+Kingma and Ba, 'Adam: a method for stochastic optimization', 2015, algorithm 1, as torch.optim.Adam
+computes it. A step is a handful of operations however many parameters there are, and so is the
+norm of the gradient: with torch's own, small networks spend more time on the list of their
+parameters than on learning.
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+
+from ppo_agent_node.runs.sealed_file import Tensors
+
+_ALIGNED = 16
+"""Numbers, 64 bytes: where a parameter begins, as matrix products like it."""
+
+
+class FlatAdam:
+    """Takes parameters over into memory of its own, with their gradients, and improves them.
+
+    The parameters stay what they are, and where others hold them, but for their storage.
+    """
+
+    gradient: Tensor
+    """Of all parameters, flat: who computes gradients sets it to 0 and adds what samples give to
+    the views of `gradient_of`."""
+
+    def __init__(
+        self,
+        groups: Sequence[Sequence[nn.Parameter]],
+        betas: tuple[float, float] = (0.9, 0.999),
+        epsilon: float = 1e-5,
+    ) -> None:
+        """Take over parameters, in groups that each have a learning rate."""
+        self._betas, self._epsilon = betas, epsilon
+        self._parameters = [parameter for group in groups for parameter in group]
+        places, ends = [], []
+        size = 0
+        for group in groups:
+            for parameter in group:
+                places.append(size)
+                size += -(-parameter.numel() // _ALIGNED) * _ALIGNED
+            ends.append(size)
+        device = self._parameters[0].device
+        values, self.gradient, self._mean, self._square, self._work = (
+            torch.zeros(size, device=device) for _ in range(5))
+        self._steps = 0
+        self._groups = [
+            tuple(flat[start:end] for flat in (values, self._mean, self._work))
+            for start, end in zip([0, *ends], ends, strict=False)]
+
+        def views(flat: Tensor) -> list[Tensor]:
+            return [flat[place:place + parameter.numel()].view_as(parameter)
+                    for place, parameter in zip(places, self._parameters, strict=True)]
+
+        self._gradients = {
+            id(parameter): view
+            for parameter, view in zip(self._parameters, views(self.gradient), strict=True)}
+        self._state = list(zip(views(self._mean), views(self._square), strict=True))
+        with torch.no_grad():
+            for parameter, view in zip(self._parameters, views(values), strict=True):
+                view.copy_(parameter)
+                parameter.data = view
+
+    def gradient_of(self, parameter: Tensor) -> Tensor:
+        """Return the place for a parameter's gradient, of its shape."""
+        return self._gradients[id(parameter)]
+
+    def step(self, rates: Sequence[float], max_norm: float, count: int) -> float:
+        """Improve the parameters by the mean gradient of so many samples.
+
+        :param rates: learning rate of each group.
+        :param max_norm: to which the mean gradient is scaled down where it is longer, as
+            torch.nn.utils.clip_grad_norm_ does.
+        :param count: samples whose gradients have been added up.
+        :return: the norm before.
+        """
+        norm = float(torch.linalg.vector_norm(self.gradient)) / count
+        # A norm that is no number shall reach the parameters, where it is noticed.
+        scale = (max_norm / (norm + 1e-6) if not norm + 1e-6 < max_norm else 1.0) / count
+        first, second = self._betas
+        self._steps += 1
+        self._mean.mul_(first).add_(self.gradient, alpha=(1 - first) * scale)
+        self._square.mul_(second).addcmul_(
+            self.gradient, self.gradient, value=(1 - second) * scale**2)
+        # With both divided by the bias correction of the root, one operation less.
+        correction = math.sqrt(1 - second**self._steps)
+        torch.sqrt(self._square, out=self._work)
+        self._work.add_(self._epsilon * correction)
+        for rate, (values, mean, root) in zip(rates, self._groups, strict=True):
+            values.addcdiv_(mean, root, value=-rate * correction / (1 - first**self._steps))
+        return norm
+
+    def state_dict(self) -> Tensors:
+        """Return its state, by name; all but the number of steps are views."""
+        return {'steps': torch.tensor(self._steps)} | {
+            f'{index}.{name}': tensor
+            for index, pair in enumerate(self._state)
+            for name, tensor in zip(('exp_avg', 'exp_avg_sq'), pair, strict=True)}
+
+    def load_state_dict(self, tensors: Tensors) -> None:
+        """Put back what `state_dict` returned, of any device."""
+        for name, tensor in self.state_dict().items():
+            tensor.copy_(tensors[name])
+        self._steps = int(tensors['steps'])

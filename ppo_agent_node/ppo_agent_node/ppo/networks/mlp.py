@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What policies and critics are made of: multilayer perceptrons and what comes before them."""
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+from torch.nn import functional
+
+from ppo_agent_node.ppo.networks.dense import dense
+from ppo_agent_node.ppo.networks.features import DescentFeatures
+
+_ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
+
+
+class Perceptron(nn.Sequential):
+    """Linear layers with an activation between them.
+
+    Autograd goes through them one by one. Without gradients each is computed with its activation
+    by `dense`, quicker and equal but for the last bits.
+    """
+
+    @property
+    def linear(self) -> list[nn.Linear]:
+        """Its linear layers from input to output."""
+        return [layer for layer in self if isinstance(layer, nn.Linear)]
+
+    @property
+    def activation(self) -> str:
+        """The name of what is between them, `tanh` where nothing is."""
+        return 'relu' if any(isinstance(layer, nn.ReLU) for layer in self) else 'tanh'
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the outputs `(..., K)` for inputs `(..., D)`."""
+        if not torch.is_grad_enabled():
+            return self.without_gradients()(x)
+        for layer in self:
+            x = layer(x)
+        return x
+
+    def without_gradients(self) -> Callable[[Tensor], Tensor]:
+        """Return what computes the outputs of these layers, as often as wanted."""
+        *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
+        activation = self.activation
+
+        @torch.no_grad()
+        def output(x: Tensor) -> Tensor:
+            for weight, bias in hidden:
+                x = dense(x, weight, bias, activation)
+            return functional.linear(x, *last)
+
+        return output
+
+
+def mlp(
+    sizes: Sequence[int], last_gain: float, generator: torch.Generator, activation: str = 'tanh',
+) -> Perceptron:
+    """Return a perceptron that has learnt nothing yet.
+
+    Orthogonal weights (Saxe et al., 'Exact solutions to the nonlinear dynamics of learning in
+    deep linear neural networks', 2014) of gain sqrt(2), `last_gain` in the last layer, and no
+    biases to begin with: implementation detail 2 of Huang et al., 'The 37 implementation details
+    of proximal policy optimization', 2022.
+
+    :param sizes: units from input to output.
+    :param activation: `tanh` or `relu`.
+    """
+    between = _ACTIVATIONS[activation]
+    layers: list[nn.Module] = []
+    for index, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
+        last = index == len(sizes) - 2
+        # nn.Linear's own initialisation draws from torch's global generator, which is others'.
+        with torch.random.fork_rng(devices=[]):
+            linear = nn.Linear(inputs, outputs)
+        nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
+        nn.init.zeros_(linear.bias)
+        layers += [linear] if last else [linear, between()]
+    return Perceptron(*layers)
+
+
+class Normaliser(nn.Module):
+    """Brings observations into a range that a network resolves well, by fixed numbers.
+
+    Entries with a `width` are bent first, asinh(x / width): linear within the width and
+    logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. The features, if
+    any, are appended. Then all get mean 0 and standard deviation 1; those that are hidden are 0,
+    as their scale is.
+    """
+
+    width: Tensor
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, size: int, features: DescentFeatures | None = None) -> None:
+        """Make one that changes nothing of D = `size` numbers, and appends F features."""
+        super().__init__()
+        self.features = features
+        self.size = size + (features.count if features else 0)
+        """D + F, numbers that come out"""
+        self.register_buffer('width', torch.zeros(size))
+        self.register_buffer('mean', torch.zeros(self.size))
+        self.register_buffer('scale', torch.ones(self.size))
+        if features:
+            self.scale[size:] = features.first_scale
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return observations `(..., D)` and their features, normalised, `(..., D + F)`."""
+        return (self._bend(observation) - self.mean) * self.scale
+
+    def _bend(self, observation: Tensor) -> Tensor:
+        # The others are left alone, not computed and thrown away: asinh is slow.
+        bends = self.width.nonzero()[:, 0]
+        bent = torch.asinh(observation[..., bends] / self.width[bends])
+        return self._append(observation, observation.index_copy(-1, bends, bent))
+
+    def _append(self, observation: Tensor, bent: Tensor) -> Tensor:
+        if self.features is None:
+            return bent
+        return torch.cat((bent, self.features(observation)), -1)
+
+    def hide(self, column: int) -> None:
+        """Let an observation count as 0, for good."""
+        self.scale[column] = 0.0
+
+    def fit(self, observation: Tensor, least: float = 1e-3) -> None:
+        """Take mean and deviation from samples `(S, D)`; deviations below `least` count as it."""
+        bent = self._bend(observation)
+        self.mean.copy_(bent.mean(0))
+        hidden = self.scale == 0
+        self.scale.copy_(1 / bent.std(0).clamp_min(least)).masked_fill_(hidden, 0.0)
+
+    def copy_from(self, other: Normaliser) -> None:
+        """Take the numbers from another, but hide what was hidden here and nothing else."""
+        hidden = self.scale == 0
+        self.load_state_dict(other.state_dict())
+        self.scale.masked_fill_(other.scale == 0, 1.0).masked_fill_(hidden, 0.0)
+
+
+def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Tensor]:
+    """Return what computes `network(normaliser(x))` bit for bit, with less around the products.
+
+    In flight a batch is a few hundred observations, so little work that modules and their calls
+    take as long as the mathematics. It follows the weights as they are now, or later; not their
+    replacement by others.
+    """
+    bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
+    mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
+    outputs = network.without_gradients()
+
+    @torch.no_grad()
+    def output(observation: Tensor) -> Tensor:
+        x = observation.clone() if bends else observation
+        for k, width in bends:
+            x[..., k].div_(width).asinh_()
+        if features is not None:
+            x = torch.cat((x, features(observation)), -1).sub_(mean)
+        else:
+            x = x.sub_(mean) if bends else x - mean
+        x.mul_(scale)
+        return outputs(x)
+
+    return output
+
+
+class Critic(nn.Module):
+    """Estimates the return to come, in the learner's units (reward times reward_scale)."""
+
+    def __init__(
+        self,
+        observation_size: int,
+        hidden_sizes: Sequence[int],
+        generator: torch.Generator,
+        activation: str = 'tanh',
+        features: DescentFeatures | None = None,
+    ) -> None:
+        """Make a critic D -> hidden_sizes -> 1, which may see features as well."""
+        super().__init__()
+        self.normaliser = Normaliser(observation_size, features)
+        self.value = mlp((self.normaliser.size, *hidden_sizes, 1), 1.0, generator, activation)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the values `(N,)` of observations `(N, D)`."""
+        value: Tensor = self.value(self.normaliser(observation))
+        return value[..., 0]

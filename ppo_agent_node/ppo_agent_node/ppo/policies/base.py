@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the learner asks of a policy, whatever the kind of its actions."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch import nn
+
+from ppo_agent_node.ppo.networks.mlp import Normaliser
+from ppo_agent_node.ppo.networks.mlp import Perceptron
+
+
+class Likelihood(NamedTuple):
+    """What a policy says of actions, given what its network said of the observations."""
+
+    log_prob: Tensor
+    """`(S,)`"""
+    entropy: Tensor
+    """nats, `(S,)`; a scalar where it is the same for all"""
+    kept: Tensor
+    """what the gradient needs again"""
+
+
+class Policy(nn.Module):
+    """What the learner asks of a policy, whatever the kind of its actions."""
+
+    action_shape: tuple[int, ...]
+    """Shape of one rocket's action: `(A,)` continuous, `()` discrete."""
+    action_dtype: torch.dtype
+    normaliser: Normaliser
+
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Draw all random numbers of a flight of T steps with N rockets; return what samples it.
+
+        Called with a step, from 0, and the observations `(N, D)` it returns actions
+        `(N, *action_shape)`.
+
+        :param log_prob: `(T, N)`, where the log-probabilities of what is sampled are put.
+        """
+        raise NotImplementedError
+
+    def sample(self, observation: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Return actions `(N, *action_shape)` and their log-probabilities `(N,)`."""
+        log_prob = torch.empty(1, len(observation))
+        action = self.sampler(log_prob, generator)(0, observation)
+        return action, log_prob[0]
+
+    @property
+    def network(self) -> Perceptron:
+        """The perceptron between normalised observations and the distribution."""
+        raise NotImplementedError
+
+    def output(self, observation: Tensor) -> Tensor:
+        """Return what the network says of observations, `(S, K)`."""
+        output: Tensor = self.network(self.normaliser(observation))
+        return output
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return what outputs `(K, S)`, a row for each, say of actions `(S, *action_shape)`."""
+        raise NotImplementedError
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return a loss's gradient by the outputs, `(K, S)`, and by each noise parameter.
+
+        :param found: what `likelihood` said of these actions.
+        :param by_log_prob: the loss's gradient by each log-probability, `(S,)`.
+        :param by_entropy: its gradient by each sample's entropy.
+        """
+        raise NotImplementedError
+
+    def log_prob_entropy(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        """Return log-probabilities `(S,)` of given actions and entropies `(S,)`, nats."""
+        found = self.likelihood(self.output(observation).T, action)
+        return found.log_prob, found.entropy.expand_as(found.log_prob)
+
+    def mode(self, observation: Tensor) -> Tensor:
+        """Return the likeliest actions `(N, *action_shape)`."""
+        raise NotImplementedError
+
+    def imitation(
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
+    ) -> tuple[Tensor, Tensor]:
+        """Return the loss of outputs `(K, S)` that shall imitate actions `(S, *action_shape)`.
+
+        :param huber_delta: errors of continuous actions count linearly beyond it; 0: nowhere.
+        :param margin: continuous actions at a bound are aimed at from so far beyond.
+        :return: its sum over the samples, and its gradient by the outputs `(K, S)`.
+        """
+        raise NotImplementedError
+
+    def constrain(self, progress: float = 0.0) -> None:
+        """Put parameters into the range that they have at a time of the run.
+
+        :param progress: from 0 at the first iteration to 1 at the last.
+        """
+
+    def noise_parameters(self) -> list[nn.Parameter]:
+        """Return the parameters that say how much to explore, which learn at their own rate."""
+        return []
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return numbers worth plotting."""
+        return {}

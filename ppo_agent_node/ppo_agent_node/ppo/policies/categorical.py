@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The policy of discrete actions: probabilities that are the softmax of what a network says."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from ppo_agent_node.ppo.networks.mlp import Normaliser
+from ppo_agent_node.ppo.networks.mlp import Perceptron
+from ppo_agent_node.ppo.networks.mlp import mlp
+from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.policies.base import Likelihood
+from ppo_agent_node.ppo.policies.base import Policy
+
+
+class CategoricalPolicy(Policy):
+    """One of K actions, with probabilities that are the softmax of a network's output.
+
+    Weights that are not finite are an error wherever an action is chosen: an action is a whole
+    number, which nobody downstream could tell from a good one.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_count: int,
+        hidden_sizes: Sequence[int],
+        generator: torch.Generator,
+        activation: str = 'tanh',
+    ) -> None:
+        """Make a policy D -> hidden_sizes -> K whose first actions are nearly equally likely."""
+        super().__init__()
+        self.action_shape = ()
+        self.action_dtype = torch.int64
+        self._actions = action_count
+        self.normaliser = Normaliser(observation_size)
+        self.logits = mlp(
+            (observation_size, *hidden_sizes, action_count), 0.01, generator, activation)
+
+    @torch.no_grad()
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Return what samples the actions `(N,)` int64 of a flight; see :class:`Policy`.
+
+        The Gumbel-max trick: argmax(log p - log(-log u)) has the probabilities p (Maddison,
+        Tarlow and Minka, 'A* sampling', 2014). One uniform number for each action, so that the
+        stream moves on alike whatever is drawn. It raises ValueError when the network's output is
+        not finite.
+        """
+        # A u of 0 gives minus infinity, which merely is not drawn.
+        count = self._actions
+        uniform = torch.rand(*log_prob.shape, count, generator=generator)
+        gumbel = uniform.log_().neg_().log_().neg_()
+        logits = quick(self.normaliser, self.logits)
+
+        def sample(step: int, observation: Tensor) -> Tensor:
+            log_p = _finite(logits(observation).log_softmax(-1))
+            action: Tensor = (log_p + gumbel[step]).argmax(-1)
+            log_prob[step] = _picked(log_p, action)
+            return action
+
+        return sample
+
+    @property
+    def network(self) -> Perceptron:
+        """What gives the logits."""
+        return self.logits
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities and entropies `(S,)`."""
+        log_p = output.log_softmax(0)
+        return Likelihood(
+            log_p.gather(0, action[None])[0], -(log_p.exp() * log_p).sum(0), log_p)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradient by the logits; there is no noise parameter.
+
+        With H the entropy: d log p_a / d logit_k = [k = a] - p_k and
+        d H / d logit_k = -p_k (log p_k + H).
+        """
+        log_p = found.kept
+        error = (log_p + found.entropy).mul_(-by_entropy).sub_(by_log_prob).mul_(log_p.exp())
+        return error.scatter_add_(0, action[None], by_log_prob[None]), []
+
+    def mode(self, observation: Tensor) -> Tensor:
+        """Return the likeliest actions `(N,)` int64; of equally likely ones the first.
+
+        :raises ValueError: when the network's output is not finite.
+        """
+        return _finite(self._log_p(observation)).argmax(-1)
+
+    def imitation(
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
+    ) -> tuple[Tensor, Tensor]:
+        """Return the cross entropy, nats, and its gradient: p_k - [k = a]."""
+        log_p = output.log_softmax(0)
+        chosen = action[None]
+        loss = -log_p.gather(0, chosen).sum()
+        return loss, log_p.exp().scatter_add(0, chosen, -torch.ones_like(log_p[:1]))
+
+    def _log_p(self, observation: Tensor) -> Tensor:
+        """Return the log-probabilities of all actions `(S, K)`."""
+        return self.output(observation).log_softmax(-1)
+
+
+def _finite(log_p: Tensor) -> Tensor:
+    """Return log-probabilities `(S, K)` as they are.
+
+    :raises ValueError: when one is not finite.
+    """
+    bad = ~log_p.isfinite().all(-1)
+    if bool(bad.any()):
+        raise ValueError(
+            f'policy: the probabilities of row {int(bad.nonzero()[0, 0])} are not finite')
+    return log_p
+
+
+def _picked(log_p: Tensor, action: Tensor) -> Tensor:
+    """Return the entries `(S,)` of `(S, K)` that belong to actions `(S,)`."""
+    return log_p.gather(-1, action[..., None])[..., 0]

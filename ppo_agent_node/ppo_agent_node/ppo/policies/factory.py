@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kinds of policies, and which one a world gets."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ppo_agent_node.config.training_config import NetworkConfig
+from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.policies.base import Policy as Policy
+from ppo_agent_node.ppo.policies.categorical import CategoricalPolicy as CategoricalPolicy
+from ppo_agent_node.ppo.policies.gaussian import GaussianPolicy as GaussianPolicy
+from rocket_sim_node.worlds import WorldSpec
+
+
+def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
+    """Return the pilot that does what the policy finds likeliest, in NumPy."""
+
+    @torch.inference_mode()
+    def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
+        action: NDArray[Any] = policy.mode(torch.tensor(observation)).numpy()
+        return action
+
+    return fly
+
+
+def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Generator) -> Policy:
+    """Return a policy for a world's kind of action.
+
+    :param network: its shape; what it says of the deviation and of features is for continuous
+        actions only.
+    :raises ValueError: for features that the world's observations do not allow.
+    """
+    if not spec.continuous:
+        return CategoricalPolicy(
+            spec.observation_size, spec.action_count, network.hidden_sizes, generator,
+            network.activation)
+    return GaussianPolicy(
+        spec.observation_size, spec.action_size, network.hidden_sizes, generator,
+        network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
+        make_features(network.features, spec.observation_names, spec.settings))

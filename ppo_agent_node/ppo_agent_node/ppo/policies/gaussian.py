@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The policy of continuous actions: a normal distribution about what a network says."""
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch import nn
+
+from ppo_agent_node.ppo.networks.features import DescentFeatures
+from ppo_agent_node.ppo.networks.mlp import Normaliser
+from ppo_agent_node.ppo.networks.mlp import Perceptron
+from ppo_agent_node.ppo.networks.mlp import mlp
+from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.policies.base import Likelihood
+from ppo_agent_node.ppo.policies.base import Policy
+
+_HALF_LOG_TAU = 0.5 * math.log(2 * math.pi)
+
+
+class GaussianPolicy(Policy):
+    """A normal distribution about a network's output, its deviation learnt, equal everywhere.
+
+    Actions are sampled unbounded; the world clips what it flies.
+    """
+
+    def __init__(
+        self,
+        observation_size: int,
+        action_size: int,
+        hidden_sizes: Sequence[int],
+        generator: torch.Generator,
+        log_std_init: float = -2.4,
+        log_std_final: float = 2.0,
+        log_std_floor: float = -20.0,
+        activation: str = 'tanh',
+        features: DescentFeatures | None = None,
+    ) -> None:
+        """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
+
+        The log standard deviation, learnt, begins at `log_std_init` and stays above its floor.
+        With a `log_std_final` below the first value it is also put, after each update, below a
+        line from that to this.
+        """
+        super().__init__()
+        self.action_shape = (action_size,)
+        self.action_dtype = torch.float32
+        self.normaliser = Normaliser(observation_size, features)
+        self.mean = mlp(
+            (self.normaliser.size, *hidden_sizes, action_size), 0.01, generator, activation)
+        self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
+        self.log_std_init, self.log_std_final = log_std_init, log_std_final
+        self.log_std_floor = log_std_floor
+
+    @torch.no_grad()
+    def sampler(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        """Return what samples the actions `(N, A)` of a flight; see :class:`Policy`."""
+        noise = torch.randn(*log_prob.shape, len(self.log_std), generator=generator)
+        log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
+        noise *= self.log_std.exp()
+        mean = quick(self.normaliser, self.mean)
+        return lambda step, observation: mean(observation).add_(noise[step])
+
+    @property
+    def network(self) -> Perceptron:
+        """What gives the means."""
+        return self.mean
+
+    def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
+        """Return log-probabilities `(S,)` and the entropy, a scalar."""
+        noise = (output - action.T) * (-self.log_std).exp()[:, None]
+        entropy = (self.log_std + (0.5 + _HALF_LOG_TAU)).sum()
+        return Likelihood(self._log_prob(noise), entropy, noise)
+
+    def likelihood_gradient(
+        self, found: Likelihood, action: Tensor, by_log_prob: Tensor, by_entropy: float,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return the gradients by the means and by the log deviation.
+
+        With z = (mean - a) / std: d log p / d mean = -z / std, d log p / d log std = z^2 - 1, and
+        the entropy grows as the sum of the log deviations.
+        """
+        pull = found.kept * by_log_prob
+        by_log_std = torch.linalg.vecdot(pull, found.kept)
+        by_log_std += by_entropy * len(action) - by_log_prob.sum()
+        return pull.mul_(-(-self.log_std).exp()[:, None]), [by_log_std]
+
+    def _log_prob(self, noise: Tensor) -> Tensor:
+        """Return the log-density `(...)` of actions `noise` `(A, ...)` deviations off the mean."""
+        return -0.5 * noise.square().sum(0) - (self.log_std + _HALF_LOG_TAU).sum()
+
+    def mode(self, observation: Tensor) -> Tensor:
+        """Return the means `(N, A)`."""
+        return self.output(observation)
+
+    def imitation(
+        self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
+    ) -> tuple[Tensor, Tensor]:
+        """Return the squared error, mean over the entries of an action, and its gradient.
+
+        With a `huber_delta` d it is Huber's loss, 2 d |e| - d^2 beyond d (Huber, 'Robust
+        estimation of a location parameter', 1964): where a pilot switches from one bound to the
+        other an error of one step is large, and would drown the small ones that decide a landing.
+
+        To overshoot an action that is at its bound is no error: the world clips it. With a
+        margin it is aimed at from so far beyond, lest a small error leave the bound.
+        """
+        wanted = action.T
+        most, least = wanted >= 1, wanted <= -1
+        if margin:
+            wanted = wanted + margin * (most.to(wanted.dtype) - least.to(wanted.dtype))
+        error = output - wanted
+        error.masked_fill_(most & (error > 0) | least & (error < 0), 0.0)
+        if huber_delta:
+            near = error.clamp(-huber_delta, huber_delta)
+            loss = (near * (2 * error - near)).sum() / len(output)
+            return loss, near * (2 / len(output))
+        return error.square().sum() / len(output), error * (2 / len(output))
+
+    @torch.no_grad()
+    def constrain(self, progress: float = 0.0) -> None:
+        """Keep the log deviation above its floor and below its falling ceiling, if it has one."""
+        if self.log_std_final < self.log_std_init:
+            self.log_std.clamp_max_(
+                self.log_std_init + progress * (self.log_std_final - self.log_std_init))
+        self.log_std.clamp_min_(self.log_std_floor)
+
+    def noise_parameters(self) -> list[nn.Parameter]:
+        """Return the log standard deviation."""
+        return [self.log_std]
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return the mean log standard deviation."""
+        return {'log_std': float(self.log_std.detach().mean())}

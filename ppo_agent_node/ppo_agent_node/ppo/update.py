@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Proximal policy optimisation: one update from one roll-out.
+
+Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (the clipped
+objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
+policy optimization', 2022.
+
+Policy and critic share the samples and their order and nothing else, so that each learns in a
+loop of its own. Gradients are written out: of the losses in `losses`, of the distributions in the
+policies, of the networks in `backpropagation`.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ppo_agent_node.config.training_config import PPOConfig
+from ppo_agent_node.ppo.losses import clipped_objective
+from ppo_agent_node.ppo.losses import error_gradient
+from ppo_agent_node.ppo.losses import objective_gradient
+from ppo_agent_node.ppo.losses import squared_error
+from ppo_agent_node.ppo.minibatches import Minibatches
+from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
+from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.parallel import Poll
+from ppo_agent_node.ppo.parallel import both
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.rollout_buffer import Batch
+
+NAN = float('nan')
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """How an update went, by the names that CleanRL made usual; NaN where it did not happen."""
+
+    policy_loss: float
+    """minus the clipped objective, mean over the samples learnt from"""
+    value_loss: float
+    """half the mean squared error of the critic, in units of (reward x reward_scale)^2"""
+    entropy: float
+    """of the policy, mean over the samples, nats"""
+    approx_kl: float
+    """nats the policy moved by: mean of r - 1 - log r over the last minibatch (Schulman,
+    'Approximating KL divergence', 2020, estimator k3)"""
+    clipfrac: float
+    """part of the samples whose ratio left the clip range"""
+    explained_variance: float
+    """1 - Var(target - value) / Var(target), before the update: 1 is a perfect critic, 0 one no
+    better than a constant"""
+    grad_norm: float
+    """of the policy before clipping, mean over the minibatches"""
+    updates: float
+    """minibatches that the policy learnt from"""
+
+
+def explained_variance(value: Tensor, target: Tensor) -> float:
+    """Return 1 - Var(target - value) / Var(target); NaN when the targets are all equal."""
+    variance = target.var()
+    return float(1 - (target - value).var() / variance) if variance > 0 else NAN
+
+
+class CriticUpdate:
+    """How the critic learns; holds its optimiser."""
+
+    def __init__(self, critic: Critic, config: PPOConfig) -> None:
+        """Take the critic's parameters over."""
+        self.critic, self.config = critic, config
+        self.optimiser = FlatAdam([list(critic.value.parameters())])
+        self._network = Backpropagation(
+            critic.value, self.optimiser.gradient_of, config.batch_size)
+
+    @torch.inference_mode()
+    def run(
+        self, batch: Batch, orders: Sequence[Tensor], rate: float, poll: Poll,
+    ) -> float:
+        """Learn from each order of the samples; return the mean loss, half the squared error."""
+        config = self.config
+        seen = self.critic.normaliser(batch.observation)
+        values = torch.empty_like(batch.value)
+        minibatches = Minibatches(
+            (seen, batch.target, batch.value), (values,), config.batch_size,
+            self._network.rows)
+        losses = []
+        for order in orders:
+            _, target, old = minibatches.shuffle(order)
+            for start, stop, pieces in minibatches:
+                poll()
+                self.optimiser.gradient.zero_()
+                for x, wanted, before, value in pieces:
+                    self._network.forward(x, value[None])
+                    error = error_gradient(value, before, wanted, config.value_clip_range)
+                    self._network.backward(error[None])
+                self.optimiser.step([rate], config.max_grad_norm, stop - start)
+            losses.append(squared_error(values, old, target, config.value_clip_range).mean())
+        return 0.5 * _sum(losses) / len(losses)
+
+
+@dataclass(frozen=True)
+class PolicyNews:
+    """How the policy's part of an update went; see Diagnostics."""
+
+    policy_loss: float = NAN
+    entropy: float = NAN
+    approx_kl: float = NAN
+    clipfrac: float = NAN
+    grad_norm: float = NAN
+    updates: float = 0
+
+
+class PolicyUpdate:
+    """How the policy learns; holds its optimiser."""
+
+    def __init__(self, policy: Policy, config: PPOConfig) -> None:
+        """Take the policy's parameters over."""
+        self.policy, self.config = policy, config
+        self._noise = policy.noise_parameters()
+        groups = [list(policy.network.parameters())]
+        self.optimiser = FlatAdam(groups + [self._noise] if self._noise else groups)
+        self._network = Backpropagation(
+            policy.network, self.optimiser.gradient_of, config.batch_size)
+
+    @torch.inference_mode()
+    def run(
+        self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
+        entropy_coefficient: float,
+    ) -> PolicyNews:
+        """Learn from each order of the samples, until the policy has moved too far."""
+        config = self.config
+        seen = self.policy.normaliser(batch.observation)
+        log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
+        minibatches = Minibatches(
+            (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
+            config.batch_size, self._network.rows)
+        losses, entropies, clipped, norms = [], [], [], []
+        learnt_from = judged = 0
+        kl = torch.tensor(NAN)
+        for order in orders:
+            *_, advantage = minibatches.shuffle(order)
+            if config.normalise_advantages:
+                minibatches.normalise_(advantage)
+            learnt = stop = 0
+            for start, stop, pieces in minibatches:
+                poll()
+                self._find_gradient(pieces, entropy_coefficient)
+                if config.target_kl and config.target_kl < (kl := _divergence(
+                        log_ratio[start:stop])):
+                    break
+                norms.append(self.optimiser.step(rates, config.max_grad_norm, stop - start))
+                self.policy.constrain()
+                learnt = stop
+            ratio = log_ratio[:stop].exp()
+            clipped.append(((ratio - 1).abs() > config.clip_range).sum())
+            losses.append(clipped_objective(
+                ratio[:learnt], advantage[:learnt], config.clip_range).sum())
+            entropies.append(entropy[:learnt].sum())
+            learnt_from, judged = learnt_from + learnt, judged + stop
+            kl = _divergence(log_ratio[start:stop])
+            if learnt < stop:
+                break
+        return PolicyNews(
+            policy_loss=-_sum(losses) / learnt_from if learnt_from else NAN,
+            entropy=_sum(entropies) / learnt_from if learnt_from else NAN,
+            approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
+            grad_norm=sum(norms) / len(norms) if norms else NAN, updates=len(norms))
+
+    def _find_gradient(
+        self, pieces: Sequence[tuple[Tensor, ...]], entropy_coefficient: float,
+    ) -> None:
+        """Set the optimiser's gradient to that of a minibatch; fill in the results."""
+        config = self.config
+        self.optimiser.gradient.zero_()
+        for x, action, old, advantage, log_ratio, entropy in pieces:
+            found = self.policy.likelihood(self._network.forward(x), action)
+            torch.sub(found.log_prob, old, out=log_ratio)
+            entropy.copy_(found.entropy)
+            by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
+            error, by_noise = self.policy.likelihood_gradient(
+                found, action, by_log_prob, -entropy_coefficient)
+            self._network.backward(error)
+            for parameter, gradient in zip(self._noise, by_noise, strict=True):
+                self.optimiser.gradient_of(parameter).add_(gradient)
+
+
+def _divergence(log_ratio: Tensor) -> Tensor:
+    """Return the mean of r - 1 - log r."""
+    return (log_ratio.exp() - 1 - log_ratio).mean()
+
+
+def _sum(values: list[Tensor]) -> float:
+    return float(torch.stack(values).sum())
+
+
+def update(
+    policy: PolicyUpdate,
+    critic: CriticUpdate,
+    batch: Batch,
+    generator: torch.Generator,
+    policy_rates: Sequence[float],
+    critic_rate: float,
+    train_policy: bool = True,
+    poll: Poll = lambda: None,
+    entropy_coefficient: float | None = None,
+    train_critic: bool = True,
+) -> Diagnostics:
+    """Improve policy and critic in place.
+
+    On a CPU both learn at the same time where there are threads for it, and each has its half
+    also when the other one rests: two threads that share every operation wait for each other all
+    the time, and on a busy machine they are slower than one.
+
+    :param policy: both have the settings; their number of epochs is that of the policy's.
+    :param batch: on the device of both.
+    :param generator: shuffles the samples.
+    :param policy_rates: learning rates of the network and of the noise parameters, if any.
+    :param train_policy: False trains the critic only.
+    :param poll: called before each minibatch, or while they are learnt from; may raise to end
+        the update half-way.
+    :param entropy_coefficient: weight of the entropy bonus, by default that of the settings.
+    :param train_critic: False trains the policy only.
+    """
+    device = batch.value.device
+    orders = [torch.randperm(len(batch.value), generator=generator).to(device)
+              for _ in range(policy.config.n_epochs)]
+
+    if entropy_coefficient is None:
+        entropy_coefficient = policy.config.entropy_coefficient
+
+    def run_policy(poll: Poll) -> PolicyNews:
+        if not train_policy:
+            return PolicyNews()
+        return policy.run(batch, orders, policy_rates, poll, entropy_coefficient)
+
+    def run_critic(poll: Poll) -> float:
+        return critic.run(batch, orders, critic_rate, poll) if train_critic else NAN
+
+    if device.type == 'cpu':
+        news, value_loss = both(run_policy, run_critic, poll)
+    else:
+        news, value_loss = run_policy(poll), run_critic(poll)
+    return Diagnostics(
+        value_loss=value_loss,
+        explained_variance=explained_variance(batch.value, batch.target), **vars(news))

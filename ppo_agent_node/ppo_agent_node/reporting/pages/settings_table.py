@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All settings of a run with their meaning, and which differ from a preset or a default."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ppo_agent_node.config import presets
+from ppo_agent_node.config import training_config
+from ppo_agent_node.reporting.run_files import Run
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds import registry
+
+_UNREMARKABLE = ('seed', 'threads')
+"""Settings of a run that are not counted when the nearest preset is looked for."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One line of the table."""
+
+    name: str
+    value: str
+    usual: str
+    """value of the preset or default where it is another, else ''"""
+    meaning: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether it is not as usual."""
+        return bool(self.usual)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Settings that belong together."""
+
+    title: str
+    settings: tuple[Setting, ...]
+
+
+def sections(run: Run) -> list[Section]:
+    """Return every setting that a run's files hold, by section."""
+    found = []
+    if run.config:
+        plain = {name: value for name, value in run.config.items()
+                 if name not in ('training', 'world_settings')}
+        found.append(Section('Run', _settings(plain, {}, ())))
+    if run.training:
+        preset, values = nearest_preset(run.world, run.training)
+        title = f'Training (preset {preset})' if preset else 'Training'
+        found.append(Section(
+            title, _settings(run.training, values, training_config.describe())))
+    if run.world_settings:
+        infos: tuple[SettingInfo, ...] = ()
+        values = dict(run.world_settings)
+        if run.world in registry.names():
+            infos = registry.settings(run.world)
+            values |= registry.settings_from(run.world, values)
+        found.append(Section('World', _settings(
+            values, {info.name: info.default for info in infos}, infos)))
+    return found
+
+
+def nearest_preset(world: str, training: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the preset from which the fewest settings differ, and its values; '' without any."""
+    best: tuple[int, str, dict[str, Any]] = (len(training) + 1, '', {})
+    for name in presets.preset_names(world):
+        values = presets.load_preset(name, world).flat()
+        off = sum(
+            _text(value) != _text(values.get(key)) for key, value in training.items()
+            if key not in _UNREMARKABLE)
+        if off < best[0]:
+            best = off, name, values
+    return best[1], best[2]
+
+
+def _settings(
+    values: Mapping[str, Any], usual: Mapping[str, Any], infos: tuple[SettingInfo, ...],
+) -> tuple[Setting, ...]:
+    """Return lines; `usual` may lack some, which then do not differ."""
+    known = {info.name: info for info in infos}
+    lines = []
+    for name, value in values.items():
+        other = _text(usual[name]) if name in usual else ''
+        text, info = _text(value), known.get(name)
+        lines.append(Setting(
+            name, text, other if other != text else '',
+            '' if info is None else info.description + (f', {info.unit}' if info.unit else '')))
+    return tuple(lines)
+
+
+def _text(value: object) -> str:
+    """Return a value as one writes it on the command line, whatever kind of number it is."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | float):
+        return f'{value:.10g}'
+    if isinstance(value, list | tuple):
+        return f'[{", ".join(map(_text, value))}]'
+    return '(empty)' if value == '' else str(value)

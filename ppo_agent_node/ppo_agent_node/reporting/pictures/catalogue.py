@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which pictures a run has, in which order, and how each is to be read."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ppo_agent_node.reporting.pictures import conditions
+from ppo_agent_node.reporting.pictures import flights
+from ppo_agent_node.reporting.pictures import initial_conditions
+from ppo_agent_node.reporting.pictures import optimum
+from ppo_agent_node.reporting.pictures import style
+from ppo_agent_node.reporting.pictures import touchdowns
+from ppo_agent_node.reporting.pictures import training_curves
+from ppo_agent_node.reporting.run_files import Run
+
+EVALUATION, CONDITIONS, TRAINING = 'Evaluation', 'Conditions', 'Training'
+_PAD_OF_LANDER = 0.2
+"""part of the field's half width that is pad, as in Gymnasium's LunarLander"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that was drawn."""
+
+    path: Path
+    title: str
+    caption: str
+    section: str
+
+
+@dataclass(frozen=True)
+class _Entry:
+    title: str
+    section: str
+    draw: Callable[[Run], Figure | None]
+    caption: str
+
+
+def draw(run: Run, folder: Path) -> list[Picture]:
+    """Draw all that a run's files have to show, and return the pictures in order.
+
+    Pictures of an earlier evaluation that the present one does not have are removed.
+
+    :raises OSError: when one cannot be written.
+    :raises ValueError: when a line of the log holds a word where a number belongs.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = []
+    for name, entry in CATALOGUE.items():
+        path = folder / f'{name}.png'
+        with style.styled():
+            figure = entry.draw(run)
+            if figure is not None:
+                style.save(figure, path)
+                drawn.append(Picture(path, entry.title, entry.caption, entry.section))
+            elif entry.section == EVALUATION and run.episodes is not None:
+                path.unlink(missing_ok=True)
+    return drawn
+
+
+def _outcomes(run: Run) -> Figure | None:
+    return flights.outcomes_figure(run.figures) if run.figures else None
+
+
+def _returns(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    return flights.returns_figure(run.figures, run.episodes)
+
+
+def _touchdown(run: Run) -> Figure | None:
+    if (run.figures is None or run.episodes is None
+            or not touchdowns.on_ground(run.episodes).any()):
+        return None
+    return touchdowns.touchdown_figure(run.figures, run.episodes, run.world_settings)
+
+
+def _footprint(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    ground = touchdowns.on_ground(run.episodes)
+    where = [run.episodes.numbers[name][ground] for name in ('end_x_m', 'end_z_m')]
+    if not ground.any() or not np.isfinite(where).all():
+        return None
+    settings = run.world_settings
+    radius = settings.get('landed_distance')
+    if radius is None and 'field_half_width' in settings:
+        radius = _PAD_OF_LANDER * settings['field_half_width']
+    return touchdowns.footprint_figure(run.figures, run.episodes, radius)
+
+
+def _fuel(run: Run) -> Figure | None:
+    if (run.figures is None or run.episodes is None
+            or not np.isfinite(run.episodes.numbers['fuel_bound_kg']).any()):
+        return None
+    return touchdowns.fuel_figure(run.figures, run.episodes)
+
+
+def _optimum(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    return optimum.optimum_figure(run.figures, run.episodes)
+
+
+def _starts(run: Run) -> Figure | None:
+    if run.figures is None or run.episodes is None:
+        return None
+    return initial_conditions.conditions_figure(run.figures, run.episodes)
+
+
+def _conditions(run: Run) -> Figure | None:
+    return conditions.heat_maps(run.conditions) if run.conditions else None
+
+
+def _cloning(run: Run) -> Figure | None:
+    lines = run.stage('clone')
+    return training_curves.cloning_figure(lines) if lines else None
+
+
+def _training(run: Run) -> Figure | None:
+    lines = run.stage('finetune')
+    return training_curves.training_figure(lines) if len(lines) > 1 else None
+
+
+def _diagnostics(run: Run) -> Figure | None:
+    lines = run.stage('finetune')[1:]  # the first is the flight before any update
+    return training_curves.diagnostics_figure(lines) if lines else None
+
+
+def _scores(run: Run) -> Figure | None:
+    scores = [score for line in run.stage('finetune') for score in line.get('scores') or ()]
+    return training_curves.score_figure(np.array(scores, np.float64)) if scores else None
+
+
+CATALOGUE = {
+    'outcomes': _Entry('How the episodes ended', EVALUATION, _outcomes, (
+        'All episodes by how they ended, as a pie and as bars with counts: green is landed, every '
+        'other colour a way to fail.')),
+    'returns': _Entry('Reward per episode', EVALUATION, _returns, (
+        'Each dot is the return of an episode in the colour of its outcome, to the right how many '
+        'there are of each height: landings lie in a thin line at the top, crashes far below.')),
+    'touchdown': _Entry('Touchdowns', EVALUATION, _touchdown, (
+        'How fast, how tilted and how far off the centre they came down: all three count as '
+        'better the further left, and the dashed line has 95 % of them to its left.')),
+    'footprint': _Entry('Where they came down', EVALUATION, _footprint, (
+        'Places of touchdown as seen from above (from the side, where all flights lie in one '
+        'plane), on the whole pad and magnified: a cloud off the cross is a bias, a wide one '
+        'scatter.')),
+    'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
+        'Landings of the starts that were solved, from the nearest to the optimum to the '
+        'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
+        'landing from its start with a thrust that may turn at once.')),
+    'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
+        'Fuel of each episode over its speed at the start; the line is the least that a straight '
+        'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
+        'went into tilt, drift and offset.')),
+    'initial_conditions': _Entry('Landing rate by initial condition', EVALUATION, _starts, (
+        'Episodes in bins of equal number along each initial condition: where an interval lies '
+        'below the grey band, the policy is weaker there than on the whole.')),
+    'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
+        'A row for each condition, a column for each pilot, all from the same starts: how many '
+        'landed, and the mean return with failures counted in, which is also low where rockets '
+        'land late, hard or off the centre.')),
+    'training': _Entry('Learning curves', TRAINING, _training, (
+        'Mean return raw and smoothed, landing rate with its 95 % interval, and level, by '
+        'iteration; the red dots are flights without noise on the final level, by which the best '
+        'policy was picked.')),
+    'cloning': _Entry('Cloning the expert', TRAINING, _cloning, (
+        'Loss of imitation on the demonstrations and on episodes kept apart, by epoch: red rising '
+        'while blue falls would be overfitting; the star is what was kept.')),
+    'diagnostics': _Entry('Losses, entropy, divergence', TRAINING, _diagnostics, (
+        'What each update did: the divergence (KL) should stay near its target or below, entropy '
+        'fall slowly, and explained variance rise towards 1 where returns differ.')),
+    'score': _Entry('Score, episode by episode', TRAINING, _scores, (
+        'The score of each training episode as it ended, and the average of the last 50.')),
+}

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Training episodes in words and figures: a line each, moving averages, what a log line says."""
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppo_agent_node.statistics import wilson
+from rocket_sim_node.worlds import Episodes
+
+WINDOW = 50
+"""episodes that an average is of"""
+
+
+def moving_average(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return, for each of the scores `(K,)`, the mean of it and of those before, 50 in all."""
+    sums = np.cumsum(np.concatenate(([0.0], scores)))
+    end = np.arange(1, len(scores) + 1)
+    begin = np.maximum(end - WINDOW, 0)
+    average: NDArray[np.float64] = (sums[end] - sums[begin]) / (end - begin)
+    return average
+
+
+class ScoreLines:
+    """Numbers the episodes of a run and words a line about each."""
+
+    def __init__(self, planned: int) -> None:
+        """Begin with episode 1.
+
+        :param planned: episodes of the whole run; 0: nobody knows.
+        """
+        self._total = f'/{planned}' if planned else ''
+        self._count = 0
+        self._recent: deque[float] = deque(maxlen=WINDOW)
+
+    def add(self, scores: Iterable[float]) -> list[str]:
+        """Return the lines of the next episodes, whose returns are the scores."""
+        lines = []
+        for score in scores:
+            self._count += 1
+            self._recent.append(score)
+            average = sum(self._recent) / len(self._recent)
+            lines.append(f'episode: {self._count}{self._total}, score: {score:.1f}, '
+                         f'average: {average:.1f}')
+        return lines
+
+
+def landed(episodes: Episodes, outcomes: tuple[str, ...]) -> list[bool]:
+    """Return which episodes landed, K of them.
+
+    :param outcomes: names of the world's outcomes.
+    """
+    return [bool(one) for one in episodes.outcome == outcomes.index('landed')]
+
+
+def figures(episodes: Episodes, outcomes: tuple[str, ...]) -> dict[str, Any]:
+    """Return what a line of the log says about the episodes that ended."""
+    if not len(episodes):
+        return {'episodes': 0}
+    count = sum(landed(episodes, outcomes))
+    low, high = wilson(count, len(episodes))
+    return {
+        'episodes': len(episodes), 'landing_rate': count / len(episodes),
+        'landing_rate_low': low, 'landing_rate_high': high,
+        'mean_return': float(np.mean(episodes.episode_return)),
+        'mean_length': float(np.mean(episodes.length)),
+    }

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import os
+import re
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+from typing import Any
+
+import yaml
+
+from ppo_agent_node.atomic_file import remove_leftovers
+from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs.config_file import read_config
+from ppo_agent_node.runs.sealed_file import Sealed
+from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.train_log import read_log
+
+CHECKPOINT = 'checkpoint'
+UNFINISHED = '.unfinished'
+"""lies in the folder of a run that goes on, or can"""
+_NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
+_KEPT = 2
+
+
+class RunFolderError(OSError):
+    """A run's folder cannot be used; the message names it and says why."""
+
+
+class RunFolder:
+    """`config.yaml`, `train.jsonl`, `checkpoints/`, policies and `plots/` of one run.
+
+    `policy` is the best one; `cloned` is what behavioural cloning made, before fine-tuning.
+    """
+
+    def __init__(self, path: Path | str, resume: bool = False) -> None:
+        """Make the folder, or take up the one that is there.
+
+        :param resume: continue what a run left here, or begin when there is nothing.
+        :raises RunFolderError: when it cannot be written, or holds a run that is not resumed.
+        """
+        self.path = Path(path)
+        self.config = self.path / 'config.yaml'
+        self.log = self.path / 'train.jsonl'
+        self.checkpoints = self.path / 'checkpoints'
+        self.best = self.checkpoints / 'best.safetensors'
+        self.policy = self.path / 'policy.safetensors'
+        self.cloned = self.path / 'cloned.safetensors'
+        self.plots = self.path / 'plots'
+        self._made = not self.path.exists()
+        if not resume and (self.config.exists() or self.log.exists()):
+            raise RunFolderError(
+                f'{self.path}: there is a run already; resume it or name another')
+        try:
+            self.checkpoints.mkdir(parents=True, exist_ok=True)
+            self.plots.mkdir(exist_ok=True)
+            probe = self.path / '.writable'
+            probe.write_bytes(b'')
+            probe.unlink(missing_ok=True)  # another process may try as well
+        except OSError as error:
+            raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes out; the system lets go when this one dies, however.
+
+        What one that died left half-written is removed.
+
+        :raises RunFolderError: when another process trains here.
+        """
+        with (self.path / '.lock').open('w') as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RunFolderError(f'{self.path}: another process trains here') from error
+            for folder in (self.path, self.checkpoints, self.plots):
+                remove_leftovers(folder)
+            yield
+
+    @property
+    def finished(self) -> bool:
+        """Whether a run ended here, of which nothing is to be resumed but its evaluation."""
+        return (
+            self.config.exists() and bool(self._saved())
+            and not (self.path / UNFINISHED).exists())
+
+    def mark_unfinished(self) -> None:
+        """Leave a mark, for who started this process, that there is something to resume."""
+        (self.path / UNFINISHED).touch()
+
+    def mark_finished(self) -> None:
+        """Take the mark away."""
+        (self.path / UNFINISHED).unlink(missing_ok=True)
+
+    def withdraw(self) -> None:
+        """Take away again what was made for a run that never began."""
+        if self.config.exists() or self.log.exists():
+            return
+        self.mark_finished()
+        (self.path / '.lock').unlink(missing_ok=True)
+        with suppress(OSError):  # there is something in it
+            self.checkpoints.rmdir()
+            self.plots.rmdir()
+            if self._made:
+                self.path.rmdir()
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.path.name
+
+    def write_config(self, values: dict[str, Any]) -> None:
+        """Write every setting.
+
+        :raises OSError: naming the path.
+        """
+        plain = json.loads(json.dumps(values))
+        text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None)
+        write_atomically(self.config, text.encode())
+
+    def read_config(self) -> dict[str, Any]:
+        """Return the settings that the run began with, `{}` when it has not begun.
+
+        :raises ValueError: when the file is damaged.
+        """
+        return read_config(self.config)
+
+    def append(self, line: dict[str, Any]) -> None:
+        """Add a line to the log and hand it to the system; what is not finite becomes null.
+
+        :raises OSError: naming the path.
+        """
+        plain = {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in line.items()
+        }
+        with self._writing_log('ab') as file:
+            file.write((json.dumps(plain) + '\n').encode())
+
+    @contextmanager
+    def _writing_log(self, mode: str) -> Iterator[IO[bytes]]:
+        try:
+            with self.log.open(mode) as file:
+                yield file
+        except OSError as error:
+            raise OSError(
+                error.errno, f'could not write: {error.strerror}', str(self.log)) from error
+
+    def lines(self) -> list[dict[str, Any]]:
+        """Return the log, without a last line that was cut short."""
+        return read_log(self.log)
+
+    def cut_log(self, count: int) -> None:
+        """Keep the first `count` lines of the log.
+
+        :raises ValueError: when there are fewer.
+        """
+        lines = self.log.read_bytes().splitlines(keepends=True) if self.log.exists() else []
+        whole = [line for line in lines if line.endswith(b'\n')]
+        if len(whole) < count:
+            raise ValueError(f'{self.log}: has {len(whole)} lines, expected at least {count}')
+        write_atomically(self.log, b''.join(whole[:count]))
+
+    def save(self, iteration: int, tensors: Tensors, content: dict[str, Any]) -> Path:
+        """Write the checkpoint of an iteration, and keep the newest two.
+
+        :raises OSError: naming the path; older checkpoints are still there.
+        """
+        path = self.checkpoints / f'iteration_{iteration:06d}.safetensors'
+        if self.log.exists():
+            # It says how many lines there are: they shall survive a power cut if it does.
+            with self._writing_log('rb') as file:
+                os.fsync(file.fileno())
+        sealed_file.write(path, CHECKPOINT, tensors, content)
+        for old in self._saved()[_KEPT:]:
+            old.unlink(missing_ok=True)
+        return path
+
+    def save_best(self, tensors: Tensors, content: dict[str, Any]) -> None:
+        """Write the checkpoint of the best iteration.
+
+        :raises OSError: naming the path.
+        """
+        sealed_file.write(self.best, CHECKPOINT, tensors, content)
+
+    def newest(self, warn: Callable[[str], None]) -> tuple[Path, Sealed] | None:
+        """Return the newest checkpoint that is whole; None when none was ever written.
+
+        :param warn: is told of each that is damaged.
+        :raises ValueError: when there are some and all are damaged.
+        """
+        saved = self._saved()
+        for path in saved:
+            try:
+                return path, sealed_file.read(path, CHECKPOINT)
+            except (ValueError, OSError) as error:
+                warn(f'checkpoint left out: {error}')
+        if saved:
+            raise ValueError(f'{self.checkpoints}: all {len(saved)} checkpoints are damaged')
+        return None
+
+    def go_on_from(self, path: Path) -> None:
+        """Put aside the checkpoints that are newer, which were left out as damaged.
+
+        One of them may be readable again another time; the run has then another past.
+        """
+        saved = self._saved()
+        for newer in saved[:saved.index(path)]:
+            newer.replace(newer.with_suffix('.damaged'))
+
+    def _saved(self) -> list[Path]:
+        """Return the checkpoints of iterations, newest first."""
+        found = [p for p in self.checkpoints.iterdir() if _NAME.fullmatch(p.name)]
+        return sorted(found, key=lambda p: int(p.stem.removeprefix('iteration_')), reverse=True)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The journal of a run: each iteration becomes a line of `train.jsonl` and a Status."""
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+from typing import NamedTuple
+
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.status import Status
+
+TIMES = ('seconds', 'steps_per_second')
+"""Entries of a line that depend on the machine; all others follow from the seed."""
+_STATUS_FIELDS = frozenset(field.name for field in fields(Status))
+
+
+class Progress(NamedTuple):
+    """How much is done of what ends a stage."""
+
+    progress: int
+    goal: int
+    unit: str
+
+
+class Journal:
+    """Writes down how a run goes."""
+
+    def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:
+        """Begin with no line written; see `take_up`."""
+        self._folder, self._report = folder, report
+        self._began = self._stage_began = self._last = time.monotonic()
+        self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
+        self._iteration, self._unit = 0, ''
+        self._progress = Progress(0, 0, '')
+        self._kept: dict[str, Any] = {'run': folder.name, 'folder': str(folder.path)}
+        self.lines = 0
+
+    def take_up(self, lines: int, steps: int) -> None:
+        """Go on after the first `lines` lines, at which `steps` rocket steps had been taken.
+
+        :raises ValueError: when there are fewer lines.
+        """
+        self._folder.cut_log(lines)
+        self.lines, self._steps = lines, steps
+
+    def keep(self, **facts: Any) -> None:
+        """Take note of what all reports from now on say, by fields of Status."""
+        self._kept.update(facts)
+
+    def begin(
+        self, stage: str, iterations: int, done: int = 0, progress: Progress | None = None,
+        unit: str = 'iterations',
+    ) -> None:
+        """Begin a stage of so many iterations, some of them done earlier.
+
+        :param progress: where others than the iterations end it.
+        :param unit: what its iterations are called.
+        """
+        self._stage, self._iterations, self._first, self._unit = stage, iterations, done, unit
+        self._iteration = done
+        self._progress = progress or Progress(done, iterations, unit)
+        self._tell('')
+        self._stage_began = self._last = time.monotonic()
+
+    def entry(
+        self, iteration: int, steps: int, message: str = '', left: float | None = None,
+        progress: Progress | None = None, **numbers: Any,
+    ) -> None:
+        """Write down an iteration of the stage.
+
+        :param steps: rocket steps taken by the run so far.
+        :param left: iterations to come, where others than those planned are expected.
+        :param progress: where others than the iterations end the stage.
+        :param numbers: fields of Status, and others that only the log gets.
+        :raises OSError: when the log cannot be written.
+        """
+        now = time.monotonic()
+        seconds, taken = now - self._last, steps - self._steps
+        self._last, self._steps = now, steps
+        rate = taken / seconds if taken and seconds > 0 else math.nan
+        self._folder.append({
+            'stage': self._stage, 'iteration': iteration, 'steps': steps, **numbers,
+            **({'message': message} if message else {}),
+            'seconds': round(seconds, 3),
+            'steps_per_second': round(rate) if math.isfinite(rate) else None,
+        })
+        self.lines += 1
+        done = iteration - self._first
+        left = self._iterations - iteration if left is None else left
+        # Iteration 0 of fine-tuning is a look at the clone: no measure of what the others take.
+        each = (now - self._stage_began) / done if done else math.inf
+        self._iteration = iteration
+        self._progress = progress or Progress(iteration, self._iterations, self._unit)
+        if 'level' in numbers:
+            self.keep(level=numbers['level'])
+        told = {name: value for name, value in numbers.items() if name in _STATUS_FIELDS}
+        self._tell(
+            message, remaining=each * left if left > 0 else 0.0, steps_per_second=rate, **told)
+
+    def message(self, text: str) -> None:
+        """Tell what happened between two entries; it is not written down."""
+        self._tell(text)
+
+    def _tell(self, message: str, **numbers: Any) -> None:
+        self._report(Status(**{
+            **self._kept, **self._progress._asdict(), 'stage': self._stage,
+            'iteration': self._iteration, 'iterations': self._iterations, 'steps': self._steps,
+            'elapsed': time.monotonic() - self._began, 'message': message, **numbers}))

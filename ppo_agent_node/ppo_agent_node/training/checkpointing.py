@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checkpoints and policies that a run keeps in its folder."""
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.policies.file import save_policy
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.training import run_state
+from ppo_agent_node.training.run_state import RunState
+from ppo_agent_node.training.selection import Score
+from rocket_sim_node.worlds import WorldSpec
+
+
+class Keeper:
+    """Writes the files of a run, and tells which are the last."""
+
+    def __init__(
+        self, spec: WorldSpec, config: Config, folder: RunFolder, journal: Journal,
+    ) -> None:
+        """Take the run."""
+        self._spec, self._config, self._folder = spec, config, folder
+        self._journal = journal
+
+    def save_clone(self, policy: Policy, state: RunState) -> None:
+        """Write the policy as it was cloned.
+
+        :raises OSError: naming the path.
+        """
+        self._save_policy(self._folder.cloned, policy, state, stage='clone')
+        self._tell(self._folder.cloned, news=True)
+
+    def save(
+        self, tensors: Tensors, policy: Policy, state: RunState, best: Score | None = None,
+    ) -> None:
+        """Write a checkpoint, and the policy where it is the best so far.
+
+        :param tensors: of the checkpoint.
+        :param best: the policy's score, if it is.
+        :raises OSError: naming the path.
+        """
+        content = run_state.content(state, self._spec, self._config)
+        written = []
+        if best:
+            # Before the checkpoint that says they are there: a run that ends in between does this
+            # iteration again and writes them again, the same where it computes alike.
+            self._folder.save_best(tensors, content)
+            self._save_policy(self._folder.policy, policy, state, **asdict(best))
+            written.append(self._folder.policy)
+        written.append(self._folder.save(state.iteration, tensors, content))
+        self._tell(*written, news=best is not None)
+
+    def _tell(self, *paths: Path, news: bool) -> None:
+        """Tell which files are the last; a checkpoint like any other is no news."""
+        names = ' and '.join(str(path.relative_to(self._folder.path)) for path in paths)
+        self._journal.keep(saved=names)
+        self._journal.message(f'saved {names}' if news else '')
+
+    def _save_policy(self, path: Path, policy: Policy, state: RunState, **facts: Any) -> None:
+        save_policy(
+            path, policy, self._spec, self._config.network, self._config.run.seed,
+            {'run': self._folder.name, 'steps': state.steps, **facts})

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds of a run's groups: begun anew, flown for roll-outs, and snapshots in between."""
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.flying.episodes import scatter
+from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.policies.factory import without_noise
+from ppo_agent_node.ppo.rollout_buffer import Ended
+from ppo_agent_node.ppo.rollout_buffer import Rollout
+from ppo_agent_node.ppo.rollout_buffer import in_order
+from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.training.preflight import Fly
+from ppo_agent_node.training.run_state import RunState
+from rocket_sim_node.worlds import Episodes
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
+
+
+class GroupWorlds:
+    """Where the world of each group is."""
+
+    def __init__(self, spec: WorldSpec, config: Config, fly: Fly) -> None:
+        """Take who flies; there is no world yet."""
+        self._spec, self._config, self._fly = spec, config, fly
+        self.snapshots = [b''] * config.ppo.num_groups
+        """of each group: the last moment of its world that is certain"""
+
+    def tensors(self) -> Tensors:
+        """Return the snapshots as tensors of bytes, by name."""
+        return {
+            _name(group): torch.from_numpy(np.frombuffer(snapshot, np.uint8).copy())
+            for group, snapshot in enumerate(self.snapshots)}
+
+    def take(self, path: Path, tensors: Tensors) -> None:
+        """Take the snapshots out of a checkpoint's tensors.
+
+        :raises ValueError: when one is missing; names the file.
+        """
+        names = [_name(group) for group in range(len(self.snapshots))]
+        for name in names:
+            if name not in tensors:
+                raise ValueError(f'{path}: has no tensor {name!r}')
+        self.snapshots = [tensors.pop(name).numpy().tobytes() for name in names]
+
+    def reset(self, policy: Policy, state: RunState) -> int:
+        """Begin new episodes as the curricula have them, and get them out of step.
+
+        :return: rocket steps that were taken for it.
+        """
+        config, pilot = self._config, without_noise(policy)
+        level, reach = state.curriculum.level, state.reverse.reset_settings()
+        # Those that begin at all heights are out of step by themselves, and whole episodes need
+        # not be.
+        scattered = state.reverse.over and not config.ppo.whole_episodes
+        steps = config.ppo.scatter_steps if scattered else 0
+
+        def begin(group: int) -> Flight[bytes]:
+            seed = self._seed(state, group)
+            settings = {**config.curriculum.reset_settings(level, group), **reach}
+            observation = yield Reset(seed, settings)
+            yield from scatter(
+                self._spec, observation, pilot, steps, np.random.default_rng(seed))
+            snapshot: bytes = yield Snapshot()
+            return snapshot
+
+        self.snapshots = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self.snapshots))]))
+        return steps * self._spec.num_envs * len(self.snapshots)
+
+    def roll_out(
+        self, rollout: Rollout | EpisodeRollout, policy: Policy, state: RunState,
+    ) -> list[list[Ended]]:
+        """Fly the roll-out of the next iteration; return what ended in each group."""
+        def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
+            noise = random_streams.generator(
+                self._config.run.seed, 'roll-out', state.iteration + 1, *_later(group))
+            return rollout.flight(group, self._begin(group, state), policy, noise)
+
+        flown = list(self._fly([
+            functools.partial(begin, group) for group in range(len(self.snapshots))]))
+        self.snapshots = [snapshot for _, snapshot in flown]
+        return [ended for ended, _ in flown]
+
+    def _begin(self, group: int, state: RunState) -> Reset | Restore:
+        """Return where the next roll-out of a group begins: mostly where the last one ended."""
+        config = self._config
+        if not config.ppo.whole_episodes:
+            return Restore(self.snapshots[group])
+        seed = random_streams.derived_seed(
+            config.run.seed, 'starts', state.iteration, *_later(group))
+        return Reset(seed, {
+            **config.curriculum.reset_settings(state.curriculum.level, group),
+            'spawn_copies': config.ppo.start_copies})
+
+    def hardest(self, flown: Sequence[Sequence[Ended]], state: RunState) -> Episodes:
+        """Return the episodes that began highest, of all that ended in a roll-out.
+
+        None of a run that has no reverse curriculum, or none any more.
+        """
+        if state.reverse.over:
+            return NO_EPISODES
+        return in_order([
+            state.reverse.hardest(ended, self._seed(state, group))
+            for group, ended in enumerate(flown)])
+
+    def _seed(self, state: RunState, group: int) -> int:
+        """Return what the world of a group was last reset with."""
+        return random_streams.derived_seed(
+            self._config.run.seed, 'world', state.reset_iteration, *_later(group))
+
+
+def _name(group: int) -> str:
+    return f'world.{group}' if group else 'world'
+
+
+def _later(group: int) -> tuple[int, ...]:
+    """Return the index of a group for its random streams: the first has those of one alone."""
+    return (group,) if group else ()

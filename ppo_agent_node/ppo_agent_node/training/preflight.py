@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run will ask of its simulators, asked before there is anything to lose."""
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from collections.abc import Iterator
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.imitation.demonstrations import spawn_settings
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+
+Fly = Callable[[Sequence[Callable[[], Flight[Any]]]], Iterator[Any]]
+"""flies flights, see `worlds.flight.Fleet`"""
+
+
+def try_starts(fly: Fly, config: Config) -> None:
+    """Begin episodes as a new run will.
+
+    :raises ValueError: for starts that the simulator refuses; says whose.
+    """
+    curriculum, demonstration = config.curriculum, config.demonstration
+    first, final = curriculum.curriculum_start_level, curriculum.curriculum_final_level
+    starts = {f'curriculum, level {level}': curriculum.reset_settings(level)
+              for level in (first, final)}
+    if curriculum.curriculum_wide_level:
+        starts['curriculum_wide_level'] = curriculum.reset_settings(final, group=1)
+    if curriculum.curriculum_start_reach:
+        starts['curriculum_start_reach'] = {
+            **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}
+    if demonstration.demonstration_episodes:
+        starts['demonstrations'] = {
+            **curriculum.task_settings(final), **spawn_settings(demonstration, final)}
+    for whose, settings in starts.items():
+        try:
+            list(fly([functools.partial(_begin, settings)]))
+        except ValueError as error:
+            raise ValueError(f'{whose}: {error}') from error
+
+
+def try_snapshots(fly: Fly, path: Path, worlds: Sequence[bytes]) -> None:
+    """Go into the snapshots that a resumed run goes on from.
+
+    :param path: of the file that they are in.
+    :raises ValueError: for one that the simulator refuses; names the file.
+    """
+    try:
+        list(fly([functools.partial(_go_into, world) for world in worlds]))
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from error
+
+
+def _begin(settings: dict[str, float]) -> Flight[None]:
+    yield Reset(0, settings)
+
+
+def _go_into(world: bytes) -> Flight[None]:
+    yield Restore(world)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reverse curriculum: episodes begin next to the ground, and ever higher. A state machine.
+
+Florensa et al., 'Reverse curriculum generation for reinforcement learning', 2017: where only the
+end is rewarded, learn it backwards, from starts at which the goal is near. A rocket that starts at
+rest a few decimetres up lands whatever it does; from there on each reach teaches the next one.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
+from dataclasses import replace
+
+from ppo_agent_node.config.curriculum_config import CurriculumConfig
+from ppo_agent_node.ppo.rollout_buffer import Ended
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.rocket import spawn
+
+
+@dataclass(frozen=True)
+class ReverseCurriculum:
+    """How high episodes begin, and the most recent of the hardest; see `advance`."""
+
+    config: CurriculumConfig
+    full_reach: float
+    """m, the drop of the whole task"""
+    reach: float
+    """m, the world's `spawn_reach`; 0: all episodes begin at the spawn height"""
+    recent: tuple[bool, ...] = ()
+    """Whether each of the last hard episodes landed, at most a window of them, oldest first."""
+
+    @classmethod
+    def begin(cls, config: CurriculumConfig, spec: WorldSpec) -> ReverseCurriculum:
+        """Return the curriculum at its first reach, 0 where there is none.
+
+        :raises ValueError: when the first reach is more than the world's drop.
+        """
+        first = config.curriculum_start_reach
+        full = spec.settings['spawn_height'] - spec.settings['touchdown_height'] if first else 0.0
+        if first > full:
+            raise ValueError(
+                f'curriculum_start_reach: got {first:g}, expected at most spawn_height less '
+                f'touchdown_height, {full:g} m')
+        return cls(config, full, first)
+
+    @property
+    def over(self) -> bool:
+        """Whether roll-outs are of the plain task."""
+        return not self.reach
+
+    @property
+    def landing_rate(self) -> float:
+        """Part of the window's episodes that landed; NaN before the first."""
+        return sum(self.recent) / len(self.recent) if self.recent else float('nan')
+
+    def figures(self) -> dict[str, float]:
+        """Return what a line of the log says: how high, m, the highest episodes begin."""
+        return {'reach': self.reach or self.full_reach} if self.full_reach else {}
+
+    def reset_settings(self) -> dict[str, float]:
+        """Return what the world is reset with for roll-outs, besides the level."""
+        return {} if self.over else {'spawn_reach': self.reach}
+
+    def advance(self, landed: Iterable[bool]) -> ReverseCurriculum:
+        """Return the curriculum after more of the hardest episodes, as they ended.
+
+        When the window is full and the landing rate over it is at least the one asked for, the
+        reach grows, with an empty window: up to that of the whole task, and from there to the
+        plain task. It never shrinks.
+        """
+        if self.over:
+            return self
+        config = self.config
+        recent = (*self.recent, *map(bool, landed))[-config.curriculum_window:]
+        successor = replace(self, recent=recent)
+        if len(recent) < config.curriculum_window or (
+                successor.landing_rate < config.curriculum_reach_landing_rate):
+            return successor
+        grown = min(self.reach * config.curriculum_reach_growth, self.full_reach)
+        return replace(self, reach=0.0 if self.reach == self.full_reach else grown, recent=())
+
+    def hardest(self, ended: Sequence[Ended], world_seed: int) -> list[Ended]:
+        """Return, of a group's episodes, those that began highest.
+
+        :param world_seed: of the reset since which the world has flown: it tells each episode's
+            start, whatever was observed of it.
+        """
+        least = 1.0 - self.config.curriculum_reach_hardest
+        return [
+            (step, episodes.take(
+                spawn.reach_share(world_seed, episodes.row, episodes.episode) > least))
+            for step, episodes in ended]

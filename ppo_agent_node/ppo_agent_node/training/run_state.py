@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run is at the start of an iteration, besides the weights, and how it is written down."""
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from dataclasses import dataclass
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import describe
+from ppo_agent_node.runs.sealed_file import Sealed
+from ppo_agent_node.training.curriculum import Curriculum
+from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
+from ppo_agent_node.training.selection import Score
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.rocket import conditions
+
+_FREE_TO_CHANGE = frozenset(
+    {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
+"""Settings that do not change what is learnt but for rounding, so that a resumed run may have
+others."""
+
+_NOTHING = object()
+"""in place of a setting that a description does not have"""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """Where a run is. Random numbers need no state: see streams."""
+
+    curriculum: Curriculum
+    reverse: ReverseCurriculum
+    iteration: int = 0
+    """of fine-tuning, done"""
+    steps: int = 0
+    """rocket steps taken"""
+    episodes: int = 0
+    """ended in roll-outs"""
+    lines: int = 0
+    """of the log, written"""
+    best: Score | None = None
+    reset_iteration: int = 0
+    """after which the world was last reset"""
+
+    @property
+    def best_return(self) -> float:
+        """Most that a flight without noise returned on average so far."""
+        return self.best.mean_return if self.best else -math.inf
+
+    def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
+        """Return the state with the curriculum after more episodes, as they ended.
+
+        :param landed: whether each one landed.
+        :param hardest: the same of those that began highest, for a reverse curriculum.
+        """
+        if self.reverse.over:
+            return replace(self, curriculum=self.curriculum.advance(landed))
+        return replace(self, reverse=self.reverse.advance(hardest))
+
+    def news(self, before: RunState) -> str:
+        """Return how the task became harder since, empty if it did not."""
+        level, reverse = self.curriculum.level, self.reverse
+        if level != before.curriculum.level:
+            return f'level {before.curriculum.level} -> {level}'
+        if reverse.reach == before.reverse.reach:
+            return ''
+        if reverse.over:
+            return f'the whole task, level {level}'
+        return f'reach {before.reverse.reach:.2f} -> {reverse.reach:.2f} m'
+
+
+def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
+    """Return every setting of a run, for `config.yaml`."""
+    try:
+        version = metadata.version('ppo_agent_node')
+    except metadata.PackageNotFoundError:
+        version = 'not installed'
+    return {
+        'version': version, 'world': spec.name, 'num_envs': spec.num_envs, **_launched(spec),
+        'training': config.flat(), 'world_settings': spec.settings,
+    }
+
+
+def _launched(spec: WorldSpec) -> dict[str, str]:
+    """Return what `train` has to give the simulator again when the run is resumed."""
+    if not spec.condition_names:
+        return {}
+    return {
+        'conditions': conditions.name_of(spec.settings),
+        'observation': worlds.settings_from(spec.name, spec.settings)['observation']}
+
+
+def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
+    """Return what a checkpoint says about a run, as JSON can."""
+    return {
+        'iteration': state.iteration, 'steps': state.steps, 'episodes': state.episodes,
+        'lines': state.lines,
+        'level': state.curriculum.level, 'recent': [int(x) for x in state.curriculum.recent],
+        'reach': state.reverse.reach, 'recent_hardest': [int(x) for x in state.reverse.recent],
+        'reset_iteration': state.reset_iteration,
+        'best': asdict(state.best) if state.best else None,
+        'description': description(spec, config),
+    }
+
+
+def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:
+    """Return the state that a checkpoint holds.
+
+    :raises ValueError: when it is of a run with other settings; names the file and the setting.
+    """
+    found = sealed.content
+    _same(path, found.get('description'), description(spec, config))
+    try:
+        return RunState(
+            Curriculum(
+                config.curriculum, _count(found, 'level'), tuple(map(bool, found['recent']))),
+            _reverse(found, spec, config),
+            _count(found, 'iteration'), _count(found, 'steps'), _count(found, 'episodes'),
+            _count(found, 'lines'), Score(**found['best']) if found['best'] else None,
+            _count({'reset_iteration': 0, **found}, 'reset_iteration'))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
+
+
+def _reverse(found: dict[str, Any], spec: WorldSpec, config: Config) -> ReverseCurriculum:
+    begun = ReverseCurriculum.begin(config.curriculum, spec)
+    if 'reach' not in found:  # from before there was a reverse curriculum
+        return begun
+    reach = found['reach']
+    if not isinstance(reach, float | int) or not 0 <= reach <= begun.full_reach:
+        raise ValueError(f'reach: got {reach!r:.200}, expected 0 to {begun.full_reach:g} m')
+    return replace(begun, reach=reach, recent=tuple(map(bool, found['recent_hardest'])))
+
+
+def _count(found: dict[str, Any], name: str) -> int:
+    value = found[name]
+    if not isinstance(value, int) or not 0 <= value < 2**63:
+        raise ValueError(f'{name}: got {value!r:.200}, expected a whole number from 0')
+    return value
+
+
+def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
+    # What learning did before there was a setting for it is the setting's default.
+    before = {'training': {info.name: info.default for info in describe()}, 'world_settings': {}}
+    try:
+        pairs = [
+            (name, found[name], expected[name]) for name in ('world', 'num_envs')
+        ] + [
+            (name, {**before[group], **found[group]}.get(name, _NOTHING), value)
+            for group in ('training', 'world_settings')
+            for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
+        ]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f'{path}: has no description of its run: {error!r}') from error
+    for name, theirs, ours in pairs:
+        if theirs is _NOTHING:
+            raise ValueError(
+                f'{path}: {name} of the run is not there, expected {ours}; the run is from before '
+                'there was such a setting of its world, begin another')
+        if _plain(theirs) != _plain(ours):
+            raise ValueError(
+                f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
+                f'resume with the settings of its config.yaml, or begin another run')
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it."""
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A training run from nothing to a policy: demonstrate, clone, fine-tune by PPO.
+
+Equal seeds give equal weights, bit for bit, whichever fleet it flies in, of however many
+simulators, however often they restart, and whether or not the run was stopped and resumed.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import check_world
+from ppo_agent_node.config.training_config import fit_copies
+from ppo_agent_node.flying.episodes import Pilot
+from ppo_agent_node.imitation.dagger import Imitation
+from ppo_agent_node.imitation.demonstrations import scripted_teacher
+from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.ppo.rollout_buffer import Rollout
+from ppo_agent_node.ppo.rollout_buffer import in_order
+from ppo_agent_node.runs import episode_scores
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import Progress
+from ppo_agent_node.runs.sealed_file import Sealed
+from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.status import Status
+from ppo_agent_node.threads import tensor_threads
+from ppo_agent_node.training import preflight
+from ppo_agent_node.training import run_state
+from ppo_agent_node.training.checkpointing import Keeper
+from ppo_agent_node.training.curriculum import Curriculum
+from ppo_agent_node.training.group_worlds import GroupWorlds
+from ppo_agent_node.training.interruptible_fleet import Crew
+from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
+from ppo_agent_node.training.run_state import RunState
+from ppo_agent_node.training.selection import Score
+from ppo_agent_node.training.selection import Selector
+from ppo_agent_node.training.stop_criterion import Ending
+from ppo_agent_node.training.stop_criterion import Result
+from rocket_sim_node.worlds import EnvironmentClosed
+from rocket_sim_node.worlds.jobs import Fleet
+
+
+class Trainer:
+    """Trains one policy in one world, in a folder from which the run can be resumed."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        config: Config,
+        folder: RunFolder,
+        report: Callable[[Status], None] = lambda status: None,
+        expert: Pilot | None = None,
+        stop_requested: Callable[[], bool] = lambda: False,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """Prepare a run; nothing flies yet.
+
+        :param report: is told of each iteration, and of what else happens.
+        :param expert: the pilot to imitate; by default the scripted one with the gains of the
+            settings.
+        :param stop_requested: asked before each step and each minibatch.
+        :param say: is told the lines of episodes, where the settings ask for them.
+        :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
+            the world, or when a setting is not for it.
+        """
+        spec = self._spec = fleet.spec
+        config = fit_copies(config, spec.num_envs)
+        self._config, self._folder, self._say = config, folder, say
+        check_world(config, spec)
+        if config.demonstration.demonstration_episodes and expert is None:
+            expert = scripted_teacher(
+                spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
+        self._expert = expert if config.demonstration.demonstration_episodes else None
+        self._ending = Ending(
+            config.ppo.iterations, config.run.training_episodes, config.run.target_return)
+        self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
+        self._learner = Learner(spec, config)
+        self._journal = Journal(folder, report)
+        imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
+        self._journal.keep(stages=(*imitation, 'finetune'))
+        self._state = RunState(
+            Curriculum.begin(config.curriculum),
+            ReverseCurriculum.begin(config.curriculum, spec))
+        self._rollout = EpisodeRollout(
+            spec.num_envs, config.ppo.start_copies, config.ppo.num_groups,
+        ) if config.ppo.whole_episodes else Rollout(
+            config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
+            config.ppo.num_groups)
+        self._crew = Crew(fleet, stop_requested, self._journal.message)
+        self._worlds = GroupWorlds(spec, config, self._crew.fly)
+        self._selector = Selector(spec, config, self._journal, self._crew.fly)
+        self._keeper = Keeper(spec, config, folder, self._journal)
+
+    def run(self) -> Result:
+        """Train until done or asked to stop; from where the folder's run ended, if it has one.
+
+        :raises ValueError: when the folder's run had other settings or its files are damaged.
+        :raises OSError: when the folder cannot be written; the last checkpoint is whole.
+        """
+        finished = False
+        saved = self._folder.newest(self._journal.message)
+        try:
+            if saved is None:
+                preflight.try_starts(self._crew.fly, self._config)
+                self._journal.take_up(0, 0)
+                self._folder.write_config(run_state.description(self._spec, self._config))
+                self._imitate()
+                self._begin_finetuning()
+            else:
+                self._take_up(*saved)
+            self._finetune()
+            finished = True
+        except EnvironmentClosed:
+            begun = any(self._folder.checkpoints.iterdir())
+            self._journal.message(
+                'stopped; a resumed run goes on from here' if begun else
+                'stopped before the first checkpoint; a resumed run begins anew')
+        return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
+
+    def _take_up(self, path: Path, sealed: Sealed) -> None:
+        tensors = dict(sealed.tensors)
+        self._state = run_state.from_content(path, sealed, self._spec, self._config)
+        self._worlds.take(path, tensors)
+        self._learner.load(path, tensors)
+        self._folder.go_on_from(path)
+        self._journal.take_up(self._state.lines, self._state.steps)
+        if self._config.run.episode_lines:
+            for line in self._folder.lines():
+                self._score_lines.add(line.get('scores', ()))
+        # To hear now whether the simulators take them, and not when there is work to be lost.
+        preflight.try_snapshots(self._crew.fly, path, self._worlds.snapshots)
+        # Some settings may be others now, such as how many episodes are evaluated.
+        self._folder.write_config(run_state.description(self._spec, self._config))
+        self._selector.tell(self._state.best)
+        self._journal.keep(saved=f'{path.parent.name}/{path.name}')
+        self._begin_stage_finetune()
+        self._journal.message(f'resumed from {path.name}')
+
+    def _imitate(self) -> None:
+        """Clone the expert into the policy."""
+        if self._expert is None:
+            return
+        imitation = Imitation(
+            self._spec, self._config, self._expert, self._crew.fly, self._journal,
+            self._crew.poll_learning)
+        imitation.teach(self._learner.policy)
+        self._state = replace(self._state, steps=self._state.steps + imitation.steps)
+        self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
+        self._keeper.save_clone(self._learner.policy, self._state)
+
+    def _begin_finetuning(self) -> None:
+        """Score the clone, put the world at the first level and save: iteration 0.
+
+        Where there is no clone, there is nothing worth a flight yet.
+        """
+        self._begin_stage_finetune()
+        self._reset_world()
+        best, numbers = self._select(self._expert is not None)
+        numbers |= self._state.reverse.figures()
+        self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
+
+    def _begin_stage_finetune(self) -> None:
+        self._journal.begin(
+            'finetune', self._config.ppo.iterations, self._state.iteration, self._progress())
+
+    def _finetune(self) -> None:
+        self._begin_stage_finetune()
+        while not self._done():
+            state, tensors = self._state, self._tensors()
+            try:
+                self._iterate()
+            except (RuntimeError, TimeoutError, ValueError):
+                # Asked to stop, or there is nobody to fly any more: what was learnt is kept.
+                self._state = state
+                self._keeper.save(tensors, self._learner.policy, state)
+                raise
+
+    def _done(self) -> bool:
+        state = self._state
+        return self._ending.reached(state.iteration, state.episodes, state.best_return)
+
+    def _progress(self) -> Progress:
+        return self._ending.progress(self._state.iteration, self._state.episodes)
+
+    def _iterate(self) -> None:
+        """Fly a roll-out, learn from it, and see what follows."""
+        iteration, state = self._state.iteration + 1, self._state
+        rollout, policy = self._rollout, self._learner.policy
+        flown = self._worlds.roll_out(rollout, policy, state)
+        episodes = in_order(flown)
+        with tensor_threads(self._config.run.threads):
+            diagnostics, learning_rate = self._learner.learn(
+                iteration, rollout, self._crew.poll_learning)
+        outcomes = self._spec.outcomes
+        self._state = replace(
+            state.advance(
+                episode_scores.landed(episodes, outcomes),
+                episode_scores.landed(self._worlds.hardest(flown, state), outcomes)),
+            iteration=iteration, steps=state.steps + rollout.steps,
+            episodes=state.episodes + len(episodes))
+        if message := self._state.news(state):
+            self._reset_world()
+        best, numbers = self._select(self._selector.due(
+            iteration, self._state.curriculum.landing_rate))
+        if self._config.run.episode_lines:
+            numbers['scores'] = episodes.episode_return.tolist()
+            for line in self._score_lines.add(numbers['scores']):
+                self._say(line)
+        self._finish_iteration(
+            best, message, level=state.curriculum.level, learning_rate=learning_rate,
+            **state.reverse.figures(), **episode_scores.figures(episodes, outcomes),
+            **asdict(diagnostics), **policy.diagnostics(), **numbers)
+
+    def _reset_world(self) -> None:
+        """Begin new episodes in the worlds of all groups."""
+        self._state = replace(self._state, reset_iteration=self._state.iteration)
+        steps = self._worlds.reset(self._learner.policy, self._state)
+        self._state = replace(self._state, steps=self._state.steps + steps)
+
+    def _select(self, due: bool) -> tuple[Score | None, dict[str, Any]]:
+        """Fly the policy without noise if that is due, as it is in the end.
+
+        :return: its score if it is the best so far, and numbers for the log.
+        """
+        if not (due or self._done()):
+            return None, {}
+        state = self._state
+        selected = self._selector.select(self._learner.policy, state.iteration, state.best)
+        best = selected.score if selected.better else None
+        self._state = replace(
+            state, steps=state.steps + selected.steps, best=best or state.best)
+        return best, selected.numbers
+
+    def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:
+        """Write the log's line, and the files that are due."""
+        state, interval = self._state, self._config.run.checkpoint_interval
+        due = best or self._done() or state.iteration % interval == 0
+        if best:
+            told = f'best policy so far: return {best.mean_return:.1f}'
+            message = f'{message}, {told}' if message else told
+        self._journal.entry(
+            state.iteration, state.steps, message,
+            0.0 if self._done() else self._ending.left(state.iteration, state.episodes),
+            self._progress(), **numbers)
+        self._state = replace(state, lines=self._journal.lines)
+        if due:
+            self._keeper.save(self._tensors(), self._learner.policy, self._state, best)
+
+    def _tensors(self) -> Tensors:
+        return {**self._learner.tensors(), **self._worlds.tensors()}

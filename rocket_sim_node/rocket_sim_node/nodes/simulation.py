@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What node `simulator` does: it serves a world to an agent."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rocket_msgs.msg import World
+
+from rocket_sim_node import worlds
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages.conversion import MOST_ENVS
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.server.server import Server
+from rocket_sim_node.wire.server.server import ServerOptions
+from rocket_sim_node.worlds.rocket import conditions
+
+_ONE_OBSERVATION = SettingInfo(
+    'observation', 'standard', '', 'what pilots see', 0.0, math.inf, ('standard',))
+"""of worlds that have no other"""
+_MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
+
+
+@dataclass(frozen=True)
+class SimulatorParameters:
+    """Parameters of the node; those of the world stand beside them."""
+
+    world: str = setting('rocket', '', 'which world', choices=worlds.names())
+    num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ENVS)
+    seed: int = setting(0, '', 'where the random streams start until a reset says', 0, 2**62)
+    conditions: str = setting(
+        'nominal', '', 'set of conditions, for worlds of rockets; settings of conditions that are '
+        'given beside it hold instead of its own', choices=conditions.NAMES)
+    mode: str = setting(
+        'lockstep', '', 'one step per action, or by the clock', choices=tuple(_MODES))
+    realtime_factor: float = setting(
+        1.0, '', 'simulated seconds per second, realtime only', 0.01, 100.0)
+    action_timeout: float = setting(
+        0.5, 's', 'without a new action for so long, and for 2.5 steps, the engine is cut, '
+        'realtime only', 0.01, 3600.0)
+    agent_lease: float = setting(
+        10.0, 's', 'silence of the agent after which another may take over; in lock-step '
+        'one that learns is heard every 0.5 s', 0.0, 3600.0)
+    acknowledge: str = setting(
+        'auto', '', 'whether each action is acknowledged, so that DDS repeats what was lost; '
+        'auto: when the discovery range goes beyond this machine', choices=qos.ACKNOWLEDGE)
+    state_rows: int = setting(4, '', 'rockets, from the first, on topic `state`', 0, 1024)
+    state_batch: int = setting(
+        50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
+
+
+def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dict[str, Any]:
+    """Declare the settings of the world and return their values.
+
+    :raises ParameterError: for one out of range, and for what this world does not have.
+    """
+    infos = worlds.settings(options.world)
+    known = {info.name for info in infos}
+    if known.issuperset(conditions.FLAT_NAMES):
+        return parameters.declare_infos(infos, conditions.settings(options.conditions))
+    if options.conditions != 'nominal':
+        raise ParameterError(
+            f'parameter conditions: got {options.conditions!r}, expected nominal, as world '
+            f'{options.world!r} has no others')
+    # Launch files give it to any world.
+    values = parameters.declare_infos((*infos, _ONE_OBSERVATION))
+    del values[_ONE_OBSERVATION.name]
+    return values
+
+
+def simulate(node: Node, executor: Executor) -> None:
+    """Serve a world until asked to stop."""
+    parameters = Parameters(node)
+    options = parameters.declare(SimulatorParameters)
+    settings = _world_settings(parameters, options)
+    parameters.finish()
+    world = worlds.make(options.world, options.num_envs, options.seed, **settings)
+    server = Server(node, world, ServerOptions(
+        mode=_MODES[options.mode], realtime_factor=options.realtime_factor,
+        action_timeout=options.action_timeout, agent_lease=options.agent_lease,
+        acknowledge=options.acknowledge, state_rows=options.state_rows,
+        state_batch=options.state_batch))
+    node.get_logger().info(
+        f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
+        f'level {settings.get("level", "-")}, {conditions.name_of(settings)} conditions: '
+        'waiting for an agent')
+    server.serve(executor)

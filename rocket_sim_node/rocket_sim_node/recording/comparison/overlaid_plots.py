@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plots of a comparison: one line a pilot, in the pilot's colour."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node.recording.drawing.palette import Colour
+from rocket_sim_node.recording.drawing.plots import Plot
+from rocket_sim_node.recording.scene.sceneries import Scenery
+from rocket_sim_node.recording.scene.sceneries import scenery
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+
+F64 = NDArray[np.float64]
+
+COLOURS: tuple[Colour, ...] = (
+    palette.WHITE, palette.ORANGE, palette.SKY, palette.PURPLE, palette.YELLOW, palette.GREEN)
+"""Of the pilots, in their order: the first is what the others are measured by."""
+_WIDTHS = (6.5, 4.5, 2.0)
+"""Of their lines: where they cover each other, each can still be seen."""
+
+
+class Named(Protocol):
+    """One of those compared, as far as a plot knows it."""
+
+    @property
+    def key(self) -> str:
+        """Its place among the entities."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """What legends call it."""
+        ...
+
+
+def _plot(title: str, name: str, values: Callable[[Flight, Stage], F64]) -> Plot:
+    """Return a plot of one line; the pilot gives it name and colour."""
+    return Plot(title, name, (), (), lambda flight, stage: (values(flight, stage),))
+
+
+HEIGHT = _plot('Height (m)', 'height', lambda f, s: f.position[:, 2] - s.touchdown_height)
+SPEED = _plot('Speed (m/s)', 'speed', lambda f, _: f.speed)
+TILT = _plot('Tilt (deg)', 'tilt', lambda f, _: f.tilt)
+THROTTLE = _plot('Throttle (%)', 'throttle', lambda f, _: 100.0 * f.throttle)
+FUEL = _plot('Fuel used (kg)', 'fuel_used', lambda f, _: f.fuel[0] - f.fuel)
+RETURN = _plot(
+    'Return so far', 'return', lambda f, _: np.cumsum(np.append(0.0, f.reward[1:])))
+
+
+def plots(stage: Stage) -> tuple[Plot, ...]:
+    """Return what is plotted of a world, five quantities."""
+    return HEIGHT, SPEED, TILT, THROTTLE, FUEL if stage.fuel > 0 else RETURN
+
+
+def look(stage: Stage) -> Scenery:
+    """Return the scenery of a world, with these plots in place of its own."""
+    return replace(scenery(stage.world), plots=plots(stage), unseen=())
+
+
+def entity(side: Named) -> str:
+    """Return the entity that is plotted."""
+    return f'/{side.key}{entities.ROCKET}'
+
+
+def log_styles(stream: rr.RecordingStream, sides: Sequence[Named]) -> None:
+    """Log how the lines look, once for all plots."""
+    for number, side in enumerate(sides):
+        stream.log(entity(side), rr.SeriesLines(
+            names=[side.name], colors=[COLOURS[number % len(COLOURS)]],
+            widths=[_WIDTHS[min(number, len(_WIDTHS) - 1)]]), static=True)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The results of a comparison as tables, in Markdown."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+
+
+class Flown(Protocol):
+    """What one pilot flew, as far as tables know it."""
+
+    @property
+    def name(self) -> str:
+        """What tables call the pilot."""
+        ...
+
+    @property
+    def flights(self) -> tuple[Flight, ...]:
+        """Its flights."""
+        ...
+
+
+def results(
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: Stage, heading: str = '',
+    remarks: Sequence[str] = (),
+) -> str:
+    """Return two tables: means of each pilot, and how each flight of each ended.
+
+    :param verdicts: for each start, what became of each pilot's vehicle; '' where nobody asked.
+    :param heading: a line above them; `remarks` follow it.
+    """
+    count = len(sides[0].flights)
+    stands = any(verdict for ends in verdicts for verdict in ends)
+    parts = [heading, *remarks, _means(sides, verdicts, stage, stands=stands)]
+    ends = [
+        (str(start + 1), *(
+            _end(side.flights[start], verdict)
+            for side, verdict in zip(sides, verdicts[start], strict=True)))
+        for start in range(count)]
+    parts.append(_table(('start', *(side.name for side in sides)), ends))
+    return '\n\n'.join(part for part in parts if part) + '\n'
+
+
+def touchdown_speed(flight: Flight) -> float:
+    """Return the speed when the ground was met, m/s; at the end where it was not, or ends all."""
+    first = int(np.argmax(flight.touching)) if flight.touching.any() else len(flight)
+    return float(flight.speed[max(first - 1, 0)])
+
+
+def _means(
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: Stage, *, stands: bool,
+) -> str:
+    fuel = stage.fuel > 0
+    rows = []
+    for number, side in enumerate(sides):
+        flights = side.flights
+        landed = [flight for flight in flights if flight.outcome == stage.outcomes[0]]
+        standing = sum(ends[number] == 'stands' for ends in verdicts)
+        rows.append((
+            side.name, f'{len(landed)} of {len(flights)}',
+            *((f'{standing}',) if stands else ()),
+            _mean('.1f', (f.total_return for f in flights)),
+            _mean('.3f', map(touchdown_speed, landed)),
+            _mean('.2f', (f.tilt[-1] for f in landed)),
+            _mean('.2f', (f.distance[-1] for f in landed)),
+            *((_mean('.0f', (f.fuel[0] - f.fuel[-1] for f in flights)),) if fuel else ()),
+            _mean('.1f', ((len(f) - 1) * stage.dt for f in flights))))
+    table = _table((
+        'mean of', 'landed', *(('stand',) if stands else ()), 'return', 'touchdown m/s',
+        'tilt °', 'offset m', *(('fuel kg',) if fuel else ()), 'time s'), rows)
+    return f'{table}\n\nTouchdown, tilt and offset: means of those that landed.'
+
+
+def _end(flight: Flight, verdict: str) -> str:
+    """Return how a flight ended, in a cell."""
+    end = words(flight.outcome or 'unfinished')
+    if verdict and verdict != 'stands':
+        end = f'{end}, {words(verdict)}'
+    return f'{end} {touchdown_speed(flight):.2f} m/s, {flight.total_return:.1f}'
+
+
+def _mean(digits: str, values: Iterable[float]) -> str:
+    """Return a mean as text, a dash where there is nothing to average."""
+    known = np.fromiter(values, np.float64)
+    return format(float(known.mean()), digits) if known.size else '–'
+
+
+def _table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table; the first column is text, numbers stand to the right."""
+    lines = [names, ['---', *['---:'] * (len(names) - 1)], *rows]
+    return '\n'.join(f'| {" | ".join(cells)} |' for cells in lines)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How a training run goes: curves on a timeline of their own, and the log."""
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node.recording.drawing.palette import Colour
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import timelines
+
+LEARNING = ('demonstrate', 'clone', 'finetune')
+"""Stages in which an agent learns; in the others it shows what it can."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a plot: a number of TrainingStatus.msg, times `factor`."""
+
+    value: str
+    name: str
+    colour: Colour
+    factor: float = 1.0
+
+
+CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
+    'return': ('Return', (Curve('mean_return', 'mean return', palette.GREEN),)),
+    'landing_rate': ('Landing rate (%)', (
+        Curve('landing_rate_low', '95 % interval, low', palette.GREY, 100.0),
+        Curve('landing_rate_high', '95 % interval, high', palette.GREY, 100.0),
+        Curve('landing_rate', 'landing rate', palette.GREEN, 100.0))),
+    'loss': ('Losses', (
+        Curve('policy_loss', 'policy', palette.SKY),
+        Curve('value_loss', 'value', palette.ORANGE))),
+    'cloning': ('Cloning loss', (
+        Curve('clone_loss', 'training', palette.SKY),
+        Curve('clone_validation_loss', 'held-out flights', palette.ORANGE))),
+    'divergence': ('KL divergence and clipping', (
+        Curve('approx_kl', 'approx. KL', palette.PURPLE),
+        Curve('clipfrac', 'clipped fraction', palette.GREY))),
+    'entropy': ('Entropy (nats)', (
+        Curve('entropy', 'entropy', palette.SKY),
+        Curve('log_std', 'log std', palette.GREY))),
+    'speed': ('Steps per second', (
+        Curve('steps_per_second', 'rocket steps per second', palette.SKY),)),
+    'level': ('Curriculum level', (Curve('level', 'level', palette.ORANGE),)),
+    'reach': ('Height of the highest starts (m)', (
+        Curve('reach', 'above touchdown', palette.ORANGE),)),
+}
+"""Plots by the entity below `/training` that holds them: title and lines."""
+LINES = tuple(curve for _, curves in CURVES.values() for curve in curves)
+"""The lines of all plots."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """A message of the agent: an iteration of a stage, with its numbers by name."""
+
+    stage: str
+    iteration: int
+    values: Mapping[str, float]
+    message: str = ''
+    run: str = ''
+    """whose it is"""
+
+    @property
+    def learning(self) -> bool:
+        """Whether the agent still learns."""
+        return self.stage in LEARNING
+
+
+class IterationCounter:
+    """Counts iterations through all stages: each stage begins its own count at 1."""
+
+    def __init__(self) -> None:
+        """Begin before the first."""
+        self._stage = ('', '')
+        self._before = 0
+        self.count = 0
+
+    def add(self, training: Training) -> int:
+        """Return the iteration's number in the recording.
+
+        An evaluation counts episodes, not these; another run goes on from where the last ended.
+        """
+        if not training.learning:
+            return self.count
+        if (training.run, training.stage) != self._stage:
+            self._stage, self._before = (training.run, training.stage), self.count
+        self.count = self._before + training.iteration
+        return self.count
+
+
+def log_styles(stream: rr.RecordingStream) -> None:
+    """Log names and colours of the curves."""
+    for entity, (_, curves) in CURVES.items():
+        stream.log(f'{entities.TRAINING}/{entity}', rr.SeriesLines(
+            names=[curve.name for curve in curves], colors=[curve.colour for curve in curves],
+            widths=[1.0 if curve.colour == palette.GREY else 2.0 for curve in curves],
+        ), static=True)
+
+
+class GatheredReports:
+    """Iterations that wait to be logged: their places and their numbers of `LINES`.
+
+    As bare numbers: as objects they were most of what a recorder's memory grew by in its first
+    hours, in which more and more is gathered.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._places, self._values = array('q'), array('d')
+
+    def __len__(self) -> int:
+        """Return how many wait."""
+        return len(self._places) // 2
+
+    def add(self, place: Place, values: Mapping[str, float]) -> None:
+        """Add an iteration's; a number that is not there is a gap in its line."""
+        row = array('d', [
+            line.factor * values.get(line.value, math.nan) for line in LINES])
+        self._places += array('q', (place.step, place.iteration or 0))
+        self._values += row
+
+    def take(self) -> tuple[list[Place], NDArray[np.float64]]:
+        """Return places and values `(k, lines)` of all that wait; none do, afterwards."""
+        places, values = self._places, self._values
+        self._places, self._values = array('q'), array('d')
+        return (
+            [Place(*pair) for pair in zip(places[::2], places[1::2], strict=True)],
+            np.array(values).reshape(-1, len(LINES)))
+
+
+def log_training(
+    stream: rr.RecordingStream, places: Sequence[Place], values: NDArray[np.float64], dt: float,
+) -> None:
+    """Log iterations, several at once: a chunk for each would cost more than its data.
+
+    Values that are not finite are gaps in their line; a plot with nothing to show is left out.
+
+    :param values: `(k, lines)`, see :class:`GatheredReports`.
+    """
+    shown = np.where(np.isfinite(values), values, np.nan)
+    ends = np.cumsum([len(curves) for _, curves in CURVES.values()])
+    for entity, table in zip(CURVES, np.split(shown, ends[:-1], axis=1), strict=True):
+        kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
+        if kept:
+            stream.send_columns(
+                f'{entities.TRAINING}/{entity}', times([places[k] for k in kept], dt),
+                rr.Scalars.columns(scalars=table[kept]))
+
+
+def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
+    """Return the time columns of rows that stand at `places`."""
+    steps = np.array([place.step for place in places])
+    return [
+        rr.TimeColumn('iteration', sequence=[place.iteration or 0 for place in places]),
+        *timelines(steps, dt),
+    ]
+
+
+def log_stage(stream: rr.RecordingStream, name: str, place: Place, dt: float) -> None:
+    """Log that a stage of the run begins."""
+    stream.send_columns(
+        entities.TRAINING_STAGE, times([place], dt), rr.StateChange.columns(state=[name]))
+
+
+def log_text(
+    stream: rr.RecordingStream, rows: Sequence[tuple[Place, str, str]], dt: float,
+) -> None:
+    """Log lines of the run's log: place, text and level ('INFO', 'WARN') of each."""
+    stream.send_columns(
+        entities.LOG, times([place for place, _, _ in rows], dt),
+        rr.TextLog.columns(
+            text=[text for _, text, _ in rows], level=[level for _, _, level in rows]))

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the view frames a landing: a few shots, each closer than the last.
+
+A view of the world is `(4,)`: the point looked at and the extent of what is seen, m. Between
+shots nothing moves, so nothing is stored.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import changed
+from rocket_sim_node.recording.scene import rocket_model
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+
+F64 = NDArray[np.float64]
+
+SHOTS = (0.55, 0.28, 0.09)
+"""Parts of the first height below which the next shot begins."""
+LYING = (30.0, 60.0)
+"""deg of tilt from which on the view turns to a rocket that falls over, if it ends beyond"""
+MOVE = 0.6
+"""s from one shot to the next"""
+FRAME = 0.04
+"""s for which a moving view stands still: 25 pictures a second"""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """How a world is framed.
+
+    `frame` returns the view `(4,)` that holds pad and vehicle at a position `(3,)`, `columns`
+    makes of views `(k, 4)` what moves the camera's entity. One that `follows` has several shots.
+    """
+
+    frame: Callable[[F64, Stage], F64]
+    columns: Callable[[F64], rr.ComponentColumnList]
+    follows: bool = True
+
+
+def follow(position: F64, stage: Stage) -> F64:
+    """Return the shot that holds the pad and a rocket at `position` `(3,)`."""
+    size = rocket_model.NOSE * stage.scale
+    extent = position[2] + 0.8 * np.hypot(position[0], position[1]) + 1.5 * size
+    return np.array((
+        0.5 * position[0], 0.5 * position[1], 0.5 * position[2] + 0.42 * size, extent))
+
+
+def lying(flight: Flight, stage: Stage) -> F64:
+    """Return the shot that holds a rocket which lies where the flight ends, `(4,)`."""
+    size = rocket_model.NOSE * stage.scale
+    middle = flight.position[-1] + 0.5 * size * flight.up[-1]
+    return np.array((middle[0], middle[1], middle[2] + 0.2 * size, 1.9 * size))
+
+
+def columns(views: F64) -> rr.ComponentColumnList:
+    """Return the frame of a 3-D view for views `(k, 4)`: a length of 1 in it is half an extent."""
+    return rr.Transform3D.columns(
+        translation=views[:, :3].astype(np.float32),
+        scale=np.repeat(views[:, 3:] / 2, 3, axis=1).astype(np.float32))
+
+
+SPATIAL = Camera(follow, columns)
+
+
+def shots(flight: Flight, stage: Stage, camera: Camera = SPATIAL) -> F64:
+    """Return the view of every sample, `(n, 4)`."""
+    height = flight.position[:, 2] - stage.touchdown_height
+    view = np.repeat(camera.frame(flight.position[0], stage)[None], len(flight), axis=0)
+    if not camera.follows:
+        return view
+    for part in SHOTS:
+        below = np.flatnonzero(height <= part * height[0])
+        if not below.size:
+            return view
+        start = int(below[0])
+        _move(view, start, camera.frame(flight.position[start], stage), stage)
+    tilt = flight.tilt
+    if tilt[-1] > LYING[1]:
+        falling = start + np.flatnonzero(tilt[start:] > LYING[0])
+        _move(view, int(falling[0]), lying(flight, stage), stage)
+    return view
+
+
+def _move(view: F64, start: int, target: F64, stage: Stage) -> None:
+    """Move views `(n, 4)` to `target` from row `start` on."""
+    length = max(int(MOVE / stage.dt), 1)
+    since = np.arange(len(view)) - start
+    blend = np.clip((since - since % max(int(FRAME / stage.dt), 1)) / length, 0.0, 1.0)
+    blend = blend * blend * (3.0 - 2.0 * blend)
+    view += blend[:, None] * (target - view)
+
+
+def log_camera(
+    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, camera: Camera,
+) -> None:
+    """Log the view's frame where it moves."""
+    view = shots(flight, stage, camera)
+    rows = np.flatnonzero(changed(view))
+    stream.send_columns(entities.CAMERA, place.times(rows, stage.dt), camera.columns(view[rows]))

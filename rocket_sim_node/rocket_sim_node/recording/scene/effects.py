@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Flame and cold gas of the rocket, in a flight."""
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.drawing.geometry import Mesh
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import changed
+from rocket_sim_node.recording.scene import rocket_model
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.world_info import Stage
+
+FLAME_LENGTH = (5.0, 20.0)
+"""m of flame when the engine is on, and more at full throttle"""
+FLAME_WIDTH = 1.5
+EFFECT_STEP = 5
+"""Flame and puffs are logged every so many steps."""
+
+
+def log_body(stream: rr.RecordingStream, scale: float) -> None:
+    """Log where flame and gas come from, and their shapes."""
+    log_flame_shape(stream, rocket_model.NOZZLE_EXIT * scale)
+    log_puff_shape(stream, rocket_model.puff(), (rocket_model.FINS + 2.2) * scale, opacity=150)
+
+
+def log_flame_shape(stream: rr.RecordingStream, height: float) -> None:
+    """Log the flame, 1 m long, which begins at a height in the body frame."""
+    core, glow = rocket_model.flame()
+    stream.log(
+        entities.FLAME, _at(height), entities.archetype(core, shaded=False), static=True)
+    stream.log(
+        f'{entities.FLAME}/glow', entities.archetype(glow, shaded=False, opacity=120), static=True)
+
+
+def log_puff_shape(stream: rr.RecordingStream, mesh: Mesh, height: float, opacity: int) -> None:
+    """Log the gas of a thruster, which begins at a height in the body frame."""
+    stream.log(
+        entities.PUFF, _at(height), entities.archetype(mesh, shaded=False, opacity=opacity),
+        static=True)
+
+
+def _at(height: float) -> rr.Transform3D:
+    """Return where something begins; its size and attitude are those of the flight."""
+    return rr.Transform3D.from_fields(translation=(0.0, 0.0, height))
+
+
+def to_body(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return world vectors `(n, 3)` in the frame of bodies with attitudes `(n, 4)`."""
+    axis, real = -quaternion[:, :3], quaternion[:, 3:]
+    twice = 2.0 * np.cross(axis, vector)
+    return vector + real * twice + np.cross(axis, twice)
+
+
+def to_world(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return body vectors `(n, 3)` in the world, for attitudes `(n, 4)`."""
+    return to_body(quaternion * (-1.0, -1.0, -1.0, 1.0), vector)
+
+
+def every(step: int, n: int) -> NDArray[np.int64]:
+    """Return every so many of n rows, and the last."""
+    return np.unique(np.append(np.arange(0, n, step), n - 1))
+
+
+def log_flame(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+    """Stretch the flame by the throttle."""
+    stretch_flame(stream, flight, stage, place, FLAME_WIDTH, FLAME_LENGTH)
+
+
+def stretch_flame(
+    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, width: float,
+    length: tuple[float, float],
+) -> None:
+    """Log a flame's size; it flickers a little, and vanishes at the end.
+
+    :param width: times that of the shape.
+    :param length: m when the engine is on, and more at full throttle.
+    """
+    rows = every(EFFECT_STEP, len(flight))
+    throttle = np.append(flight.throttle[rows[:-1]], 0.0)
+    flicker = 1.0 + 0.06 * np.where(np.arange(len(rows)) % 2, 1.0, -1.0)
+    scale = np.full((len(rows), 3), width)
+    scale[:, 2] = (length[0] + length[1] * throttle) * flicker
+    scale[throttle <= 0.0] = 1e-3
+    keep = changed(scale)
+    stream.send_columns(
+        entities.FLAME, place.times(rows[keep], stage.dt),
+        rr.Transform3D.columns(scale=(scale[keep] * stage.scale).astype(np.float32)))
+
+
+def log_puffs(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+    """Blow gas at the top of the body, away from where the torque pushes it."""
+    rows = every(EFFECT_STEP, len(flight))
+    torque = flight.torque[rows] / stage.max_torque
+    push = np.cross(torque, flight.up[rows])
+    gas = -to_body(flight.orientation[rows], push)
+    strength = np.minimum(np.hypot(gas[:, 0], gas[:, 1]), 1.0)
+    strength[-1] = 0.0
+    # Steps of a tenth: what nobody sees need not be stored.
+    strength = np.round(strength, 1)
+    angle = np.where(strength > 0.0, np.round(np.arctan2(gas[:, 1], gas[:, 0]), 1), 0.0)
+    keep = changed(np.stack((strength, angle), axis=1))
+    half = angle[keep] / 2
+    quaternion = np.stack((0 * half, 0 * half, np.sin(half), np.cos(half)), axis=1)
+    size = np.where(strength[keep] > 0, 0.3 + 0.7 * strength[keep], 1e-3) * stage.scale
+    stream.send_columns(
+        entities.PUFF, place.times(rows[keep], stage.dt), rr.Transform3D.columns(
+            quaternion=quaternion.astype(np.float32),
+            scale=np.repeat(size[:, None], 3, axis=1).astype(np.float32)))

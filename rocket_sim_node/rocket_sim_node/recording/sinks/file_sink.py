@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as a file: written under another name, whole when it gets its own."""
+from __future__ import annotations
+
+import errno
+import fcntl
+import itertools
+import os
+import shutil
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from rocket_sim_node.recording.scene.blueprint import blueprint
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.base import APPLICATION
+from rocket_sim_node.recording.sinks.base import Look
+from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.rewrite import add_contents
+from rocket_sim_node.recording.sinks.rewrite import is_empty
+from rocket_sim_node.recording.sinks.rewrite import rewrite
+from rocket_sim_node.recording.sinks.rrd_file import PATIENCE
+from rocket_sim_node.recording.sinks.rrd_file import end
+from rocket_sim_node.recording.sinks.rrd_file import flush
+
+RESERVE = 32 * 2**20
+"""bytes of disk left free; below it the recording ends, whole"""
+UNHEARD = 2**18
+"""bytes that the file of a recorder which has heard nothing yet stays below"""
+JOINED = 32 * 2**20
+"""bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, at
+100 MB a second"""
+LOOK = 10.0
+"""s between two looks whether what was recorded got into the file"""
+
+
+def partial_path(path: Path) -> Path:
+    """Return the name under which a recording is written."""
+    return path.with_name(f'{path.stem}.partial{path.suffix}')
+
+
+def publish(source: Path, path: Path) -> Path:
+    """Give a file its own name, or the next free one: run.rrd, run-2.rrd and so on.
+
+    :return: the name it got.
+    """
+    for number in itertools.count(1):
+        target = path if number == 1 else path.with_name(f'{path.stem}-{number}{path.suffix}')
+        try:
+            os.link(source, target)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without hard links
+            if target.exists():
+                continue
+            source.rename(target)
+            return target
+        source.unlink()
+        return target
+    raise AssertionError
+
+
+class FileSink:
+    """Writes a recording to a file.
+
+    The file appears under its name when the sink is closed; until then it is
+    `<name>.partial.rrd`, locked. A partial file of a recorder that was killed, or that could not
+    finish, is repaired first and published. An existing file is never overwritten.
+    """
+
+    live = False
+
+    def __init__(self, path: Path, note: Note) -> None:
+        """Open the partial file.
+
+        :raises OSError: when the place cannot be written, has no room, or another recorder is
+            writing there.
+        """
+        self._path = path
+        self._note = note
+        self._partial = partial_path(path)
+        self._merged, self._repaired, self._whole = (
+            self._partial.with_name(f'{self._partial.stem}.{name}{path.suffix}')
+            for name in ('merged', 'repaired', 'whole'))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._lock = self._take()
+        try:
+            for left_behind in (self._merged, self._repaired, self._whole):
+                left_behind.unlink(missing_ok=True)
+            self._check_space()
+            if os.fstat(self._lock).st_size:
+                self._repair()
+                repaired, self._lock = self._lock, self._take()
+                os.close(repaired)
+            self._empty, self._stood = True, False
+            self._look = Look()
+            self._next_look = time.monotonic() + LOOK
+            self._stream: rr.RecordingStream | None = self._begin()
+        except BaseException:
+            if not os.fstat(self._lock).st_size and _is(self._lock, self._partial):
+                self._partial.unlink()
+            os.close(self._lock)
+            raise
+
+    def _take(self) -> int:
+        """Return a lock on the partial file, which is made when there is none."""
+        while True:
+            lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                _lock(lock)
+            except OSError as error:
+                os.close(lock)
+                raise OSError(
+                    error.errno, 'another recorder writes this file', str(self._partial)
+                ) from error
+            if not _is(lock, self._partial):  # it was published in this moment
+                os.close(lock)
+            elif os.fstat(lock).st_nlink > 1:  # published by one who was killed in this moment
+                self._partial.unlink()
+                os.close(lock)
+            else:
+                return lock
+
+    def _become(self, source: Path) -> None:
+        """Put another file in the place of the partial one, locked as well."""
+        lock = os.open(source, os.O_RDWR | os.O_CLOEXEC)
+        _lock(lock)
+        source.replace(self._partial)
+        os.close(self._lock)
+        self._lock = lock
+
+    def _begin(self) -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION)
+        stream.set_log_time_enabled(False)
+        try:
+            # Rerun would keep the table of contents in memory until the end, 3 MB for an hour of
+            # training.
+            stream.save(self._partial, default_blueprint=blueprint(), write_footer=False)
+        except RuntimeError as error:
+            raise OSError(5, f'could not be written: {error}', str(self._partial)) from error
+        return stream
+
+    def _repair(self) -> None:
+        """Publish what can be read of the partial file.
+
+        :raises OSError: when there is no room for that, or it was ended; the partial file stays.
+        """
+        size = os.fstat(self._lock).st_size
+        self._check_space(2 * size + RESERVE)
+        try:
+            rerun_program.repair(self._partial, self._merged)
+            if size < UNHEARD and is_empty(self._merged):
+                self._partial.unlink()
+                self._note('INFO', 'a recorder was killed before it heard anything')
+                return
+            if size > JOINED:
+                self._become(self._merged)
+            else:
+                rewrite(self._merged, self._repaired)
+                self._become(self._repaired)
+        except rerun_program.ViewerEnded as error:
+            raise OSError(
+                errno.EINTR, f'left by a recorder that was killed, not repaired yet, {error}',
+                str(self._partial)) from error
+        except (rerun_program.ViewerError, OSError) as error:
+            self._repaired.unlink(missing_ok=True)
+            self._check_space()
+            kept = publish(self._partial, self._path.with_suffix('.damaged'))
+            self._note('WARN', f'a recorder was killed and its file cannot be repaired, kept as '
+                               f'{kept}: {error}')
+            return
+        finally:
+            self._merged.unlink(missing_ok=True)
+        where = publish(self._partial, self._path)
+        self._note('WARN', f'a recorder was killed: its recording is repaired, {where}')
+
+    def _check_space(self, needed: int = RESERVE) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < needed:
+            raise OSError(
+                28, f'only {free / 2**20:.0f} MiB of disk left, {needed / 2**20:.0f} MiB needed',
+                str(self._path.parent))
+
+    def begin(self, head: Put, look: Look) -> None:
+        """Write what stands at the head of a recording, and how it is laid out."""
+        if self._stream is not None and look != self._look:
+            self._look = look
+            self._stream.send_blueprint(_layout(look))
+        self.write(head)
+
+    def flight(self, put: Put) -> bool:
+        """Write a flight that has ended; return whether it certainly was written."""
+        self.write(put)
+        return self._stream is not None
+
+    def under_way(self, put: Put, until: int) -> None:
+        """Do nothing: a flight is written as a whole."""
+
+    def write(self, put: Put) -> None:
+        """Write now; when the disk is nearly full, close the file instead."""
+        if self._stream is None:
+            return
+        try:
+            self._check_space()
+        except OSError as error:
+            self._note('ERROR', f'the recording ends here: {error}')
+            self.close()
+            return
+        self._empty = False
+        put(self._stream)
+        if time.monotonic() > self._next_look:
+            self._look_at(self._stream)
+
+    def _look_at(self, stream: rr.RecordingStream) -> None:
+        """See whether what was logged gets written, and close the file when it does not.
+
+        A disk may stand still for a while, that of a network for instance; a writer that has died
+        fails at once.
+        """
+        began = time.monotonic()
+        try:
+            flush(stream)
+            self._stood = False
+        except RuntimeError as error:
+            if time.monotonic() - began < PATIENCE:
+                self.close()  # which says why
+            elif self._stood:
+                self._note('ERROR', f'the recording ends here: {error}')
+                self.close()
+            else:
+                self._note('WARN', f'nothing has been written for {PATIENCE:g} s: {error}')
+                self._stood = True
+        self._next_look = time.monotonic() + LOOK
+
+    def _add_contents(self) -> None:
+        """Give the partial file its table of contents; join its chunks when that is quick."""
+        try:
+            size = self._partial.stat().st_size
+            self._check_space(size + RESERVE // 2)  # others write there, too
+            if size > JOINED:
+                add_contents(self._partial, self._whole, _layout(self._look))
+            else:
+                rewrite(self._partial, self._whole)
+            self._become(self._whole)
+        except OSError as error:
+            with suppress(OSError):
+                self._whole.unlink(missing_ok=True)
+            self._note('WARN', 'the recording is whole but stays without a table of contents, '
+                               f'which viewers miss when it is large: {error}')
+
+    def close(self) -> None:
+        """Finish the file and give it its name, unless the disk was too full for that."""
+        if self._stream is None:
+            return
+        stream, self._stream = self._stream, None
+        try:
+            self._finish(stream)
+        finally:
+            os.close(self._lock)
+
+    def _finish(self, stream: rr.RecordingStream) -> None:
+        try:
+            end(stream)
+        except RuntimeError as error:
+            if not self._empty:
+                self._note('ERROR', f'the recording could not be finished and stays '
+                                    f'{self._partial}; the next recorder with this output '
+                                    f'repairs it: {error}')
+                return
+        if not _is(self._lock, self._partial):
+            self._note('ERROR', f'the recording is lost: {self._partial} was removed')
+            return
+        if self._empty:
+            self._partial.unlink()
+            self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
+            return
+        self._add_contents()
+        try:
+            where = publish(self._partial, self._path)
+        except OSError as error:
+            self._note('ERROR', f'the recording is whole and stays {self._partial}: {error}')
+            return
+        self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
+
+
+def _lock(file: int) -> None:
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _is(file: int, path: Path) -> bool:
+    """Return whether a file that is open has this name."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _layout(look: Look) -> rrb.Blueprint:
+    return blueprint(training=look.training, unusual=look.unusual, world=look.world)

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recording as a stream to a viewer, which may come late, go away and come back."""
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import cast
+from urllib.parse import urlsplit
+
+import rerun as rr
+
+from rocket_sim_node.recording.scene.blueprint import blueprint
+from rocket_sim_node.recording.sinks import increments
+from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.base import APPLICATION
+from rocket_sim_node.recording.sinks.base import Look
+from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.increments import Unsent
+
+DEFAULT_PORT = 9876
+KEPT_FLIGHTS = 64
+KEPT_REPORTS = 2000
+"""flights, and other entries, that a viewer gets which comes late"""
+_LOOK_OUT = 1.0
+"""s between two looks for a viewer, or whether it is still there, while nothing is to be sent"""
+
+
+def parse(url: str) -> tuple[str, int]:
+    """Return host and port of a viewer's URL.
+
+    :raises ValueError: when it is none.
+    """
+    parts = urlsplit(url)
+    if parts.scheme not in ('rerun', 'rerun+http', 'rerun+https') or not parts.hostname \
+            or parts.path != '/proxy':
+        raise ValueError(
+            f'connect: got {url!r}, expected a URL like rerun+http://127.0.0.1:9876/proxy')
+    return parts.hostname, parts.port or DEFAULT_PORT
+
+
+@dataclass(frozen=True)
+class _Item:
+    """Something to be sent: an entry of the recording, a flight, or part of one."""
+
+    put: Put
+    flight: bool = False
+    until: int = increments.FOR_EVER
+    kept: bool = True
+    """for viewers that come later"""
+
+
+class LiveSink:
+    """Sends a recording to a viewer, from a thread of its own.
+
+    Neither the file beside it nor anybody else waits for the viewer. Whenever one is there, be it
+    late or again, it gets the head of the recording, the flights that ended lately, and all that
+    comes from then on. What a slow viewer cannot take is dropped, flight by flight, and counted.
+    """
+
+    live = True
+
+    def __init__(self, url: str, note: Note, *, room: int = 64, patience: float = 2.0) -> None:
+        """Start the thread; the viewer need not be there yet.
+
+        :param room: entries that may wait.
+        :param patience: s within which the viewer must have taken one.
+        :raises ValueError: when the URL is none.
+        """
+        self._address = parse(url)
+        self._url = url
+        self._note = note
+        self._patience = patience
+        self._queue: queue.Queue[_Item | None] = queue.Queue(room)
+        self._head: Put | None = None
+        self._look = Look()
+        self._flights: deque[_Item] = deque(maxlen=KEPT_FLIGHTS)
+        self._reports: deque[_Item] = deque(maxlen=KEPT_REPORTS)
+        self._stream: rr.RecordingStream | None = None
+        self._unsent: Unsent | None = None
+        self._farewell: threading.Thread | None = None
+        self._next_try = 0.0
+        self._told_missing = False
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name='live sink', daemon=True)
+        self._thread.start()
+
+    def begin(self, head: Put, look: Look) -> None:
+        """Set what a viewer gets first, whenever it comes, and how it is laid out.
+
+        One that is there already gets it now.
+        """
+        another, self._head, self._look = look != self._look, head, look
+
+        def again(stream: rr.RecordingStream) -> None:
+            if another:
+                stream.send_blueprint(_layout(look))
+            head(stream)
+
+        self._next_try = 0.0
+        self._put(_Item(again, kept=False))
+
+    def write(self, put: Put) -> None:
+        """Send soon, or drop when too much waits already."""
+        self._put(_Item(put))
+
+    def flight(self, put: Put) -> bool:
+        """Send what the viewer has not seen of a flight that has ended; return True."""
+        self._put(_Item(put, flight=True))
+        return True
+
+    def under_way(self, put: Put, until: int) -> None:
+        """Send what the viewer has not seen of a flight that goes on, if nothing else waits.
+
+        What is left out comes with the next part, or with the whole flight.
+        """
+        if self._queue.empty():
+            self._put(_Item(put, flight=True, until=until, kept=False))
+
+    def close(self) -> None:
+        """Send what waits, for a second at most."""
+        with suppress(queue.Full):
+            self._queue.put(None, timeout=1.0)
+            self._thread.join(1.0)
+        if self.dropped:
+            self._note('WARN', f'{self.dropped} flights, or parts of them, were not taken in time '
+                               f'by the viewer at {self._url}')
+
+    def _put(self, item: _Item) -> None:
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.dropped += 1
+
+    def _run(self) -> None:
+        going = True
+        while going:
+            try:
+                going = self._turn()
+            except Exception as error:  # noqa: BLE001 - whatever it is, the thread has to go on
+                self._complain(error)
+        if self._stream is not None:
+            self._stream.disconnect()
+
+    def _turn(self) -> bool:
+        """Send the next thing that waits, or look after the viewer; tell whether to go on."""
+        try:
+            item = self._queue.get(timeout=_LOOK_OUT)
+        except queue.Empty:
+            self._flush()
+            self._connect()
+            return True
+        if item is None:
+            return False
+        if item.kept:
+            (self._flights if item.flight else self._reports).append(item)
+        if self._stream is not None:
+            self._send(item)
+        else:
+            self._connect()  # which sends it with the rest
+        return True
+
+    def _connect(self) -> None:
+        """Go to meet a viewer, and tell it what it has missed."""
+        now = time.monotonic()
+        if self._stream is not None or self._head is None or now < self._next_try:
+            return
+        self._next_try = now + _LOOK_OUT
+        if self._farewell is not None and self._farewell.is_alive():
+            return
+        if not rerun_program.reachable(*self._address):
+            if not self._told_missing:
+                self._told_missing = True
+                self._note('WARN', f'no viewer at {self._url}: one that comes later gets the '
+                                   f'last {KEPT_FLIGHTS} flights')
+            return
+        # Another recording for each connection: one that was only slow has some of it already.
+        stream = rr.RecordingStream(
+            APPLICATION, recording_id=f'{APPLICATION}-{time.time_ns():x}')
+        stream.set_log_time_enabled(False)
+        stream.connect_grpc(self._url, default_blueprint=_layout(self._look))
+        self._stream = stream
+        self._unsent = Unsent(stream)
+        self._told_missing = False
+        self._note('INFO', f'streaming to {self._url}')
+        self._head(stream)
+        for kept in (self._reports, self._flights):
+            for item in list(kept):
+                try:
+                    self._send(item)
+                except Exception as error:  # noqa: BLE001 - the rest shall be shown all the same
+                    kept.remove(item)
+                    self._complain(error)
+
+    def _complain(self, error: Exception) -> None:
+        self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
+
+    def _send(self, item: _Item) -> None:
+        """Send and wait until the viewer has it; when it does not take it, let go of it."""
+        if self._stream is None or self._unsent is None:
+            return
+        if item.flight:
+            self._unsent.until = item.until
+            item.put(cast('rr.RecordingStream', self._unsent))
+        else:
+            item.put(self._stream)
+        self._flush()
+        if self._stream is None:
+            self.dropped += 1
+
+    def _flush(self) -> None:
+        """Wait until the viewer, if there is one, has what was sent; let go of one that died."""
+        if self._stream is None:
+            return
+        try:
+            self._stream.flush(timeout_sec=self._patience)
+        except RuntimeError as error:
+            self._note('WARN', f'the viewer at {self._url} is gone: {error}')
+            stream, self._stream = self._stream, None
+            # It goes on trying, for as long as a viewer that was stopped stands: nobody waits for
+            # that, but there is no other stream before it is over.
+            self._farewell = threading.Thread(target=stream.disconnect, daemon=True)
+            self._farewell.start()
+
+
+def _layout(look: Look) -> rr.blueprint.Blueprint:
+    return blueprint(live=True, training=look.training, unusual=look.unusual, world=look.world)

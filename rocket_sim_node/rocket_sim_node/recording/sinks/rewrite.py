@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A finished recording written anew: fewer, larger chunks, and the layout that fits it."""
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import ChunkStore
+from rerun.chunk import OptimizationProfile
+from rerun.chunk import RrdReader
+
+from rocket_sim_node.recording.drawing import entities
+from rocket_sim_node.recording.scene.blueprint import blueprint
+from rocket_sim_node.recording.sinks.rrd_file import flush
+from rocket_sim_node.recording.sinks.rrd_file import opened
+from rocket_sim_node.recording.sinks.rrd_file import written
+
+LARGE_CHUNKS = dataclasses.replace(OptimizationProfile.OBJECT_STORE, split_size_ratio=None)
+"""what was logged together stays together: each chunk costs the index a kilobyte or two"""
+FLUSHED = 50
+"""chunks that may wait to be written while a recording is copied"""
+
+
+def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
+    """Write the recording in `source` to `target`, under the same identity.
+
+    A file as it was recorded has some chunks for each flight; joined, it is smaller and opens
+    quicker. It gets the tabs for training and conditions when there was any.
+
+    :param tab: the one in front.
+    :raises OSError: when `source` cannot be read or `target` not be written.
+    """
+    with _os_error('not a readable recording', source):
+        reader = opened(source)
+        store = joined(reader)
+        paths = store.schema().entity_paths()
+        trained = any(path.startswith(entities.TRAINING) for path in paths)
+        world = _world(reader)
+    with _os_error('could not be written', target):
+        save(reader, store, target, blueprint(
+            training=trained, unusual=entities.CONDITIONS in paths, tab=tab, world=world))
+
+
+def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
+    """Write the recording in `source`, which has no table of contents, to `target` with one.
+
+    With it a viewer finds its way in a large file. Little of the file is in memory at a time.
+
+    :raises OSError: when `source` cannot be read or `target` not be written.
+    """
+    with _os_error(f'could not be copied to {target.name}', source):
+        reader = opened(source)
+        stream = _stream(reader, target, layout)
+        with written(stream, target):
+            for number, chunk in enumerate(reader.stream()):
+                stream.send_chunks(chunk)
+                if not number % FLUSHED:
+                    flush(stream)
+
+
+def is_empty(path: Path) -> bool:
+    """Return whether a recording holds a layout and properties of its own, and nothing else.
+
+    :raises OSError: when it cannot be read.
+    """
+    with _os_error('not a readable recording', path):
+        return all(
+            chunk.entity_path.startswith('/__properties') for chunk in opened(path).stream())
+
+
+@contextmanager
+def _os_error(what: str, path: Path) -> Iterator[None]:
+    """Raise OSError for what Rerun raises."""
+    try:
+        yield
+    except (RuntimeError, ValueError, IndexError) as error:
+        raise OSError(22, f'{what}: {error}', str(path)) from error
+
+
+def joined(reader: RrdReader) -> ChunkStore:
+    """Return all of a recording in fewer, larger chunks."""
+    return reader.stream().collect(optimize=LARGE_CHUNKS)
+
+
+def save(reader: RrdReader, store: ChunkStore, target: Path, layout: rrb.Blueprint) -> None:
+    """Write chunks to a file, under the identity of the recording that they are from.
+
+    :raises RuntimeError: when not all could be written.
+    """
+    stream = _stream(reader, target, layout)
+    with written(stream, target):
+        stream.send_chunks(store)
+
+
+def _stream(reader: RrdReader, target: Path, layout: rrb.Blueprint) -> rr.RecordingStream:
+    entry = reader.recordings()[0]
+    stream = rr.RecordingStream(
+        entry.application_id, recording_id=entry.recording_id, send_properties=False)
+    stream.save(target, default_blueprint=layout)
+    return stream
+
+
+def _world(reader: RrdReader) -> str:
+    """Return the name of the world that was recorded last, empty when it is not said."""
+    for chunk in reader.stream():
+        if chunk.entity_path == entities.WORLD and chunk.is_static:
+            batch = chunk.to_record_batch()
+            if entities.WORLD_NAME in batch.schema.names:
+                return str(batch.column(entities.WORLD_NAME).to_pylist()[-1][0])
+    return ''

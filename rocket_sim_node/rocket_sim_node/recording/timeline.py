@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The timeline of a recording, on which flights are put one after another."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import pause_steps
+from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import Settling
+from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectory_log import log_flight
+
+Settle: TypeAlias = Callable[[Sequence[Flight], Stage], list[Settling | None]]
+"""Says what becomes of each rocket after its flight, or None where nothing does."""
+
+
+class Reel:
+    """Knows where the recording ends, and how much room it has left.
+
+    `learning` says whether an agent learns, `iteration` is that of its run, if one has reported.
+    """
+
+    def __init__(
+        self, choice: Choice, sinks: Sequence[Sink], note: Note, settle: Settle | None,
+    ) -> None:
+        """Begin with nothing on it."""
+        self._choice = choice
+        self._sinks = sinks
+        self._note = note
+        self._settle = settle
+        self._full: set[bool] = set()
+        self.learning = False
+        self.iteration: int | None = None
+        self.end = 0
+        """step at which the next flight begins"""
+        self.steps = 0
+        self.flights = 0
+
+    @property
+    def open(self) -> bool:
+        """Whether viewers go on seeing what flies."""
+        return not (self.learning and True in self._full)
+
+    @property
+    def settles(self) -> bool:
+        """Whether it is asked what becomes of rockets."""
+        return self._settle is not None and not self.learning
+
+    def record(self, flights: Sequence[Flight], stage: Stage) -> bool:
+        """Log flights at the end, one after another; return whether anybody takes all of them.
+
+        When the recording is full, live viewers go on seeing what flies, unless an agent learns.
+        """
+        settlings: Sequence[Settling | None] = [None] * len(flights)
+        # Of flights that nobody sees nobody need know what became of them.
+        if self.settles and (self._shown or self._room > 0):
+            assert self._settle is not None
+            try:
+                settlings = self._settle(flights, stage)
+            except ValueError as error:
+                self._note('WARN', f'what became of {len(flights)} flights is not shown: {error}')
+        taken = [
+            self._record(flight, stage, settling)
+            for flight, settling in zip(flights, settlings, strict=True)]
+        return all(taken)
+
+    @property
+    def _room(self) -> int:
+        """Steps that may still be recorded."""
+        if self.learning in self._full:
+            return 0
+        return self._choice.room(learning=self.learning) - self.steps
+
+    @property
+    def _shown(self) -> bool:
+        """Whether viewers see what is not recorded."""
+        return not self.learning and any(sink.live for sink in self._sinks)
+
+    def _record(self, flight: Flight, stage: Stage, settling: Settling | None) -> bool:
+        learning = self.learning
+        steps = len(flight) + (len(settling.values) if settling is not None else 0)
+        fits = steps <= self._room
+        if not fits and learning not in self._full:
+            self._full.add(learning)
+            self._note('WARN', (
+                f'max_steps: {self.steps} steps are recorded, no more flights'
+                + (' until the agent has learnt' if learning else '')))
+        if not fits and not self._shown:
+            return False
+        put = self._put_of(flight, stage, settling)
+        taken = [(sink, sink.flight(put)) for sink in self._sinks if fits or sink.live]
+        # A file may have been given up; where there is one, what a viewer sees is not recorded.
+        files = [took for sink, took in taken if not sink.live]
+        if fits and (any(files) or not files):
+            self.steps += steps
+            self.flights += 1
+        self.end += steps + pause_steps(stage)
+        return True
+
+    def show(self, flight: Flight, stage: Stage) -> None:
+        """Show live what there is of a flight that goes on."""
+        # Its last sample may be drawn otherwise when there are more.
+        self._show(flight, stage, self.end + len(flight) - 1)
+
+    def leave(self, flight: Flight, stage: Stage) -> None:
+        """Show live that a flight broke off; the next one begins after it."""
+        end = self.end + len(flight) + pause_steps(stage)
+        self._show(flight, stage, end)
+        self.end = end
+
+    def _show(self, flight: Flight, stage: Stage, until: int) -> None:
+        put = self._put_of(flight, stage)
+        for sink in self._sinks:
+            sink.under_way(put, until)
+
+    def _put_of(self, flight: Flight, stage: Stage, settling: Settling | None = None) -> Put:
+        place = Place(self.end, self.iteration)
+        return lambda stream: log_flight(stream, flight, stage, place, settling)

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The answer of a step, put together from the topics that it comes on, and checked."""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import WorldSpec
+
+Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
+"""what `VectorEnv.step` answers"""
+
+
+class Answers:
+    """Collects `observation`, `reward` and `episodes` of the step awaited; drops all else."""
+
+    def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
+        """Await nothing.
+
+        :param boxes: of observation, reward and episodes.
+        :param warn: is told what was passed over because it is no message.
+        """
+        self._warn = warn
+        self._boxes = tuple(boxes)
+        self._spec: WorldSpec | None = None
+        self._session = self._step = 0
+        self._observation: Any = None
+        self._reward: Any = None
+        self._episodes: Any = None
+
+    def expect(self, spec: WorldSpec) -> None:
+        """Say which world answers."""
+        self._spec = spec
+
+    def await_step(self, session: int, step: int) -> None:
+        """Wait for the answer to an action of this session and step; drop what there was."""
+        self._session, self._step = session, step
+        self._observation = self._reward = self._episodes = None
+
+    @property
+    def missing(self) -> Mailbox | None:
+        """Where something is to come before the answer is complete; None when it is.
+
+        The simulator sends the observation last: who has it mostly has all the rest already.
+        """
+        observation, reward, episodes = self._boxes
+        if self._observation is None:
+            return observation
+        if self._reward is None:
+            return reward
+        return episodes if self._episodes is None and len(self._reward.final_rows) else None
+
+    def collect(self) -> bool:
+        """Take what has come; tell whether the answer is complete.
+
+        Messages of another session or step are passed over.
+        """
+        while (box := self.missing) is not None:
+            message = self._next(box)
+            if message is None:
+                return False
+            if not self._is_awaited(message):
+                continue
+            if box is self._boxes[0]:
+                self._observation = message
+            elif box is self._boxes[1]:
+                self._reward = message
+            else:
+                self._episodes = message
+        return True
+
+    def heard_of(self, session: int) -> bool:
+        """Take the observations that have come; tell whether one is of this session."""
+        heard = False
+        while (message := self._next(self._boxes[0])) is not None:
+            heard |= message.session == session
+        return heard
+
+    def _next(self, box: Mailbox) -> Any:
+        """Return the next message of a box, None without.
+
+        Bytes that are no message may be anybody's: they are passed over.
+        """
+        while True:
+            try:
+                return box.take()
+            except ValueError as error:
+                self._warn(f'left out: {error}')
+
+    def _is_awaited(self, message: Any) -> bool:
+        return bool(message.session == self._session and message.step == self._step + 1)
+
+    def take(self) -> tuple[int, Step]:
+        """Return the step reached and what `VectorEnv.step` answers.
+
+        :raises ValueError: naming topic, field, what came and what was expected.
+        """
+        spec, reward, observed = self._spec, self._reward, self._observation
+        assert spec is not None and reward is not None and observed is not None
+        observation = observation_of('observation: data', observed.data, spec)
+        result = self._result(reward, self._episodes)
+        self._observation = self._reward = self._episodes = None
+        return reward.step, (observation, *result)
+
+    def _result(self, reward: Any, ended: Any) -> tuple[F32, Bools, Bools, dict[str, Any]]:
+        """Return what an action brought: the answer of `VectorEnv.step` but for the observation.
+
+        :param ended: the message of the episodes that ended, None where there was none.
+        :raises ValueError: naming topic, field, what came and what was expected.
+        """
+        spec = self._spec
+        assert spec is not None
+        _check_reward(spec, reward)
+        finished = reward.final_rows.astype(np.int64)
+        episodes: Episodes = NO_EPISODES
+        if finished.size and ended is not None:
+            _check_episodes(spec, ended, finished)
+            episodes = conversion.episodes_from_message(ended)
+        return reward.reward, reward.terminated.view(np.bool_), reward.truncated.view(np.bool_), {
+            'final_rows': finished,
+            'final_observation': reward.final_observation.reshape(
+                len(finished), spec.observation_size),
+            'episodes': episodes,
+        }
+
+
+def observation_of(where: str, values: NDArray[np.float32], spec: WorldSpec) -> F32:
+    """Return what came as an observation of all rockets, `(N, D)`.
+
+    :param where: topic or service, and field.
+    :raises ValueError: naming it, what came and what was expected.
+    """
+    _check_size(where, values, spec.num_envs * spec.observation_size)
+    _check_finite(where, values)
+    return values.reshape(spec.num_envs, spec.observation_size)
+
+
+def _check_size(where: str, values: NDArray[Any], expected: int) -> None:
+    if len(values) != expected:
+        raise ValueError(f'{where}: {len(values)} values, expected {expected}')
+
+
+def _check_finite(where: str, values: NDArray[Any]) -> None:
+    if not np.isfinite(values).all():
+        place = int(np.argmin(np.isfinite(values)))
+        raise ValueError(f'{where}: value {place} is {values[place]}, expected finite numbers')
+
+
+def _check_reward(spec: WorldSpec, reward: Any) -> None:
+    """Check what the last action brought before anything is learnt from it.
+
+    :raises ValueError: naming topic, field, what came and what was expected.
+    """
+    rows, count = reward.final_rows, spec.num_envs
+    for name in ('reward', 'terminated', 'truncated'):
+        _check_size(f'reward: {name}', getattr(reward, name), count)
+    _check_size(
+        'reward: final_observation', reward.final_observation, len(rows) * spec.observation_size)
+    _check_finite('reward: reward', reward.reward)
+    ended = reward.terminated | reward.truncated
+    if ended.max() > 1:
+        raise ValueError(
+            f'reward: terminated or truncated: got {ended.max()}, expected 0 or 1')
+    found = np.flatnonzero(ended)
+    if len(rows) != len(found) or (len(rows) and (rows != found).any()):
+        raise ValueError(
+            f'reward: final_rows: got {_some(rows)}, expected {_some(found)}, '
+            'the rockets whose episodes ended')
+    _check_finite('reward: final_observation', reward.final_observation)
+
+
+def _check_episodes(spec: WorldSpec, message: Any, rows: NDArray[Any]) -> None:
+    """Check the episodes that ended at a step.
+
+    :param rows: `(K,)` rockets whose they are, as `reward` says.
+    :raises ValueError: naming topic, field, what came and what was expected.
+    """
+    for name in message._fields[2:]:
+        values = getattr(message, name)
+        _check_size(f'episodes: {name}', values, len(rows))
+        _check_finite(f'episodes: {name}', values)
+    if (message.row != rows).any():
+        raise ValueError(
+            f'episodes: row: got {_some(message.row)}, expected {_some(rows)}, as in reward')
+    for name, limit in (('outcome', len(spec.outcomes)), ('episode', 2**63)):
+        values = getattr(message, name)
+        if values.max() >= limit:
+            raise ValueError(f'episodes: {name}: got {values.max()}, expected less than {limit}')
+
+
+def _some(values: NDArray[Any]) -> str:
+    """Return the first few of some numbers."""
+    return ' '.join(map(str, values[:8].tolist())) + (' ...' if len(values) > 8 else '') or 'none'

@@ -1,0 +1,465 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The agent's end of the wire to one simulator: asks, re-sends, checks, and never waits."""
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import asdict
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rocket_msgs import msg
+from rocket_msgs import srv
+
+from rocket_sim_node.errors import EnvironmentRestarted
+from rocket_sim_node.printable import printable
+from rocket_sim_node.wire.client.answers import Answers
+from rocket_sim_node.wire.client.answers import observation_of
+from rocket_sim_node.wire.client.latest_answers import LatestAnswers
+from rocket_sim_node.wire.client.service_call import Call
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.messages.definitions import check_definitions
+from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.steady_clock import STEADY
+from rocket_sim_node.wire.node.waiting import Silence
+from rocket_sim_node.worlds.actions import commanded
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.jobs import Command
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
+from rocket_sim_node.worlds.jobs import no_command
+from rocket_sim_node.worlds.random_streams import check_seed
+from rocket_sim_node.worlds.rocket import conditions
+
+_NONE = np.zeros(0)
+_BUSY_RETRY = 0.5
+"""s between two tries to take a simulator that another agent flies"""
+_DESCRIPTION_TIMEOUT = 5.0
+"""s from the answer of a reset to the description of its session"""
+_KEEP_PERIOD = 0.5
+"""s of silence after which `keep` speaks"""
+_COMPARE_PERIOD = 0.5
+"""s between two looks at the definitions of messages while a topic has no far end"""
+
+
+class WorldChanged(ValueError):
+    """A simulator came back as another world."""
+
+
+class SimulatorBusy(RuntimeError):
+    """Another agent flies the simulator and does not let go."""
+
+
+@dataclass(frozen=True)
+class LinkOptions:
+    """How long to wait for what."""
+
+    resend_after: float = 0.2
+    """s without an answer after which an action is sent again; doubled each time, up to 1.6 s"""
+    patience: float = 60.0
+    """s without an answer after which nobody is expected to answer any more"""
+    acknowledge: str = 'auto'
+    """one of `qos.ACKNOWLEDGE`"""
+
+
+class Link:
+    """One simulator: `ask` for something, `poll` until it has come, `take` it.
+
+    Somebody else spins the node; nothing here waits. A command is asked for at a time.
+    """
+
+    def __init__(
+        self, node: Node, options: LinkOptions, agent: int, namespace: str = '',
+    ) -> None:
+        """Advertise.
+
+        :param agent: identity, 1 to 2**64 - 1.
+        :param namespace: of the simulator, with its slash; empty: the node's own.
+        """
+        self._node, self._options, self.agent = node, options, agent
+        prefix = f'{namespace}/' if namespace else ''
+        self.name = namespace or 'simulator'
+        self.world: msg.World | None = None
+        self._spec: WorldSpec | None = None
+        self._realtime = False
+        self.session = 0
+        self.step = 0
+        self.resent = 0
+        self.heard = 0.0
+        """when something last came from the simulator, s of the steady clock"""
+        self._spoke = 0.0
+        self._action = Codec(msg.Action)
+        self._message = b''
+        self._command: Command | None = None
+        self._answer: Any = None
+        self._silence: Silence | None = None
+        self._call: Call | None = None
+        self._asked = 0.0
+        self._claimed = False
+        """whether the simulator may believe that it is ours"""
+        self._flying = False
+        """whether a step was taken since the last reset or restore was asked for"""
+        self._compare_at = 0.0
+        """when the definitions of messages are to be compared again, s of the steady clock: at the
+        first step, then now and then, until all topics have a far end"""
+        self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
+        self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
+        self._world_subscription = node.create_subscription(
+            msg.World, f'{prefix}world', self._on_world, qos.WORLD)
+        self.topic = str(self._world_subscription.topic_name)
+        """on which the simulator describes itself, with its namespace"""
+        stream = qos.read_stream(options.acknowledge)
+        self._mailboxes = [
+            Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
+                (msg.Observation, 'observation', stream),
+                (msg.Reward, 'reward', stream),
+                (msg.Episodes, 'episodes', qos.EVENTS))]
+        self._answers = Answers(self._mailboxes, self._warn)
+        self._clients = {
+            name: node.create_client(kind, prefix + name) for name, kind in (
+                ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
+                ('release', srv.Release))}
+
+    # What it is
+
+    @property
+    def realtime(self) -> bool:
+        """Whether the simulator goes by the clock; known once described."""
+        return self.described_realtime if self._spec is None else self._realtime
+
+    @property
+    def described_realtime(self) -> bool:
+        """Whether the simulator as last described goes by the clock."""
+        return self.world is not None and self.world.mode == msg.World.REALTIME
+
+    @property
+    def spec(self) -> WorldSpec:
+        """The world that is flown at the far end, once described."""
+        return self._spec or self.adopt_spec()
+
+    def _on_world(self, message: msg.World) -> None:
+        if self._spec is not None:
+            try:
+                conversion.world_from_message(message)
+            except ValueError as error:  # whoever it is from, it is not the one that was flown
+                self._warn(f'left out: {error}')
+                return
+        self.world, self.heard = message, time.monotonic()
+
+    def described(self) -> WorldSpec:
+        """Return the shape of the world as last described.
+
+        :raises ValueError: for a description that makes no sense, or by a node that was built from
+            other definitions of the messages.
+        """
+        self._compare_definitions(again=0.0)
+        assert self.world is not None
+        return conversion.world_from_message(self.world)
+
+    def _compare_definitions(self, again: float) -> None:
+        known = check_definitions(
+            self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
+            [self._publisher.topic_name])
+        self._compare_at = math.inf if known else again
+
+    def _compare_late(self) -> None:
+        now = time.monotonic()
+        if now >= self._compare_at:
+            self._compare_definitions(again=now + _COMPARE_PERIOD)
+
+    def adopt_spec(self) -> WorldSpec:
+        """Take the shape of the world as last described.
+
+        :raises WorldChanged: when it came back as another one.
+        :raises ValueError: as `described` does.
+        """
+        spec = self.described()
+        if self._spec is None:
+            self._spec, self._realtime = spec, self.described_realtime
+            if self._realtime:
+                self._answers = LatestAnswers(self._mailboxes, self._warn)
+            self._answers.expect(spec)
+        change = ''
+        if spec != self._spec:
+            change = difference(self._spec, spec)
+        elif self.described_realtime != self._realtime:
+            modes = 'lockstep', 'realtime'
+            change = f'mode is {modes[not self._realtime]}, expected {modes[self._realtime]}'
+        if change:
+            raise WorldChanged(f'{self.name} came back as another world: {change}')
+        return self._spec
+
+    # Asking
+
+    @property
+    def deadline(self) -> float:
+        """When `poll` wants to be called at the latest, s of the steady clock."""
+        return self._next
+
+    @property
+    def mailbox(self) -> Mailbox | None:
+        """Where the answer of a step is to come next; None when something else is awaited."""
+        return self._answers.missing if isinstance(self._command, np.ndarray) else None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the answer of a step is here already."""
+        return isinstance(self._command, np.ndarray) and self._answers.collect()
+
+    @property
+    def entities(self) -> dict[str, list[Any]]:
+        """What of the node the answer of a service comes by."""
+        return {
+            'subscriptions': [self._world_subscription], 'clients': list(self._clients.values())}
+
+    def waited(self, now: float) -> float:
+        """Return for how long the far end has owed an answer, s."""
+        return now - self._asked if self._command is not None else 0.0
+
+    def ask(self, command: Command) -> None:
+        """Begin to have the simulator do something.
+
+        :raises ValueError: for bad actions; nothing was sent.
+        """
+        now = self._asked = time.monotonic()
+        self._answer = None
+        if isinstance(command, Reset | Restore):
+            self._flying = False
+        if isinstance(command, np.ndarray):
+            action = commanded(self.spec, command)
+            self._message = self._action.encode(
+                (self.session, self.step, self.agent),
+                (action, _NONE) if self.spec.continuous else (_NONE, action))
+            self._answers.await_step(self.session, self.step)
+            self._publisher.publish(self._message)
+            self._pause = self._options.resend_after
+            self._next = now + self._pause
+            self._silence = Silence(
+                self._node, 'an observation', self._options.patience, self.topic)
+        else:
+            self._described_by, self._warned = 0.0, False
+            self._begin_call(command, now)
+        self._command = command
+
+    def poll(self) -> bool:
+        """Do what is due; tell whether the answer has come.
+
+        :raises EnvironmentRestarted: when the simulator is in another session.
+        :raises WireTimeout: when there was no answer for too long.
+        :raises SimulatorBusy: when another agent keeps it.
+        :raises ValueError: for what the simulator refuses, or an answer that makes no sense.
+        """
+        command = self._command
+        if isinstance(command, np.ndarray):
+            return self._poll_step()
+        if self._described_by:
+            return self._poll_description()
+        return command is not None and self._poll_call(command)
+
+    def take(self) -> Any:
+        """Return the answer, as the flight that asked expects it."""
+        command, self._command = self._command, None
+        self._silence = self._call = None
+        if isinstance(command, np.ndarray):
+            self._spoke = self.heard = time.monotonic()
+            self.step, answer = self._answers.take()
+            self._flying = True
+            return answer
+        answer, self._answer = self._answer, None
+        return answer
+
+    def let_go(self) -> None:
+        """Remind the simulator of nobody before it has flown for us again."""
+        self._flying = False
+
+    def drop(self) -> None:
+        """Expect nothing any more of what was asked."""
+        if self._call is not None:
+            self._call.drop()
+        self._command = self._call = self._silence = None
+        self._described_by = 0.0
+
+    def listen(self) -> None:
+        """Take note of whether the simulator answers us, late, while nothing is asked of it."""
+        if self._answers.heard_of(self.session):
+            self.heard = time.monotonic()
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(
+            f'{self.name}: {text}', throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
+
+    # Steps
+
+    def _poll_step(self) -> bool:
+        if self._answers.collect():
+            self._compare_late()
+            return True
+        self._check_session()
+        now = time.monotonic()
+        if now >= self._next:
+            assert self._silence is not None
+            self._compare_late()  # perhaps that is why nothing is understood
+            self._silence.check(self._next)
+            self.resent += 1
+            self._publisher.publish(self._message)
+            self._pause = min(2 * self._pause, 8 * self._options.resend_after)
+            self._next = now + min(self._pause, self._silence.left)
+        return False
+
+    def _check_session(self) -> None:
+        """Raise when the simulator has said that it is in a session that is not ours."""
+        if self.world is not None and self.world.session != self.session:
+            raise EnvironmentRestarted(
+                f'{self.name} is in session {self.world.session:016x}, '
+                f'expected {self.session:016x}')
+
+    def keep(self) -> None:
+        """Remind the simulator of its agent while that one computes; call it often.
+
+        The last action sent again changes nothing and is heard. In real time it would fly on by an
+        order of the past: there, who computes for long has the engine cut.
+        """
+        now = time.monotonic()
+        if isinstance(self._command, np.ndarray) or self.realtime or not self._flying:
+            return  # asked for the next step, that is asked for again anyway
+        if now - self._spoke > _KEEP_PERIOD:
+            self._spoke = now
+            self._publisher.publish(self._message)
+
+    # Services
+
+    def _begin_call(self, command: Command, begin: float) -> None:
+        self._call = Call(
+            self._node, self._clients[_name(command)], self._request(command),
+            self._options.patience, self.topic, begin)
+        self._next = begin
+
+    def _poll_call(self, command: Command) -> bool:
+        """Call the service until it answers, and judge the answer."""
+        assert self._call is not None
+        now = time.monotonic()
+        response = self._call.poll(now)
+        self._next = self._call.due
+        self._claimed |= self._call.made and not isinstance(command, Snapshot)
+        if response is None:
+            return False
+        self.heard = now
+        return self._judge(command, response, now)
+
+    def _request(self, command: Command) -> Any:
+        if isinstance(command, Reset):
+            if command.seed is not None:
+                check_seed(command.seed)
+            return srv.Reset.Request(
+                agent=self.agent, seed=-1 if command.seed is None else int(command.seed),
+                settings=conversion.settings_to_message(self._flat(command.settings)))
+        if isinstance(command, Restore):
+            request = srv.Restore.Request(agent=self.agent)
+            request.state = conversion.to_sequence(np.frombuffer(command.state, np.uint8), 'u1')
+            return request
+        return srv.Snapshot.Request(agent=self.agent, session=self.session, step=self.step)
+
+    def _flat(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a reset sets, as numbers by name.
+
+        :raises ValueError: for conditions that do not exist, or that this world does not have.
+        """
+        if 'conditions' in settings:
+            conditions.check_world(self.spec, settings['conditions'])
+        return conditions.flatten(settings)
+
+    def _judge(self, command: Command, response: Any, now: float) -> bool:
+        """Take a good answer; try again later when the simulator is busy."""
+        name = _name(command)
+        if response.code == response.OK:
+            self._answer = response
+            if isinstance(command, Snapshot):
+                self._answer = bytes(response.state)
+                return True
+            self._described_by = now + _DESCRIPTION_TIMEOUT
+            return self._poll_description()
+        said = printable(response.message)
+        if isinstance(command, Snapshot):
+            # Refused for the session: the simulator is not where we believe it to be.
+            raise EnvironmentRestarted(f'snapshot: {said}')
+        if response.code != response.BUSY:
+            self.adopt_spec()  # the better reason, if it is another world now
+            raise ValueError(f'{self.name}: {name}: {said}')
+        left = self._asked + self._options.patience - now
+        if left <= 0:
+            raise SimulatorBusy(f'{self.name}: {name}: {said}')
+        if not self._warned:
+            self._warned = True
+            self._node.get_logger().warning(f'{self.name}: {name}: {said}; waiting')
+        self._begin_call(command, now + min(_BUSY_RETRY, left))
+        return False
+
+    def _poll_description(self) -> bool:
+        """Go on in the session that a reset or restore drew, once the world's description came.
+
+        What else comes on `world` is a restart. When another reset follows at once, it never
+        comes.
+        """
+        response = self._answer
+        if self.world is None or self.world.session != response.session:
+            self._next = self._described_by
+            if time.monotonic() < self._described_by:
+                return False
+            raise EnvironmentRestarted(
+                f'session {response.session:016x} was not described: somebody else resets '
+                f'{self.name}, or several simulators share its topics')
+        self._described_by = 0.0
+        spec = self.adopt_spec()
+        self.session, self.step = response.session, response.step
+        command = self._command
+        assert isinstance(command, Reset | Restore)
+        self._answer = observation_of(
+            f'{_name(command)}: observation',
+            conversion.from_sequence(response.observation, 'f4'), spec)
+        return True
+
+    # The end
+
+    def release(self) -> Callable[[], bool]:
+        """Let go of the simulator, so that another agent need not wait; tells when it is done."""
+        client = self._clients['release']
+        if not (self._claimed and self._node.context.ok() and client.service_is_ready()):
+            return lambda: True
+        future = client.call_async(srv.Release.Request(agent=self.agent))
+        self.session, self._claimed = 0, False
+        return future.done
+
+    def destroy(self) -> None:
+        """Withdraw from the topics and services."""
+        self.drop()
+        self._node.destroy_publisher(self._publisher)
+        self._node.destroy_subscription(self._world_subscription)
+        for mailbox in self._mailboxes:
+            mailbox.destroy()
+        for client in self._clients.values():
+            self._node.destroy_client(client)
+
+
+def _name(command: Command) -> str:
+    """Return the service that a command is asked of.
+
+    :raises TypeError: for what is no command.
+    """
+    if not isinstance(command, Reset | Restore | Snapshot):
+        raise no_command(command)
+    return type(command).__name__.lower()
+
+
+def difference(ours: WorldSpec, theirs: WorldSpec) -> str:
+    """Return in which field two worlds differ, and how."""
+    old, new = ({**asdict(spec), **spec.settings} for spec in (ours, theirs))
+    name = next(name for name in {**new, **old} if name != 'settings'
+                and old.get(name) != new.get(name))
+    return f'{name} is {new.get(name)}, expected {old.get(name)}'

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The answer of a simulator that goes by the clock: the newest step there is, and what led to it.
+
+A pilot that takes longer than a step would otherwise fly by observations that have waited in a
+queue, ever the same few steps late.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rocket_sim_node.wire.client.answers import Answers
+from rocket_sim_node.wire.client.answers import Step
+from rocket_sim_node.wire.client.answers import observation_of
+from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.worlds.base import Episodes
+
+_KEPT = 16
+"""messages of a topic that may be kept, whoever sends them"""
+
+
+class LatestAnswers(Answers):
+    """Collects all that comes after a step, and answers with the newest one that is whole.
+
+    Rewards of the steps that were passed over are added up, and who ended in them has ended: who
+    did so twice counts once in `final_rows`, with the last observation, and twice in `episodes`.
+    What of a step got lost is missing, and so is what no queue holds any more: a pilot that is
+    more than four steps late hears of the last four.
+    """
+
+    def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
+        """Await nothing; see :class:`Answers`."""
+        super().__init__(boxes, warn)
+        self._kept: tuple[dict[int, Any], ...] = ({}, {}, {})
+        self._newest = 0
+        """step that is whole; 0 before there is one"""
+
+    def await_step(self, session: int, step: int) -> None:
+        """Wait for the answer to an action of this session and step; any later one will do."""
+        if session != self._session:
+            self._kept = ({}, {}, {})
+        self._session, self._step, self._newest = session, step, 0
+        for kept in self._kept:
+            for past in [number for number in kept if number <= step]:
+                del kept[past]
+
+    @property
+    def missing(self) -> Mailbox | None:
+        """Where something is to come before a step is whole; None when one is."""
+        if self._newest:
+            return None
+        observations, rewards, _ = self._kept
+        last = max(observations, default=0)
+        place = (
+            0 if not last or last < max(rewards, default=0) else
+            1 if last not in rewards else 2)
+        return self._boxes[place]
+
+    def collect(self) -> bool:
+        """Take what has come; tell whether a step is whole."""
+        for box, kept in zip(self._boxes, self._kept, strict=True):
+            while (message := self._next(box)) is not None:
+                if message.session == self._session and message.step > self._step:
+                    kept[message.step] = message
+                    if len(kept) > _KEPT:
+                        del kept[next(iter(kept))]
+        observations, rewards, episodes = self._kept
+        self._newest = max((
+            step for step in observations if step in rewards
+            and (step in episodes or not len(rewards[step].final_rows))), default=0)
+        return self._newest > 0
+
+    def take(self) -> tuple[int, Step]:
+        """Return the newest step and what `VectorEnv.step` answers, of all since the last one.
+
+        :raises ValueError: naming topic, field, what came and what was expected.
+        """
+        spec, newest = self._spec, self._newest
+        assert spec is not None and newest
+        observations, rewards, episodes = self._kept
+        observation = observation_of('observation: data', observations[newest].data, spec)
+        reward, terminated, truncated, infos = zip(*(
+            self._result(rewards[step], episodes.get(step))
+            for step in sorted(rewards) if step <= newest), strict=True)
+        if len(infos) == 1:
+            return newest, (observation, reward[0], terminated[0], truncated[0], infos[0])
+        # The last one first, as of equal rows the first one is taken.
+        rows, last = np.unique(
+            np.concatenate([info['final_rows'] for info in infos[::-1]]), return_index=True)
+        final = np.concatenate([info['final_observation'] for info in infos[::-1]])[last]
+        return newest, (
+            observation, np.sum(reward, axis=0, dtype=np.float32),
+            np.logical_or.reduce(terminated), np.logical_or.reduce(truncated),
+            {'final_rows': rows, 'final_observation': final,
+             'episodes': Episodes.concatenate([info['episodes'] for info in infos])})

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator of a fleet, and the flight that it flies."""
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+from typing import Generic
+from typing import TypeVar
+
+from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.worlds.jobs import Command
+from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Mooring
+
+T = TypeVar('T')
+_RETRY = 10.0
+"""s after which one that was lost is tried again, though nothing has been heard of it"""
+
+
+class Task(Generic[T]):
+    """A flight, and how often it was begun."""
+
+    def __init__(self, number: int, begin: Callable[[], Flight[T]]) -> None:
+        self.number, self._begin, self.attempts = number, begin, 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew."""
+        self.attempts += 1
+        self.flight = self._begin()
+        self.command: Command = next(self.flight)
+
+
+class Member:
+    """A simulator and what it is doing."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self.mooring = Mooring()
+        self.task: Task[Any] | None = None
+        self.lost_at = 0.0
+        self.vetted: Any = None
+        """the description that was looked at last"""
+        self.fits = self.gone = False
+
+    @property
+    def free(self) -> bool:
+        """Whether it can be given something: it fits, is idle, and was heard since it was lost."""
+        return self.task is None and self.fits and not self.gone and (
+            self.link.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
+
+    def drop(self) -> None:
+        """Forget what it was doing and where it is."""
+        self.link.drop()
+        self.mooring.cast_off()
+        self.task = None

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulator's end of the wire: one world, stepped by the actions of one agent."""
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rocket_msgs import msg
+from rocket_msgs import srv
+
+from rocket_sim_node import free_memory
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.diagnostics import Health
+from rocket_sim_node.wire.node.diagnostics import shortened
+from rocket_sim_node.wire.node.inbox import Inbox
+from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.steady_clock import create_timer
+from rocket_sim_node.wire.server import real_time
+from rocket_sim_node.wire.server.control import NOBODY
+from rocket_sim_node.wire.server.control import ControlLease
+from rocket_sim_node.wire.server.real_time import RealTime
+from rocket_sim_node.wire.server.state_stream import StateStream
+from rocket_sim_node.wire.server.step_messages import ResultPublisher
+from rocket_sim_node.worlds.actions import Clipped
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.actions import idle_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import SimulatedWorld
+
+_SPIN_PERIOD = 0.2
+"""s; Python sees signals only between two waits"""
+_MOST_STATES = 50_000
+"""in a message of `state`, 10 MB"""
+_MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
+_EVENTS = (
+    *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
+    'repeated answers')
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """How a world is served."""
+
+    mode: int = msg.World.LOCKSTEP
+    realtime_factor: float = 1.0
+    """simulated seconds per second, real-time mode only"""
+    action_timeout: float = 0.5
+    """s without a new action after which the engine is cut, 2.5 steps at least; real time only"""
+    agent_lease: float = 10.0
+    """s of silence after which another agent may take over"""
+    acknowledge: str = 'auto'
+    """one of `qos.ACKNOWLEDGE`"""
+    state_rows: int = 4
+    """rockets, from row 0, whose state is published"""
+    state_batch: int = 50
+    """steps gathered into one message of `state`"""
+
+
+class Server:
+    """Serves a world on the topics and services of the wire, on `node`.
+
+    Lock-step: the world advances once for each action that names the session and the step it
+    answers, and by nothing else. An action for the step just taken is answered with the same
+    result again; any other stale, early, foreign or malformed one is refused, counted and
+    logged, and changes nothing. Real time: the world advances by a timer and holds the last
+    action.
+    """
+
+    def __init__(self, node: Node, world: SimulatedWorld, options: ServerOptions) -> None:
+        """Publish the world and wait for an agent.
+
+        :raises ValueError: when another agent could take over before the engine is cut, or for
+            messages of `state` that are too large.
+        """
+        realtime = options.mode == msg.World.REALTIME
+        rows = min(options.state_rows, world.spec.num_envs)
+        batch = 1 if realtime else options.state_batch
+        if rows * batch > _MOST_STATES:
+            raise ValueError(
+                f'state_batch: got {batch}, which with {rows} rockets (state_rows) makes '
+                f'messages of {rows * batch} states, expected at most {_MOST_STATES}')
+        self._node = node
+        self._world = world
+        self._options = options
+        self._lease = ControlLease(options.agent_lease)
+        self._session = 0
+        self._step = 0
+        self._clipped = Clipped(world.spec)
+        self._health = Health(
+            node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
+        period = world.spec.dt / options.realtime_factor
+        self._realtime = RealTime(
+            period, options.action_timeout, idle_action(world.spec), self._lease, self._health,
+        ) if realtime else None
+        self._result = ResultPublisher(node)
+        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
+        self._state = StateStream(node, world, rows, batch)
+        self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
+        self._services = [
+            node.create_service(kind, name, answer) for kind, name, answer in (
+                (srv.Reset, 'reset', self._on_reset),
+                (srv.Snapshot, 'snapshot', self._on_snapshot),
+                (srv.Restore, 'restore', self._on_restore),
+                (srv.Release, 'release', self._on_release))]
+        self._begin_session(world.observe())
+        self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
+        create_timer(node, free_memory.PERIOD, free_memory.give_back)
+
+    def serve(self, executor: Executor) -> None:
+        """Serve until this process is asked to stop.
+
+        :param executor: of the node; serves all but the actions.
+        """
+        inbox = Inbox(self._node, executor)
+        while not stopping.requested():
+            inbox.wait(
+                [self._mailbox], _SPIN_PERIOD, services=self._services, timers=self._timers)
+            try:
+                message = self._mailbox.take()
+            except ValueError as error:
+                self._health.refuse('action', str(error))
+                continue
+            if message is not None:
+                self._on_action(message)
+        self._state.flush()
+
+    # Actions
+
+    def _on_action(self, message: Any) -> None:
+        """Step the world, repeat the last answer, or refuse."""
+        refusal = self._action_refusal(message)
+        if refusal:
+            self._health.refuse('action', refusal)
+            return
+        if self._realtime and message.step == self._realtime.step:
+            # Sent again, or late: no order of this moment. Whoever gives it may see nothing.
+            self._health.count('repeated actions')
+            return
+        if self._realtime is None and message.step == self._step - 1:
+            self._health.count('repeated answers')
+            self._result.publish()
+            return
+        try:
+            given = conversion.action_from_message(message, self._world.spec)
+            action = checked_action(self._world.spec, given)
+        except ValueError as error:
+            self._health.refuse('action', str(error))
+            return
+        clipped = self._clipped.note(given, action)
+        if self._realtime is None:
+            self._advance(action)
+            return
+        if clipped:
+            # In lock-step it is only counted: who learns explores, beyond the bounds too.
+            self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
+        self._realtime.follow(action, message.step)
+
+    def _action_refusal(self, message: Any) -> str:
+        """Return why an action is not for this moment; empty when it is."""
+        stranger = self._lease.stranger(message.agent)
+        if stranger:
+            return stranger
+        if message.session != self._session:
+            # The sender may have missed the change of session: tell it again.
+            self._publish_world()
+            return f'session: {message.session:016x}, expected {self._session:016x}'
+        self._lease.heard()
+        oldest = max(self._realtime.step if self._realtime else self._step - 1, 0)
+        if not oldest <= message.step <= self._step:
+            expected = f'{oldest} to {self._step}' if oldest < self._step else f'{oldest}'
+            return f'step: {message.step}, expected {expected}'
+        return ''
+
+    def _advance(self, action: NDArray[Any]) -> None:
+        observation, reward, terminated, truncated, info = self._world.step(action)
+        self._step += 1
+        self._result.fill(
+            self._session, self._step, observation, reward, terminated, truncated, info)
+        self._result.publish()
+        self._state.add(self._session, self._step)
+
+    def _on_tick(self) -> None:
+        """Advance by dt in real time, while there is a flight."""
+        assert self._realtime is not None
+        action = self._realtime.due()
+        if action is not None:
+            self._advance(action)
+
+    # Services
+
+    def _on_reset(self, request: srv.Reset.Request, response: Any) -> Any:
+        def begin() -> F32:
+            settings = conversion.settings_from_message(request.settings)
+            if request.seed < -1:
+                raise ValueError(f'seed: got {request.seed}, expected 0 or more, or -1')
+            return self._world.reset(None if request.seed == -1 else request.seed, **settings)
+        return self._take_control('reset', request.agent, begin, response)
+
+    def _on_restore(self, request: srv.Restore.Request, response: Any) -> Any:
+        def begin() -> F32:
+            return self._world.restore(bytes(request.state))
+        return self._take_control('restore', request.agent, begin, response)
+
+    def _take_control(
+        self, name: str, agent: int, begin: Callable[[], F32], response: Any,
+    ) -> Any:
+        """Answer a service that gives an agent control and draws a new session."""
+        response.message = self._lease.refusal(agent)
+        if response.message:
+            response.code = response.BUSY
+            self._health.refuse(name, response.message)
+            return response
+        try:
+            if agent == NOBODY:
+                raise ValueError('agent: got 0, expected the identity of who asks, 1 or more')
+            observation = begin()
+        except (ValueError, TypeError) as error:
+            response.code = response.INVALID
+            response.message = shortened(str(error))
+            self._health.refuse(name, response.message)
+            return response
+        self._lease.take(agent)
+        self._begin_session(observation)
+        response.code = response.OK
+        response.session = self._session
+        response.step = self._step
+        response.observation = conversion.to_sequence(observation, 'f4')
+        return response
+
+    def _on_snapshot(self, request: srv.Snapshot.Request, response: Any) -> Any:
+        response.message = self._lease.stranger(request.agent)
+        if response.message:
+            response.code = response.BUSY
+        elif (request.session, request.step) != (self._session, self._step):
+            response.code = response.INVALID
+            response.message = (
+                f'session and step: {request.session:016x}, {request.step}, '
+                f'expected {self._session:016x}, {self._step}')
+        else:
+            self._lease.heard()
+            response.code = response.OK
+            response.state = conversion.to_sequence(
+                np.frombuffer(self._world.snapshot(), np.uint8), 'u1')
+            return response
+        self._health.refuse('snapshot', response.message)
+        return response
+
+    def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
+        if self._lease.release(request.agent):
+            response.code = response.OK
+            if self._realtime:
+                self._realtime.begin()
+            self._health.clear('the agent has let go')
+            self._state.flush()
+        else:
+            response.code = response.BUSY
+            response.message = f'agent: {request.agent:016x} does not fly this simulator'
+            self._health.refuse('release', response.message)
+        return response
+
+    def _begin_session(self, observation: F32) -> None:
+        """Draw a new session and publish its first observation."""
+        self._state.flush()
+        self._session = secrets.randbits(63) + 1
+        self._step = 0
+        if self._realtime:
+            self._realtime.begin()
+        self._health.clear('a new session has begun')
+        self._result.fill_first(self._session, observation)
+        self._publish_world()
+        self._result.publish()
+        self._state.add(self._session, self._step)
+
+    def _publish_world(self) -> None:
+        self._world_publisher.publish(conversion.world_to_message(
+            self._world.spec, self._session, self._step, self._options.mode))
+
+    def _present(self) -> dict[str, object]:
+        """Return what diagnostics say of the moment."""
+        spec = self._world.spec
+        return {
+            'world': spec.name, 'num_envs': spec.num_envs, 'mode': _MODES[self._options.mode],
+            'session': f'{self._session:016x}', 'step': self._step,
+            'agent': 'nobody' if self._lease.owner == NOBODY else f'{self._lease.owner:016x}',
+            **{f'clipped {axis}': count for axis, count in self._clipped.counts.items()},
+            'last clipped': self._clipped.last,
+        }

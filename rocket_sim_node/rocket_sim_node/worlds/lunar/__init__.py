@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""World `lunar_lander`: Gymnasium's LunarLander rebuilt on pymunk."""

@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: Apache-2.0
+"""World `lunar_lander`: Gymnasium's LunarLander-v3 on pymunk, N landers as one batch.
+
+Numbers, rewards and rules follow Gymnasium's documentation and source (Farama Foundation, version
+1.4, `envs/box2d/lunar_lander.py`). x = 0 is the middle of the pad; y is Gymnasium's, 0 at the
+floor.
+"""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node import settings as settings_module
+from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import snapshots
+from rocket_sim_node.worlds.actions import checked_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.base import NO_EPISODES
+from rocket_sim_node.worlds.base import NO_OUTCOME
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import Episodes
+from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.lunar import spawn
+from rocket_sim_node.worlds.lunar import vehicle as vehicle
+from rocket_sim_node.worlds.lunar import view
+from rocket_sim_node.worlds.lunar.engines import Engines
+from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Solver
+from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
+
+OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
+LANDED, CRASHED, OUT_OF_BOUNDS, TIMEOUT = range(4)
+
+_SOLVER = Solver(iterations=15, slop=0.005, bias=(1 - 0.2) ** 50)
+
+
+class LunarLanderWorld:
+    """N landers that fall towards a pad between slopes. A `SimulatedWorld`.
+
+    Row k of every array is lander k.
+    """
+
+    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+        """Make the world and begin the first episodes.
+
+        :raises ValueError: for a setting that is unknown or out of range.
+        """
+        self.settings = s = settings_module.build(LunarSettings, settings)
+        if s.rest_time > s.time_limit:
+            raise ValueError(
+                f"setting 'rest_time': got {s.rest_time}, "
+                f'expected at most time_limit, {s.time_limit} s')
+        self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
+        self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
+        self._engines = Engines(s)
+        self._force = np.zeros((num_envs, 3, 3))
+        self._rows = np.arange(num_envs)
+        self._all = slice(None)
+        self._seed = seed
+        self.terrain = np.zeros((num_envs, vehicle.LunarDesign.slopes + 1))
+        self._shaping = np.zeros(num_envs)
+        self._still = np.zeros(num_envs)
+        self._touching = np.zeros((num_envs, 3), np.bool_)
+        self._contact_force = np.zeros((num_envs, 2))
+        self._wind = np.zeros((2, num_envs))
+        self._keys = np.zeros(num_envs, np.uint64)
+        self.age = np.zeros(num_envs, np.int64)
+        self.episode = np.zeros(num_envs, np.int64)
+        self.episode_return = np.zeros(num_envs)
+        self._main, self._side = np.zeros(num_envs), np.zeros(num_envs)
+        self._reward = np.zeros(num_envs)
+        self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
+        self.spec = WorldSpec(
+            name='lunar_lander', num_envs=num_envs, dt=s.dt,
+            observation_names=view.OBSERVATION_NAMES,
+            action_names=('main', 'lateral') if s.continuous else ('engine',),
+            continuous=s.continuous,
+            action_low=(-1.0, -1.0) if s.continuous else (),
+            action_high=(1.0, 1.0) if s.continuous else (),
+            action_idle=(-1.0, 0.0) if s.continuous else (0.0,),
+            action_count=0 if s.continuous else 4, outcomes=OUTCOMES,
+            settings={
+                **settings_module.as_dict(s), 'field_half_width': vehicle.HALF_WIDTH,
+                'max_thrust': self._engines.max_thrust},
+        )
+        self._none_finished = self._finished = self.capture(self._rows[:0])
+        self.reset(seed)
+
+    def reset(self, seed: int | None = None, **settings: float) -> F32:
+        """Begin new episodes of all landers; there is no curriculum to be set."""
+        if settings:
+            raise ValueError(
+                f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '
+                'resets of lunar_lander change nothing but the seed')
+        if seed is None:
+            self.episode += 1
+        else:
+            random_streams.check_seed(seed)
+            self._seed = seed
+            self.episode[:] = 0
+        self._starts = self._make_starts()
+        self._reward[:] = 0
+        self._finished = self._none_finished
+        return self._begin(self._rows)
+
+    def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
+        """Advance all landers by `dt`; see :class:`VectorEnv`."""
+        command = checked_action(self.spec, action)
+        self._advance(command)
+        observation, shaping = self._look(self._all)
+        s = self.settings
+        reward = shaping - self._shaping
+        self._shaping = shaping
+        reward += s.reward_main_engine * self._main
+        reward += s.reward_side_engine * np.abs(self._side)
+        crashed = self._touching[:, 0]
+        outside = np.abs(observation[:, 0]) >= 1.0
+        rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
+        # In this order: who is at rest has landed, whatever touches.
+        reward[crashed | outside] = s.reward_crash
+        reward[rest] = s.reward_landed
+        terminated = crashed | outside | rest
+        truncated = (self.age >= self._step_limit) & ~terminated
+        done = np.flatnonzero(terminated | truncated)
+        self.episode_return += reward
+        self._reward = reward
+        self._finished = self._none_finished
+        info: dict[str, Any] = {
+            'final_rows': done, 'final_observation': observation[:0], 'episodes': NO_EPISODES}
+        if done.size:
+            outcome = np.full(len(done), TIMEOUT, np.uint8)
+            outcome[outside[done]] = OUT_OF_BOUNDS
+            outcome[crashed[done]] = CRASHED
+            outcome[rest[done]] = LANDED
+            info = self._finish(done, outcome, observation)
+        return observation, reward.astype(np.float32), terminated, truncated, info
+
+    def _advance(self, command: NDArray[Any]) -> None:
+        """Fly one step and take note of what touched."""
+        lanes, s = self._lanes, self.settings
+        force = self._force
+        scatter = random_streams.numbers(self._keys, 2, spawn.DRAWS + 2 * self.age)
+        self._main, self._side = self._engines.throttles(command)
+        self._engines.push(lanes.pose[:, 0], self._main, self._side, scatter, force[:, 0])
+        if s.enable_wind:
+            self._blow(force[:, 0])
+        lanes.step(force)
+        self.age += 1
+        self._touching[:] = False
+        self._contact_force[:] = 0.0
+        touch = lanes.contacts
+        if len(touch.row):
+            self._touching[touch.row, touch.body] = True
+            np.add.at(self._contact_force, touch.row, touch.impulse / s.dt)
+        velocity = lanes.velocity
+        still = (
+            (velocity[:, :, 0]**2 + velocity[:, :, 1]**2 <= s.rest_speed**2)
+            & (np.abs(velocity[:, :, 2]) <= np.deg2rad(s.rest_spin))).all(1)
+        self._still = np.where(still, self._still + s.dt, 0.0)
+
+    def _blow(self, force: F64) -> None:
+        """Add wind and turbulence to the forces `(N, 3)`: tanh(sin 2kx + sin pi kx), k = 0.01."""
+        blown = np.flatnonzero(~self._touching[:, 1:].any(1))
+        place = 0.01 * self._wind[:, blown]
+        strength = np.tanh(np.sin(2 * place) + np.sin(np.pi * place))
+        force[blown, 0] += strength[0] * self.settings.wind_power
+        force[blown, 2] += strength[1] * self.settings.turbulence_power
+        self._wind[:, blown] += 1
+
+    def observe(self) -> F32:
+        """Return the observation `(N, 8)` of the present state."""
+        return self._look(self._all)[0]
+
+    def _look(self, rows: NDArray[np.int64] | slice) -> tuple[F32, F64]:
+        """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded."""
+        return view.observe(
+            self._lanes.pose[rows, 0], self._lanes.velocity[rows, 0], self._touching[rows])
+
+    # Episodes
+
+    def _make_starts(self) -> spawn.Starts:
+        return spawn.Starts(
+            self._seed, self.spec.num_envs, self.settings.dt, self.settings.gravity)
+
+    def _begin(self, rows: NDArray[np.int64]) -> F32:
+        """Put landers at the start of their episodes; return their observations `(K, 8)`."""
+        start = self._starts.take(rows, self.episode[rows])
+        self.terrain[rows] = start.terrain
+        for row in rows.tolist():
+            spawn.shape_ground(self._lanes, row, self.terrain[row])
+        self._lanes.place(rows, start.pose, start.velocity)
+        self._wind[:, rows] = start.wind
+        self._keys[rows] = start.key
+        for array in (self.age, self._still, self.episode_return, self._main, self._side):
+            array[rows] = 0
+        self._touching[rows] = False
+        self._contact_force[rows] = 0.0
+        observation, self._shaping[rows] = self._look(rows)
+        return observation
+
+    def _finish(
+        self, done: NDArray[np.int64], outcome: NDArray[np.uint8], observation: F32,
+    ) -> dict[str, Any]:
+        """Report the episodes that ended, and begin their landers' next ones.
+
+        :param observation: `(N, 8)`; the rows that finished get their new first observation.
+        """
+        self._finished = self.capture(done)
+        self._finished[view.OUTCOME] = outcome
+        x, _ = view.hull_origin(self._lanes.pose[done, 0])
+        speed_x, speed_y = view.hull_velocity(
+            self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
+        info = {
+            'final_rows': done, 'final_observation': observation[done],
+            'episodes': Episodes(
+                row=done, episode=self.episode[done],
+                episode_return=self.episode_return[done], length=self.age[done],
+                outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
+                tilt=view.tilt(self._lanes.pose[done, 0]), distance=np.abs(x),
+                fuel_used=(none := np.zeros(len(done))), fuel_left=none, hover_time=none,
+                ignitions=none.astype(np.int64), control_effort=none,
+            ),
+        }
+        self.episode[done] += 1
+        observation[done] = self._begin(done)
+        self._reward = self._reward.copy()
+        self._reward[done] = 0.0
+        return info
+
+    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
+        """Return the physical state of the chosen landers, `(K, S)`: `view.telemetry`."""
+        pose = self._lanes.pose[rows]
+        return np.concatenate((
+            self._rows[None, rows], self.episode[None, rows],
+            self.age[None, rows] * self.settings.dt, pose.reshape(len(pose), 9).T,
+            self._lanes.velocity[rows, 0].T, self._main[None, rows], self._side[None, rows],
+            self._contact_force[rows].T, self._reward[None, rows], self._no_outcome[None, rows],
+            self._touching[rows].T, self.terrain[rows].T))
+
+    @property
+    def captured_ends(self) -> F64:
+        """Last states of the landers that finished at the last step, `(K, S)`."""
+        return self._finished
+
+    def telemetry_of(self, captured: F64) -> Telemetry:
+        """Return what a capture `(K, S)` says."""
+        return view.telemetry(captured, self._engines)
+
+    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
+        """Return the physical state of the chosen landers, S of them."""
+        return self.telemetry_of(self.capture(rows))
+
+    @property
+    def finished(self) -> Telemetry:
+        """Last states of the landers that finished at the last step."""
+        return self.telemetry_of(self._finished)
+
+    # Snapshots
+
+    def snapshot(self) -> bytes:
+        """Return the exact state; the contact solver begins afresh, here as in who takes it."""
+        self._lanes.forget()
+        return snapshots.pack(self.spec, self._state_arrays())
+
+    def restore(self, state: bytes) -> F32:
+        """Put all landers back into a snapshot and return their observation."""
+        ours = self._state_arrays()
+        arrays = snapshots.unpack(self.spec, state, like=ours)
+        snapshots.check_settings(self.spec, arrays.pop('settings'))
+        snapshots.check_counts(arrays, 'seed', 'age', 'episode', 'still')
+        bodies = {
+            name.removeprefix('lanes_'): arrays.pop(name)
+            for name in list(arrays) if name.startswith('lanes_')}
+        self._lanes.check(**bodies)
+        self._lanes.load(**bodies)
+        self._seed = int(arrays.pop('seed')[0])
+        for name, array in arrays.items():
+            ours[name][...] = array
+        self._starts = self._make_starts()
+        start = self._starts.take(self._rows, self.episode)
+        self.terrain, self._keys = start.terrain, start.key
+        for row in self._rows.tolist():
+            spawn.shape_ground(self._lanes, row, self.terrain[row])
+        self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
+        self._reward = np.zeros_like(self._reward)
+        self._contact_force[:] = 0.0
+        self._finished = self._none_finished
+        return self.observe()
+
+    def _state_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all that the future depends on; the arrays are the world's own, save `lanes_`."""
+        return {
+            'shaping': self._shaping, 'still': self._still,
+            'touching': self._touching, 'wind': self._wind, 'age': self.age,
+            'episode': self.episode, 'episode_return': self.episode_return,
+            'seed': np.array([self._seed], np.int64),
+            'settings': np.array(list(self.spec.settings.values()), np.float64),
+            **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()},
+        }

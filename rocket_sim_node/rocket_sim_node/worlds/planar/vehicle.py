@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rocket's legs and hull as numbers, and as parts for pymunk.
+
+In a vertical plane the vehicle is one rigid body: legs that are deployed do not move against the
+hull. Flat ground can be touched by the corners of a body's convex hull alone, and those are the
+two feet and corners of the hull: the struts between need no shapes.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pymunk
+
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.pymunk_batch.lane_block import LANES
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
+from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
+
+LEFT, RIGHT = 0, 1
+"""Numbers of the feet, at negative and at positive x."""
+
+_BOTTOM = 2.4
+"""m, of the hull below the origin; no more than half of the legs' height"""
+_OUTLINE = ((1.70, None), (1.85, -1.6), (1.85, 36.2), (1.25, 37.5))
+"""m, corners of the hull: half-width and height, None for the bottom"""
+_VEHICLE, _GROUND = 0x2, 0x1
+
+
+@dataclass(frozen=True)
+class LegSettings:
+    """Feet on the ground, and when a touchdown is over."""
+
+    stance: float = setting(
+        6.7, 'm', 'feet from the axis in the plane: legs of 9.5 m at 45 deg to it', 0.1, 1e3)
+    foot_friction: float = setting(0.6, '', 'coefficient of friction of the feet', 0.0, 10.0)
+    # More, with friction, would add energy at oblique impacts: restitution is Newton's here.
+    foot_restitution: float = setting(
+        0.1, '', 'part of the speed with which feet rebound', 0.0, 0.6)
+    hull_friction: float = setting(0.4, '', 'coefficient of friction of the hull', 0.0, 10.0)
+    hull_restitution: float = setting(
+        0.1, '', 'part of the speed with which the hull rebounds', 0.0, 0.6)
+    engine_cutoff: bool = setting(
+        True, '', 'engine and RCS are cut by the contact switch of the first foot that touches')
+    touchdown_limit: float = setting(
+        5.0, 's', 'not at rest so long after the first contact is a crash', 0.0, 1e3)
+    rest_time: float = setting(0.5, 's', 'standing still for so long is rest', 0.0, 100.0)
+    rest_speed: float = setting(0.05, 'm/s', 'standing still is slower than this', 1e-6, 10.0)
+    rest_spin: float = setting(0.5, 'deg/s', 'standing still turns slower than this', 1e-6, 360.0)
+
+
+@dataclass(frozen=True)
+class PlanarSettings(LegSettings, RocketSettings):
+    """All settings of world `rocket_planar`."""
+
+    spawn_heading: float = setting(
+        0.0, 'deg', "the pilot's axes are turned about the vertical, plus or minus, anew for each "
+        'episode; 0: the plane is x-y', 0.0, 180.0)
+
+
+def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where the feet are, left and right, relative to the origin, m."""
+    height = -settings.touchdown_height
+    return (-settings.stance, height), (settings.stance, height)
+
+
+def foot_height(
+    origin: F64 | float, lean: F64, upright: F64, settings: Mapping[str, float],
+) -> F64:
+    """Return how high the lower foot is, m, of vehicles whose origins are so high.
+
+    :param origin: m.
+    :param lean: sine of the tilt, 0 or more, and `upright` its cosine.
+    :param settings: of a world of rockets with feet.
+    """
+    lower: F64 = origin - settings['stance'] * lean - settings['touchdown_height'] * upright
+    return lower
+
+
+def hull_bottom(settings: PlanarSettings) -> float:
+    """Return how high the hull begins relative to the origin, m."""
+    return -min(_BOTTOM, settings.touchdown_height / 2)
+
+
+def hull(settings: PlanarSettings) -> tuple[tuple[float, float], ...]:
+    """Return the hull's corners relative to the origin, m."""
+    bottom = hull_bottom(settings)
+    side = [(x, bottom if y is None else max(y, bottom)) for x, y in _OUTLINE]
+    return (*side, *((-x, y) for x, y in reversed(side)))
+
+
+class PlanarDesign:
+    """One body with two feet and a hull, above flat ground. A `Design`."""
+
+    bodies = 1
+    lane_width = 128.0
+    cell = 40.0
+
+    def __init__(self, settings: PlanarSettings) -> None:
+        """Take measures."""
+        self._settings = settings
+        # So thick that no foot gets through within a step.
+        self._depth = max(5.0, 2 * settings.landed_speed * settings.dt)
+        self._reach = 2 * settings.range_limit + settings.stance + 1000.0
+
+    def vehicle(self) -> Parts:
+        """Return the body, its left foot, its right foot and its hull."""
+        s = self._settings
+        body = pymunk.Body(s.dry_mass, s.inertia)
+        shapes: list[pymunk.Shape] = [pymunk.Circle(body, 0.0, place) for place in feet(s)]
+        for foot in shapes:
+            foot.friction, foot.elasticity = s.foot_friction, s.foot_restitution
+        shapes.append(pymunk.Poly(body, hull(s)))
+        shapes[-1].friction, shapes[-1].elasticity = s.hull_friction, s.hull_restitution
+        for shape in shapes:
+            shape.filter = pymunk.ShapeFilter(categories=_VEHICLE, mask=_GROUND)
+        return Parts([body], shapes)
+
+    def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
+        """Return the first lane's ground, which is that of all: one thick plate, its top y = 0.
+
+        It reaches as far as a vehicle can slide before its episode ends.
+        """
+        if origin:
+            return []
+        plate = pymunk.Segment(
+            body, (-self._reach, -self._depth), (self._reach + LANES * self.lane_width,
+                                                 -self._depth), self._depth)
+        # pymunk multiplies the coefficients of what touches.
+        plate.friction = plate.elasticity = 1.0
+        plate.filter = pymunk.ShapeFilter(categories=_GROUND, mask=_VEHICLE)
+        return [plate]

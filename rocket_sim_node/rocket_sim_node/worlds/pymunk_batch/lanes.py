@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many planar vehicles in a few pymunk Spaces: stepped, read and pushed in batches.
+
+A Space holds a block of vehicles in lanes so wide that no two meet. What pymunk forces to be done
+in Python is, for each Space and not for each vehicle, one step, two batch reads and one batch
+write; and some property calls when a vehicle is placed anew.
+
+Chipmunk, inside pymunk, moves first and pushes afterwards: x += v dt, then contacts, then
+v += a dt and the impulses of contacts and joints. Cut open between moving and looking for
+contacts, the same loop is semi-implicit Euler, which moves with the new velocity. So the pose
+reported here is one motion ahead of Chipmunk's: `pose` = Chipmunk's + v dt.
+
+What Chipmunk remembers from step to step beside pose and velocity (impulses of joints and
+contacts, to start from; penetration still to be undone) can be neither read nor written. So a
+vehicle that is placed anew spends its first step out of reach of the ground with its joints
+switched off, which empties that memory, and is moved as one rigid body by NumPy meanwhile: no
+episode depends on the one before. `forget` empties the memory of all vehicles at once, so that a
+world put back from a snapshot goes on as the one that the snapshot was taken of.
+
+No vehicle depends on its neighbours, bit for bit: see LaneBlock on the order of contacts.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+from pymunk import batch
+
+from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.pymunk_batch import lane_block
+from rocket_sim_node.worlds.pymunk_batch.lane_block import LANES
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Design
+from rocket_sim_node.worlds.pymunk_batch.lane_block import LaneBlock
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
+from rocket_sim_node.worlds.pymunk_batch.lane_block import Solver
+
+_PARK = 1e4
+"""m above its place, where a vehicle spends the step in which it forgets"""
+_FARTHEST = 1e6
+"""m, m/s, rad or rad/s that no vehicle comes near; hashing far greater ones would overflow"""
+
+Rows = NDArray[np.integer]
+
+
+class Contacts(NamedTuple):
+    """Touches of vehicles and their ground in the last step, K of them, by row and body."""
+
+    row: NDArray[np.int64]
+    """`(K,)` vehicle"""
+    body: NDArray[np.int64]
+    """`(K,)` which of its bodies"""
+    point: F64
+    """`(K, 2)` m, relative to the lane's origin"""
+    impulse: F64
+    """`(K, 2)` N s, of the ground on the vehicle"""
+
+
+class Lanes:
+    """N vehicles of B bodies each, in lanes of their own; positions are relative to these.
+
+    `pose` `(N, B, 3)`: x, y (m), angle (rad); `velocity` `(N, B, 3)`: m/s, rad/s; of each body's
+    centre of gravity.
+    """
+
+    def __init__(
+        self, count: int, design: Design, dt: float, gravity: float, solver: Solver,
+    ) -> None:
+        """Build N = `count` vehicles; where they are is up to `place`."""
+        self._dt, self._gravity = dt, gravity
+        bodies = design.bodies
+        firsts = range(0, count, LANES)
+        lanes = [min(LANES, count - first) for first in firsts]
+        ends = np.cumsum([n * bodies + 1 for n in lanes])
+        # Of all bodies of all Spaces; each Space writes from its own part.
+        self._state, self._push = np.zeros((ends[-1], 6)), np.zeros((ends[-1], 3))
+        self._blocks = [
+            LaneBlock(
+                design, n, gravity, solver,
+                self._state[end - n * bodies - 1:end], self._push[end - n * bodies - 1:end])
+            for n, end in zip(lanes, ends.tolist(), strict=True)]
+        row = np.arange(count)
+        self._lane = row % LANES
+        # Past each earlier Space's static body.
+        self._index = row[:, None] * bodies + np.arange(bodies) + (row // LANES)[:, None]
+        self._origin = self._lane * design.lane_width
+        self._fresh = np.zeros(count, np.bool_)
+        self.pose = np.zeros((count, bodies, 3))
+        self.velocity = np.zeros((count, bodies, 3))
+        self._state_read, self._touch_read = batch.Buffer(), batch.Buffer()
+        # As designed; who changes a body's mass must not push it in the step after `place`.
+        first = self.vehicle(0).bodies
+        self._mass = np.array([body.mass for body in first])
+        self._moment = np.array([body.moment for body in first])
+        ids = np.array(
+            [[body.id for body in self.vehicle(k).bodies] for k in range(count)], np.uintp)
+        self._by_id = np.argsort(ids, axis=None)
+        self._ids = ids.ravel()[self._by_id]
+        self._contacts: Contacts | None = None
+
+    def vehicle(self, row: int) -> Parts:
+        """Return the parts of a vehicle."""
+        return self._blocks[row // LANES].vehicles[row % LANES]
+
+    def ground(self, row: int) -> tuple[Sequence[pymunk.Shape], float]:
+        """Return the shapes of a lane's ground, and where its origin lies in them, m along x.
+
+        Whoever moves any calls `reindex` afterwards.
+        """
+        return self._blocks[row // LANES].grounds[row % LANES], float(self._origin[row])
+
+    def reindex(self, row: int, moved: Sequence[pymunk.Shape]) -> None:
+        """Take note that ground of a lane has moved; in the same order for every lane."""
+        self._blocks[row // LANES].reindex(moved)
+
+    # Stepping
+
+    def step(self, force: F64) -> None:
+        """Advance all vehicles by dt, under gravity and the forces given.
+
+        :param force: `(N, B, 3)` N along world x and y, N m, at each body's centre of gravity.
+        """
+        fresh = np.flatnonzero(self._fresh)
+        self._push[self._index] = force
+        for block in self._blocks:
+            block.set_push()
+            block.space.step(self._dt)
+        self._read()
+        if fresh.size:
+            self._let_go(fresh, force[fresh])
+        state = self._state[self._index]
+        self.velocity = state[:, :, 3:]
+        self.pose = state[:, :, :3] + self.velocity * self._dt
+        self.pose[:, :, 0] -= self._origin[:, None]
+
+    def _read(self) -> None:
+        """Read where all bodies are, and what they touched."""
+        self._state_read.clear()
+        self._touch_read.clear()
+        for block in self._blocks:
+            batch.get_space_bodies(block.space, lane_block.STATE, self._state_read)
+            batch.get_space_arbiters(block.space, lane_block.TOUCH, self._touch_read)
+        self._state[:] = np.frombuffer(self._state_read.float_buf()).reshape(-1, 6)
+        self._contacts = None
+
+    @property
+    def contacts(self) -> Contacts:
+        """Return what touched the ground in the last step."""
+        if self._contacts is None:
+            ids = np.frombuffer(self._touch_read.int_buf(), np.uintp).reshape(-1, 2)
+            values = np.frombuffer(self._touch_read.float_buf()).reshape(-1, 4)
+            place = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
+            # Of each pair one body is a vehicle's and the other the static one.
+            second = (self._ids[place[:, 1]] == ids[:, 1]).astype(np.int64)
+            which = self._by_id[place[np.arange(len(ids)), second]]
+            row, body = np.divmod(which, self.pose.shape[1])
+            point = values[:, 2:].copy()
+            point[:, 0] -= self._origin[row]
+            impulse = values[:, :2] * np.where(second, -1.0, 1.0)[:, None]
+            # Chipmunk's own order is that of addresses in memory.
+            order = np.lexsort((point[:, 1], point[:, 0], body, row))
+            self._contacts = Contacts(row[order], body[order], point[order], impulse[order])
+        return self._contacts
+
+    # Placing
+
+    def place(self, rows: Rows, pose: F64, velocity: F64) -> None:
+        """Put vehicles somewhere in the air, to begin anew.
+
+        :param rows: `(K,)` vehicles.
+        :param pose: `(K, B, 3)` m, rad.
+        :param velocity: `(K, B, 3)` m/s, rad/s; such that the vehicle moves as one rigid body.
+        """
+        self.pose[rows] = pose
+        self.velocity[rows] = velocity
+        self._fresh[rows] = True
+        parked = np.zeros((*pose.shape[:2], 6))
+        parked[:, :, :3] = pose
+        parked[:, :, 0] += self._origin[rows][:, None]
+        parked[:, :, 1] += _PARK
+        self._write(rows, parked, hold=False)
+
+    def _let_go(self, rows: Rows, force: F64) -> None:
+        """End the step in which vehicles forgot: move them as rigid bodies, switch joints on."""
+        pose, velocity = self.pose[rows], self.velocity[rows]
+        mass, total = self._mass[:, None], self._mass.sum()
+        centre = (mass * pose[:, :, :2]).sum(1) / total
+        arm = pose[:, :, :2] - centre[:, None]
+        torque = (
+            force[:, :, 2] + arm[:, :, 0] * force[:, :, 1] - arm[:, :, 1] * force[:, :, 0]).sum(1)
+        moment = (self._moment + self._mass * (arm**2).sum(2)).sum(1)
+        spin = velocity[:, 0, 2] + self._dt * torque / moment
+        drift = (mass * velocity[:, :, :2]).sum(1) / total
+        drift += self._dt * force[:, :, :2].sum(1) / total
+        drift[:, 1] -= self._dt * self._gravity
+        state = np.empty((*pose.shape[:2], 6))
+        state[:, :, :3] = pose
+        state[:, :, 0] += self._origin[rows][:, None]
+        state[:, :, 3] = drift[:, :1] - spin[:, None] * arm[:, :, 1]
+        state[:, :, 4] = drift[:, 1:] + spin[:, None] * arm[:, :, 0]
+        state[:, :, 5] = spin[:, None]
+        self._write(rows, state, hold=True)
+        self._fresh[rows] = False
+
+    def _write(self, rows: Rows, state: F64, hold: bool) -> None:
+        """Give vehicles a state `(K, B, 6)` of Chipmunk's, their joints switched on or off."""
+        self._state[self._index[rows]] = state
+        chosen = rows.tolist()
+        for row in chosen:
+            self._blocks[row // LANES].hold(row % LANES, hold)
+        for number in {row // LANES for row in chosen}:
+            self._blocks[number].set_state()
+
+    # Snapshots
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Return what `load` takes: copies of all that the future depends on after `forget`."""
+        return {
+            'bodies': self._local_state(), 'pose': self.pose.copy(),
+            'velocity': self.velocity.copy(), 'fresh': self._fresh.copy()}
+
+    def _local_state(self) -> F64:
+        """Return Chipmunk's states `(N, B, 6)`, relative to the lanes.
+
+        The origins are whole numbers: neither to subtract nor to add one again rounds.
+        """
+        state: F64 = self._state[self._index]
+        state[:, :, 0] -= self._origin[:, None]
+        return state
+
+    @staticmethod
+    def check(bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
+        """Check what `load` is to be given.
+
+        :raises ValueError: when a vehicle is where none can be.
+        """
+        for name, array in (('bodies', bodies), ('pose', pose), ('velocity', velocity)):
+            if (np.abs(array) > _FARTHEST).any():
+                raise ValueError(f'snapshot: {name} has a value beyond {_FARTHEST:g}')
+
+    def load(self, bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
+        """Put all vehicles where `arrays` found them, and forget."""
+        self.pose, self.velocity = pose.copy(), velocity.copy()
+        self._fresh = fresh.copy()
+        state = bodies.copy()
+        state[:, :, 0] += self._origin[:, None]
+        self._state[self._index] = state
+        self.forget()
+
+    def forget(self) -> None:
+        """Empty the memory of all vehicles that is neither pose nor velocity."""
+        state = self._state[self._index]
+        rows = np.arange(len(state))
+        parked = np.zeros_like(state)
+        parked[:, :, :3] = state[:, :, :3]
+        parked[:, :, 1] += _PARK
+        self._write(rows, parked, hold=False)
+        for block in self._blocks:
+            block.space.step(self._dt)
+        self._write(rows[~self._fresh], state[~self._fresh], hold=True)
+        self._write(rows[self._fresh], state[self._fresh], hold=False)

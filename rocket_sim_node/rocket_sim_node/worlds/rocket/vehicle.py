@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The rocket and its task as numbers: every constant a setting with unit and range."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rocket_sim_node.settings import setting
+from rocket_sim_node.worlds.rocket.conditions import ConditionSettings
+
+FROM_LEVEL = -1.0
+"""Value of a `spawn_*` setting that leaves the choice to `level`."""
+
+
+@dataclass(frozen=True)
+class VehicleSettings:
+    """A first stage of 24 t with one engine and reaction control (RCS), in still air."""
+
+    dt: float = setting(0.02, 's', 'simulated time per step', 1e-4, 0.1)
+    substeps: int = setting(1, '', 'integration steps per step', 1, 1000)
+    dry_mass: float = setting(22_000.0, 'kg', 'mass without fuel', 1.0, 1e7)
+    fuel: float = setting(2_000.0, 'kg', 'fuel at spawn', 0.0, 1e7)
+    max_thrust: float = setting(470_880.0, 'N', 'thrust at full throttle', 0.0, 1e9)
+    specific_impulse: float = setting(282.0, 's', 'specific impulse', 1.0, 1e4)
+    gravity: float = setting(9.81, 'm/s^2', 'gravity, also of specific impulse', 0.0, 100.0)
+    throttle_cutoff: float = setting(0.01, '', 'at or below it the engine is off', 0.0, 1.0)
+    rcs_torque: float = setting(2e6, 'N m', 'full RCS torque about world X and Z', 0.0, 1e12)
+    inertia: float = setting(5e5, 'kg m^2', 'moment of inertia, equal about all axes', 1.0, 1e12)
+    yaw_damping: float = setting(0.05, '1/step', 'part of the yaw rate lost per step', 0.0, 1.0)
+    air_density: float = setting(1.225, 'kg/m^3', 'density of the air', 0.0, 100.0)
+    drag_coefficient: float = setting(0.30, '', 'drag coefficient', 0.0, 100.0)
+    drag_area: float = setting(10.8, 'm^2', 'reference area of drag', 0.0, 1e4)
+
+
+@dataclass(frozen=True)
+class TaskSettings:
+    """Where the rocket starts, when its episode ends, and what that is worth."""
+
+    level: int = setting(7, '', 'curriculum level of the spawn', 1, 8)
+    spawn_height: float = setting(200.0, 'm', 'height at spawn', 0.0, 1e4)
+    spawn_angle: float = setting(
+        FROM_LEVEL, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', -1, 180.0)
+    spawn_position: float = setting(
+        FROM_LEVEL, 'm', 'x and z at spawn, plus or minus; -1: by level', -1, 1e4)
+    spawn_speed: float = setting(
+        FROM_LEVEL, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; '
+        '-1: by level', -1, 1e3)
+    spawn_spin: float = setting(
+        FROM_LEVEL, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', -1, 100.0)
+    spawn_reach: float = setting(
+        0.0, 'm', 'episodes begin at heights up to it above touchdown, uniform, with angle, '
+        'position, speed and spin in proportion; 0: all at spawn_height', 0.0, 1e4)
+    spawn_copies: int = setting(
+        1, '', 'rockets, one after the other, whose episodes begin alike and have equal '
+        'conditions, gusts and noise, so that only their actions tell them apart', 1, 16_384)
+    touchdown_height: float = setting(5.2, 'm', 'height of the origin when it stands', 0.0, 1e4)
+    landed_speed: float = setting(3.0, 'm/s', 'a landing is slower than this', 1e-6, 1e3)
+    landed_tilt: float = setting(10.0, 'deg', 'a landing is more upright than this', 1e-6, 180.0)
+    landed_distance: float = setting(15.0, 'm', 'a landing is nearer than this', 1e-6, 1e4)
+    tilt_limit: float = setting(45.0, 'deg', 'more tilt in flight is a crash', 0.0, 180.0)
+    time_limit: float = setting(30.0, 's', 'a longer flight is a crash', 1e-4, 1e5)
+    height_limit: float = setting(400.0, 'm', 'flying higher is a crash', 0.0, 1e5)
+    range_limit: float = setting(200.0, 'm', 'a larger |x| or |z| is a crash', 0.0, 1e5)
+    reward_step: float = setting(-0.01, '', 'each step', -1e6, 1e6)
+    reward_crash: float = setting(-100.0, '', 'a crash', -1e6, 1e6)
+    reward_landed: float = setting(100.0, '', 'a landing', -1e6, 1e6)
+    reward_speed: float = setting(100.0, '', 'landing with no speed', -1e6, 1e6)
+    reward_tilt: float = setting(50.0, '', 'landing with no tilt', -1e6, 1e6)
+    reward_distance: float = setting(50.0, '', "landing on the pad's centre", -1e6, 1e6)
+
+
+@dataclass(frozen=True)
+class ObservationSettings:
+    """What observations are divided by and clipped to."""
+
+    position_scale: float = setting(50.0, 'm', 'position that reads 1', 1e-6, 1e6)
+    velocity_scale: float = setting(20.0, 'm/s', 'velocity that reads 1', 1e-6, 1e6)
+    spin_scale: float = setting(10.0, 'rad/s', 'angular velocity that reads 1', 1e-6, 1e6)
+    observation_limit: float = setting(5.0, '', 'observations are clipped to it', 1e-6, 1e6)
+    observation: str = setting(
+        'standard', '', '15 numbers, or extended by the last 5 actions and 2 accelerations',
+        choices=('standard', 'extended'))
+    acceleration_scale: float = setting(20.0, 'm/s^2', 'acceleration that reads 1', 1e-6, 1e6)
+
+
+@dataclass(frozen=True)
+class RocketSettings(ConditionSettings, ObservationSettings, TaskSettings, VehicleSettings):
+    """All settings of world `rocket`."""
