@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cabin import Cabin
-from hosts import Hosts
-from hosts import missing
 from hypothesis import HealthCheck
 from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
-from processes import Processes
+from support.hosts import Hosts
+from support.hosts import missing
+from support.processes import Processes
+from support.pseudo_terminal import Cabin
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from processes import Processes
+from support.processes import Processes
 
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json

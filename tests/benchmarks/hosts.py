@@ -15,8 +15,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from hosts import Hosts
-from hosts import missing
+from support.hosts import Hosts
+from support.hosts import missing
 
 from ppo_agent_node.evaluation.metrics import write_json
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from cabin import Cabin
-from processes import Processes
 from rclpy.context import Context
 from rclpy.node import Node
 from rocket_msgs import msg
+from support.processes import Processes
+from support.pseudo_terminal import Cabin
 
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.dds import qos

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hosts import Hosts
-from hosts import missing_loss
+from support.hosts import Hosts
+from support.hosts import missing_loss
 
 from ppo_agent_node.evaluation.metrics import write_json
 

@@ -117,7 +117,7 @@ def _learner(f: Figures) -> str:
         "A PPO update beside stable-baselines3's with equal networks, minibatches, epochs and "
         "samples; the floor is the bare matrix "
         'products of the same shapes. Losses and weights are compared with an autograd reference '
-        'by `tests/unit/test_ppo_reference.py`.')
+        'by `tests/unit/ppo_agent_node/ppo/test_update_reference.py`.')
 
 
 def _result(f: Figures) -> str:

@@ -26,10 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from processes import Process
-from processes import Processes
-from processes import wait_until
 from scipy import stats
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
 
 from ppo_agent_node.evaluation.metrics import write_json
 

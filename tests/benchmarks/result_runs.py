@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from processes import Process
-from processes import Processes
-from processes import wait_until
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
 
 from benchmarks import gymnasium_lander
 from benchmarks.result_lines import VERIFICATION_SEED

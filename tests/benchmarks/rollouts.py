@@ -26,7 +26,7 @@ from typing import Any
 
 import rclpy
 import torch
-from processes import Processes
+from support.processes import Processes
 
 from benchmarks.exchange import microseconds
 from benchmarks.exchange import on_core

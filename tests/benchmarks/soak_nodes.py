@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 from typing import NamedTuple
 
-from processes import Process
-from processes import Processes
+from support.processes import Process
+from support.processes import Processes
 
 START = 120.0
 """s that a node may take to start"""

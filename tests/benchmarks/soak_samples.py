@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import psutil
-import shared_memory
-from processes import Process
+from support import shared_memory
+from support.processes import Process
 
 from benchmarks.recorder import cpu_seconds
 from benchmarks.recorder import node_of

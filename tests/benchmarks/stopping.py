@@ -16,8 +16,8 @@ import time
 from pathlib import Path
 
 import psutil
-from processes import Process
-from processes import Processes
+from support.processes import Process
+from support.processes import Processes
 
 from ppo_agent_node.evaluation.metrics import write_json
 

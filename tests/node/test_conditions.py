@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import Processes
 from rocket_msgs import msg
-from rollouts import assert_same
+from support.processes import Processes
+from support.rollouts import assert_same
 
 from rocket_sim_node import frames
 from rocket_sim_node import worlds

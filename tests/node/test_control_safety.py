@@ -16,16 +16,16 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_msgs.msg import DiagnosticStatus
-from processes import Process
-from processes import Processes
-from processes import wait_until
 from rcl_interfaces.srv import ListParameters
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rocket_msgs import msg
 from rocket_msgs import srv
-from rollouts import assert_same
 from rosgraph_msgs.msg import Clock
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from support.rollouts import assert_same
 from test_fuzz import Rubbish
 
 from rocket_sim_node import wire

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import Process
-from processes import Processes
-from processes import wait_until
 from rocket_msgs import msg
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
 
 from rocket_sim_node.wire.client.connection import LinkOptions
 from rocket_sim_node.wire.client.fleet import Fleet

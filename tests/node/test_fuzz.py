@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from fuzzing import DAMAGES
-from fuzzing import damaged
-from processes import Process
-from processes import Processes
 from rocket_msgs import msg
 from rocket_msgs import srv
-from rollouts import assert_same
 from scipy import stats
+from support.fuzzing import DAMAGES
+from support.fuzzing import damaged
+from support.processes import Process
+from support.processes import Processes
+from support.rollouts import assert_same
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import Link

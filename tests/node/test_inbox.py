@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import wait_until
 from rocket_msgs import msg
+from support.processes import wait_until
 
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import inbox

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import interposer
 import numpy as np
 import pytest
-from processes import Processes
-from rollouts import assert_same
-from training_runs import agent
-from training_runs import assert_same_run
-from training_runs import train_in_process
+from support import interposer
+from support.processes import Processes
+from support.rollouts import assert_same
+from support.training_runs import agent
+from support.training_runs import assert_same_run
+from support.training_runs import train_in_process
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.worlds import make

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 from benchmarks.soak_samples import own_memory
-from processes import Processes
-from processes import wait_until
+from support.processes import Processes
+from support.processes import wait_until
 
 PEERS, BATCHES = 10, 4
 """peers at a time, and times; the first of them fill what is kept for the next"""

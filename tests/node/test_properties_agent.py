@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzzing import ANY_F32
-from fuzzing import ANY_FLOAT
-from fuzzing import ANY_U64
-from fuzzing import WIRE_TEXT
-from fuzzing import damage
 from hypothesis import given
 from hypothesis import strategies as st
 from rocket_msgs import msg
 from rocket_msgs import srv
+from support.fuzzing import ANY_F32
+from support.fuzzing import ANY_FLOAT
+from support.fuzzing import ANY_U64
+from support.fuzzing import WIRE_TEXT
+from support.fuzzing import damage
 
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from fuzzing import ANY_F32
-from fuzzing import ANY_FLOAT
-from fuzzing import ANY_U64
-from fuzzing import WIRE_TEXT
 from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 from rocket_msgs import msg
+from support.fuzzing import ANY_F32
+from support.fuzzing import ANY_FLOAT
+from support.fuzzing import ANY_U64
+from support.fuzzing import WIRE_TEXT
 
 from ppo_agent_node.nodes.watch import status_from_message
 from ppo_agent_node.terminal import Terminal

@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from forging import contents
-from forging import packed
-from fuzzing import ANY_F32
-from fuzzing import ANY_FLOAT
-from fuzzing import ANY_I64
-from fuzzing import ANY_U64
-from fuzzing import WIRE_TEXT
-from fuzzing import archive
-from fuzzing import damage
-from fuzzing import npy
 from hypothesis import assume
 from hypothesis import given
 from hypothesis import strategies as st
 from rocket_msgs import msg
 from rocket_msgs import srv
+from support.forged_files import contents
+from support.forged_files import packed
+from support.fuzzing import ANY_F32
+from support.fuzzing import ANY_FLOAT
+from support.fuzzing import ANY_I64
+from support.fuzzing import ANY_U64
+from support.fuzzing import WIRE_TEXT
+from support.fuzzing import archive
+from support.fuzzing import damage
+from support.fuzzing import npy
 
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.messages import conversion

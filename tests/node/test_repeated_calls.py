@@ -12,13 +12,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from faults import Moments
-from processes import Process
-from processes import Processes
 from rclpy.task import Future
 from rocket_msgs import srv
-from rollouts import assert_same
-from training_runs import simulator
+from support.faults import Moments
+from support.processes import Process
+from support.processes import Processes
+from support.rollouts import assert_same
+from support.training_runs import simulator
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.service_call import Call

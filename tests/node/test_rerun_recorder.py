@@ -15,14 +15,14 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 import rclpy
-from processes import Process
-from processes import Processes
-from processes import wait_until
 from rclpy.context import Context
 from rclpy.node import Node
-from recordings import rows_of
-from recordings import view_classes
 from rocket_msgs import msg
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from support.recordings import rows_of
+from support.recordings import view_classes
 
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.recording import reader

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Processes
-from processes import wait_until
+from support.processes import Processes
+from support.processes import wait_until
 
 SLOW = """
 import pathlib, sys, time

@@ -9,13 +9,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from processes import Process
-from processes import Processes
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
 from rocket_msgs import srv
-from rollouts import assert_same
+from support.processes import Process
+from support.processes import Processes
+from support.rollouts import assert_same
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import SimulatorBusy

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from processes import Processes
 from rocket_msgs import msg
-from rollouts import assert_same
+from support.processes import Processes
+from support.rollouts import assert_same
 
 from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.expert.expert import ExpertPilot

@@ -9,13 +9,13 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import intruder
 import pytest
 import yaml
-from hosts import Hosts
-from processes import Process
-from processes import Processes
-from processes import wait_until
+from support import intruder
+from support.hosts import Hosts
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 ROOT = Path(__file__).parents[2]

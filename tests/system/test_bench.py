@@ -18,9 +18,9 @@ from benchmarks.learner_sides import Case
 from benchmarks.learner_sides import Options
 from benchmarks.learner_sides import Ours
 from benchmarks.learner_sides import StableBaselines3
-from hosts import missing
-from hosts import missing_loss
-from processes import Processes
+from support.hosts import missing
+from support.hosts import missing_loss
+from support.processes import Processes
 
 pytest.importorskip('Box2D')
 TESTS = Path(__file__).resolve().parents[1]

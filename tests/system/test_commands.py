@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
-from processes import Process
-from processes import Processes
+from support.processes import Process
+from support.processes import Processes
 
 from rocket_sim_node.recording.reader import trajectories
 

@@ -6,13 +6,13 @@ import signal
 from pathlib import Path
 
 import pytest
-import shared_memory
-from faults import END
-from faults import Moments
-from processes import Process
-from processes import Processes
-from training_runs import agent
-from training_runs import simulator
+from support import shared_memory
+from support.faults import END
+from support.faults import Moments
+from support.processes import Process
+from support.processes import Processes
+from support.training_runs import agent
+from support.training_runs import simulator
 
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
 START = 2.0

@@ -12,12 +12,12 @@ from collections import deque
 from pathlib import Path
 
 import pytest
-from faults import FAULTS
-from faults import Moments
-from faults import Training
-from processes import Processes
-from training_runs import assert_same_run
-from training_runs import train_in_process
+from support.faults import FAULTS
+from support.faults import Moments
+from support.faults import Training
+from support.processes import Processes
+from support.training_runs import assert_same_run
+from support.training_runs import train_in_process
 
 SETTINGS = {'iterations': 24, 'selection_interval': 8}
 ROUNDS = {True: 1, False: 1}

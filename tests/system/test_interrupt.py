@@ -8,13 +8,13 @@ import signal
 from pathlib import Path
 
 import pytest
-from cabin import Cabin
-from processes import Process
-from processes import Processes
-from training_runs import SMALL
-from training_runs import assert_same_run
-from training_runs import evaluate_in_process
-from training_runs import train_in_process
+from support.processes import Process
+from support.processes import Processes
+from support.pseudo_terminal import Cabin
+from support.training_runs import SMALL
+from support.training_runs import assert_same_run
+from support.training_runs import evaluate_in_process
+from support.training_runs import train_in_process
 
 TRAIN = str(Path(__file__).parents[2] / 'launch_scripts' / 'train')
 ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in SMALL.items()))

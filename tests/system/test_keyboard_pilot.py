@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cabin import Cabin
-from processes import Process
-from processes import Processes
-from processes import wait_until
 from rocket_msgs import msg
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from support.pseudo_terminal import Cabin
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos

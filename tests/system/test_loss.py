@@ -6,7 +6,7 @@ import pytest
 from benchmarks.loss import HEAD
 from benchmarks.loss import line
 from benchmarks.loss import measure
-from hosts import missing_loss
+from support.hosts import missing_loss
 
 N = 64
 P99 = 20.0

@@ -18,16 +18,16 @@ import sys
 import time
 from pathlib import Path
 
-import exchanging
 import pytest
-import timed_agent
-from faults import Moments
-from processes import Process
-from processes import Processes
-from processes import ros_args
-from processes import wait_until
-from training_runs import SMALL
-from training_runs import simulator
+from support import exchange_probe
+from support import timed_agent
+from support.faults import Moments
+from support.processes import Process
+from support.processes import Processes
+from support.processes import ros_args
+from support.processes import wait_until
+from support.training_runs import SMALL
+from support.training_runs import simulator
 
 ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 5, 15, 50
 """kills; more of them where the machine was busy with something else in most of the first"""
@@ -55,7 +55,7 @@ def told(process: Process, line: str, after: int = 0) -> float:
 
 def exchanging_agent(processes: Processes, run: Path, resume: bool) -> Process:
     """Start what exchanges all the time."""
-    return processes.start(sys.executable, exchanging.__file__)
+    return processes.start(sys.executable, exchange_probe.__file__)
 
 
 def training_agent(processes: Processes, run: Path, resume: bool) -> Process:

@@ -12,10 +12,10 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from cabin import Cabin
-from processes import Process
-from processes import Processes
-from processes import wait_until
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from support.pseudo_terminal import Cabin
 
 from rocket_sim_node.wire.dds import security
 

@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import exchanging
 import numpy as np
 import pytest
-import shared_memory
-import starting_beside
-from processes import Process
-from processes import Processes
-from training_runs import simulator
+from support import exchange_probe
+from support import shared_memory
+from support import start_beside
+from support.processes import Process
+from support.processes import Processes
+from support.training_runs import simulator
 
 from rocket_sim_node.wire.dds.shared_memory_cleanup import SHARED_MEMORY
 from rocket_sim_node.worlds import make
@@ -37,7 +37,7 @@ def test_an_agent_has_a_queue_in_shared_memory_and_a_simulator_has_none(
         processes: Processes) -> None:
     """Who writes to a killed process waits for the lock of its queue, see `wire.dds.transport`."""
     world = simulator(processes)
-    agent = processes.start(sys.executable, exchanging.__file__)
+    agent = processes.start(sys.executable, exchange_probe.__file__)
     agent.wait_for('exchange', 60.0)
     assert queues(agent)
     assert not queues(world)
@@ -58,7 +58,7 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
         for node in nodes:
             node.wait_for('waiting for an agent', 60.0)
         nodes.append(processes.start(
-            sys.executable, exchanging.__file__, '--ros-args', '-r', '__ns:=/sim_0'))
+            sys.executable, exchange_probe.__file__, '--ros-args', '-r', '__ns:=/sim_0'))
         nodes[-1].wait_for('exchange', 60.0)
         assert queues(nodes[-1])
         dead = set().union(*map(shared_memory.owned, nodes))
@@ -95,7 +95,7 @@ def test_who_starts_while_leftovers_are_removed_keeps_its_port(
     if processes.start(*alone, 'true').wait(10.0):
         pytest.skip('mounts and process ids of its own need root')
     rounds = 500 if nightly else 40
-    beside = processes.start(*alone, sys.executable, starting_beside.__file__, str(rounds))
+    beside = processes.start(*alone, sys.executable, start_beside.__file__, str(rounds))
     status = beside.wait(1200.0 if nightly else 120.0)
     lines = beside.output().splitlines()
     lost = sum(line.startswith('lost') for line in lines)

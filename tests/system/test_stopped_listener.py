@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shared_memory
-from processes import Processes
+from support import shared_memory
+from support.processes import Processes
 
 STOPS, NIGHTLY_STOPS = 5, 60
 STILL = 1.5

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disks import Disk
-from disks import read_only
-from processes import Process
-from processes import Processes
-from processes import wait_until
-from training_runs import agent
-from training_runs import assert_same_run
-from training_runs import simulator
-from training_runs import train_in_process
+from support.disks import Disk
+from support.disks import read_only
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from support.training_runs import agent
+from support.training_runs import assert_same_run
+from support.training_runs import simulator
+from support.training_runs import train_in_process
 
 from ppo_agent_node.runs.folder import RunFolder
 from rocket_sim_node.recording import reader

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from processes import Process
-from processes import Processes
-from training_runs import SMALL
-from training_runs import agent
-from training_runs import assert_same_run
-from training_runs import log_without_times
-from training_runs import simulator
-from training_runs import train_in_process
+from support.processes import Process
+from support.processes import Processes
+from support.training_runs import SMALL
+from support.training_runs import agent
+from support.training_runs import assert_same_run
+from support.training_runs import log_without_times
+from support.training_runs import simulator
+from support.training_runs import train_in_process
 
 RESULTS = (
     'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',

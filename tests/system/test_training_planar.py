@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Processes
-from training_runs import agent
-from training_runs import assert_same_run
-from training_runs import simulator
-from training_runs import train_in_process
+from support.processes import Processes
+from support.training_runs import agent
+from support.training_runs import assert_same_run
+from support.training_runs import simulator
+from support.training_runs import train_in_process
 
 from rocket_sim_node.recording.reader import trajectories
 

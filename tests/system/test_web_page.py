@@ -10,10 +10,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from browser import Browser
-from browser import BrowserMissing
 from PIL import Image
-from processes import Processes
+from support.browser import Browser
+from support.browser import BrowserMissing
+from support.processes import Processes
 
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.sinks import rerun_program

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pseudo-terminal for tests, with a program in it that a person would sit in front of."""
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import signal
+import struct
+import subprocess
+import termios
+import threading
+from contextlib import suppress
+
+from support.processes import wait_until
+
+_ESCAPES = re.compile(r'\x1b(?:\[[0-?]*[ -/]*[@-~]|.)')
+
+
+class Cabin:
+    """A terminal of 100 x 30 and the programs started in it."""
+
+    def __init__(self) -> None:
+        """Open it, and read what is written to it until it is closed."""
+        self._master, self._slave = pty.openpty()
+        fcntl.ioctl(self._slave, termios.TIOCSWINSZ, struct.pack('HHHH', 30, 100, 0, 0))
+        self._output = b''
+        self.modes = termios.tcgetattr(self._slave)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        self._children: list[subprocess.Popen[bytes]] = []
+
+    def _read(self) -> None:
+        with suppress(OSError):
+            while data := os.read(self._master, 65536):
+                self._output += data
+
+    def start(self, *command: str, env: dict[str, str]) -> subprocess.Popen[bytes]:
+        """Start a program whose terminal this is, and forget what was shown before."""
+        self._output = b''
+        child = subprocess.Popen(
+            command, stdin=self._slave, stdout=self._slave, stderr=self._slave,
+            env={**env, 'TERM': 'xterm-256color'}, start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+        self._children.append(child)
+        return child
+
+    def fly(self, env: dict[str, str], **parameters: object) -> subprocess.Popen[bytes]:
+        """Start the keyboard's pilot and wait until it asks for keys."""
+        given = [item for name, value in parameters.items() for item in ('-p', f'{name}:={value}')]
+        child = self.start(
+            'ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', '--ros-args', *given, env=env)
+        self.wait_for('press r to fly')
+        return child
+
+    @property
+    def output(self) -> str:
+        """All that was written since the last start, as it came."""
+        return self._output.decode(errors='replace')
+
+    @property
+    def text(self) -> str:
+        """The same without escape sequences."""
+        return _ESCAPES.sub('', self.output)
+
+    @property
+    def restored(self) -> bool:
+        """Whether the terminal is as it was, on its first screen, with a cursor."""
+        return (
+            termios.tcgetattr(self._slave) == self.modes
+            and self.output.count('\x1b[?1049h') == self.output.count('\x1b[?1049l')
+            and self.output.rfind('\x1b[?25h') >= self.output.rfind('\x1b[?25l'))
+
+    def wait_for(self, text: str, seconds: float = 40.0) -> None:
+        """Wait until it has been shown."""
+        wait_until(lambda: text in self.text, seconds, lambda: f'no {text!r} in:\n{self.text}')
+
+    def press(self, keys: bytes) -> None:
+        """Press keys."""
+        os.write(self._master, keys)
+
+    def close(self) -> None:
+        """End what still runs in it, kindly at first, and close it."""
+        for child in self._children:
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                if child.poll() is None:
+                    with suppress(ProcessLookupError):
+                        os.killpg(child.pid, number)
+                    with suppress(subprocess.TimeoutExpired):
+                        child.wait(10.0)
+        os.close(self._slave)
+        os.close(self._master)

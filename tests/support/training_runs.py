@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small training runs, in this process or as nodes, and whether two of them learnt the same."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import load_file
+
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.optimum_sample import solve_sample
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.jobs import SerialFleet
+from support.processes import Process
+from support.processes import Processes
+
+SMALL = {
+    'demonstration_episodes': 16, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 2,
+    'hidden_sizes': '[16,16]', 'iterations': 4,
+    'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
+    'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
+    'critic_warmup_iterations': 1,
+}
+"""Settings of a run that takes seconds and lands nothing."""
+
+
+def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
+    """Start a simulator of eight rockets."""
+    return processes.run_node(
+        'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (),
+        world=world, num_envs=8)
+
+
+def agent(processes: Processes, run: Path, **parameters: object) -> Process:
+    """Start a small training run."""
+    return processes.run_node(
+        'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
+
+
+def weights(run: Path) -> dict[str, torch.Tensor]:
+    """Return all that the last checkpoint of a run learnt."""
+    tensors = load_file(max((run / 'checkpoints').glob('iteration_*.safetensors')))
+    return {name: value for name, value in tensors.items() if not name.startswith('world')}
+
+
+def log_without_times(run: Path) -> list[dict]:
+    """Return the lines of train.jsonl but for what the machine's speed decides."""
+    lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
+    return [
+        {k: v for k, v in line.items() if k not in ('seconds', 'steps_per_second')}
+        for line in lines]
+
+
+def assert_same_run(first: Path, second: Path) -> None:
+    """Assert that two runs learnt the same, bit for bit."""
+    ours, theirs = weights(first), weights(second)
+    assert ours.keys() == theirs.keys()
+    for name in ours:
+        assert torch.equal(ours[name], theirs[name]), name
+    assert log_without_times(first) == log_without_times(second)
+
+
+def train_in_process(run: Path, world: str = 'rocket', **parameters: Any) -> Path:
+    """Train as `agent` does, without ROS, and return the folder."""
+    values = {**SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes'])), **parameters}
+    result = Trainer(
+        SerialFleet(make(world, num_envs=8)), load_preset('default', world, **values),
+        RunFolder(run)).run()
+    assert result.finished
+    return run
+
+
+def evaluate_in_process(run: Path) -> Path:
+    """Write `evaluation.json` of such a run, as `agent` does, and return the folder."""
+    world, config = make('rocket', num_envs=8), load_preset('default')
+    result = evaluate(
+        world, PolicyPilot(run / 'policy.safetensors', world.spec), SMALL['evaluation_episodes'],
+        config.run.evaluation_seed, level=config.curriculum.curriculum_final_level)
+    metrics.write_json(run / 'evaluation.json', metrics.summarise(
+        result, **solve_sample(result).figures(result), training_seed=SMALL['seed']))
+    return run

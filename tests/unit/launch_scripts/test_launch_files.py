@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the launch files tell the nodes, of arguments that were given and that were not."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ros2.launch.actions import Plan
+from ros2.launch.actions import carry_out
+from ros2.launch.context import Context
+
+SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
+FOLDER = {'run_dir': '/run', 'output': '/out.rrd'}
+
+
+@pytest.fixture(autouse=True)
+def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install the names of the nodes, of which none is started."""
+    prefix = tmp_path / 'install'
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    for package, nodes in (
+        ('rocket_sim_node', ('simulator', 'rerun_recorder')), ('ppo_agent_node', ('ppo_agent',)),
+    ):
+        (index / package).touch()
+        folder = prefix / 'lib' / package
+        folder.mkdir(parents=True)
+        for node in nodes:
+            (folder / node).touch(0o755)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
+
+
+def told(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
+    """Return the parameters of a node that a launch file starts, the later ones winning."""
+    path = SCRIPTS / f'{file}.launch.yaml'
+    context = Context({**FOLDER, **arguments}, {}, tmp_path / 'log', path)
+    plan = Plan()
+    carry_out(path, context, plan)
+    command, = (
+        process.command for process in plan.processes if process.command[0].endswith(f'/{node}'))
+    found: dict[str, object] = {}
+    for flag, name in zip(command, command[1:], strict=False):
+        if flag == '--params-file':
+            (_, values), = yaml.safe_load(Path(name).read_text()).items()
+            found.update(values['ros__parameters'])
+    return found
+
+
+def parameter_file(path: Path, **values: object) -> str:
+    path.write_text(yaml.dump({'/**': {'ros__parameters': values}}))
+    return str(path)
+
+
+@pytest.mark.parametrize('file', ['train', 'land', 'fly'])
+@pytest.mark.parametrize(('given', 'expected'), [({}, 'harsh'), ({'conditions': 'mix'}, 'mix')])
+def test_conditions_of_a_file_hold_until_others_are_given(
+    tmp_path: Path, file: str, given: dict[str, str], expected: str,
+) -> None:
+    vehicle = parameter_file(tmp_path / 'vehicle.yaml', conditions='harsh', dry_mass=21_000.0)
+    found = told(
+        tmp_path, file, 'simulator', simulator_parameters=vehicle, world='rocket_planar', **given)
+    assert (found['conditions'], found['dry_mass']) == (expected, 21_000.0)
+    assert found['world'] == 'rocket_planar'
+
+
+@pytest.mark.parametrize('file', ['train', 'land', 'fly'])
+def test_without_a_file_nothing_is_said_of_conditions(tmp_path: Path, file: str) -> None:
+    found = told(tmp_path, file, 'simulator')
+    assert 'conditions' not in found and found['world'] == 'rocket'
+
+
+def test_files_of_the_agent_lie_on_top_of_each_other(tmp_path: Path) -> None:
+    files = {
+        'agent_parameters': parameter_file(tmp_path / '1.yaml', gamma=0.9, seed=1, iterations=3),
+        'agent_overrides': parameter_file(tmp_path / '2.yaml', seed=2, iterations=4),
+        'agent_settings': parameter_file(tmp_path / '3.yaml', iterations=5)}
+    found = told(tmp_path, 'train', 'ppo_agent', **files)
+    assert (found['gamma'], found['seed'], found['iterations']) == (0.9, 2, 5)
+    del files['agent_settings']
+    assert told(tmp_path, 'train', 'ppo_agent', **files)['iterations'] == 4

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A policy in a world that gives more observations than it sees: it is shown its own."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.reports import flown
+
+from ppo_agent_node.config.training_config import NetworkConfig
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.pilots.expert.expert import ExpertPilot
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.policy import columns
+from ppo_agent_node.pilots.search import find_policy
+from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.ppo.policies.file import save_policy
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds import WorldSpec
+
+
+def saved(path: Path, spec: WorldSpec) -> Path:
+    """Save a small policy of a world."""
+    network = NetworkConfig(hidden_sizes=(8,))
+    policy = make_policy(spec, network, torch.Generator().manual_seed(1))
+    save_policy(path, policy, spec, network, 1, {})
+    return path
+
+
+@pytest.mark.parametrize(('wanted', 'given', 'found'), [
+    ('abc', 'abc', None), ('ab', 'abc', slice(0, 2)), ('bc', 'abc', slice(1, 3)),
+    ('ca', 'abc', [2, 0]), ('c', 'abc', slice(2, 3)), ('ac', 'abc', [0, 2])])
+def test_columns_are_found_by_name(wanted: str, given: str, found: object) -> None:
+    assert columns(tuple(wanted), tuple(given)) == found
+
+
+def test_a_name_that_is_not_there_has_no_column() -> None:
+    with pytest.raises(ValueError, match='not in'):
+        columns(('a', 'x'), ('a', 'b'))
+
+
+@pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
+def test_policy_and_expert_fly_alike_in_both(world: str) -> None:
+    plain = worlds.make(world, 5, 3, spawn_height=30.0)
+    rich = worlds.make(world, 5, 3, spawn_height=30.0, observation='extended')
+    path = find_policy('default', world)
+    for pilot in (lambda spec: PolicyPilot(path, spec), ExpertPilot):
+        one = evaluate(plain, pilot(plain.spec), 5, 4, level=8)
+        other = evaluate(rich, pilot(rich.spec), 5, 4, level=8)
+        assert other.final_observation.shape[1] == rich.spec.observation_size > 15
+        assert np.array_equal(one.final_observation, other.final_observation[:, :15])
+        assert np.array_equal(one.episodes.episode_return, other.episodes.episode_return)
+
+
+def test_columns_in_another_order_are_taken_in_the_policys_order(tmp_path: Path) -> None:
+    spec = worlds.make('rocket').spec
+    path = saved(tmp_path / 'policy.safetensors', spec)
+    names = spec.observation_names
+    shuffled = WorldSpec(**{**spec.__dict__, 'observation_names': (*names[::-1], 'more')})
+    seen = flown().first_observation
+    turned = np.concatenate((seen[:, ::-1], np.full((len(seen), 1), 7.0, np.float32)), axis=1)
+    assert np.array_equal(PolicyPilot(path, spec)(seen), PolicyPilot(path, shuffled)(turned))
+
+
+def test_a_policy_that_sees_more_says_what_to_set(tmp_path: Path) -> None:
+    rich = worlds.make('rocket', observation='extended').spec
+    path = saved(tmp_path / 'policy.safetensors', rich)
+    assert load_policy(path, rich)[1]['observation_names'] == list(rich.observation_names)
+    with pytest.raises(ValueError, match=(
+            r'policy.safetensors: observation_names: the policy also sees command_1_throttle, '
+            r'.* and 18 more; expected .*observation:=extended')):
+        PolicyPilot(path, worlds.make('rocket').spec)
+
+
+def test_the_observation_of_the_world_is_nothing_unfamiliar(tmp_path: Path) -> None:
+    path = saved(tmp_path / 'policy.safetensors', worlds.make('rocket').spec)
+    assert not PolicyPilot(path, worlds.make('rocket', observation='extended').spec).unfamiliar
+    assert not PolicyPilot(path, worlds.make('rocket', conditions='harsh').spec).unfamiliar
+    assert 'spin_scale' in PolicyPilot(path, worlds.make('rocket', spin_scale=5.0).spec).unfamiliar

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Roll-outs of whole episodes: advantages among the copies of a start, and training by them."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.training_runs import SMALL
+from support.training_runs import assert_same_run
+from support.training_runs import log_without_times
+
+from ppo_agent_node import random_streams
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import fit_copies
+from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
+from ppo_agent_node.ppo.episode_rollout import relative_advantages
+from ppo_agent_node.ppo.learner import Learner
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import SerialFleet
+from rocket_sim_node.worlds.jobs import fly
+
+COPIES = {'start_copies': 4, 'desired_kl': 0.01, 'critic_warmup_iterations': 0}
+
+
+def test_an_advantage_is_the_return_less_the_mean_of_the_other_copies() -> None:
+    returns = np.array([1.0, 2.0, 6.0, 5.0, 5.0, 5.0])
+    advantage = relative_advantages(returns, 3)
+    # By hand: 1 - (2 + 6) / 2 and so on, over the deviation of the three.
+    expected = np.array([-3.0, -1.5, 4.5]) / (returns[:3].std() + 0.02)
+    assert advantage[3:].tolist() == [0.0, 0.0, 0.0]
+    assert advantage[:3] / advantage[0] == pytest.approx(expected / expected[0])
+
+
+def test_a_start_that_nobody_can_mend_says_nothing() -> None:
+    lost, easy = np.full(4, -104.0), np.array([295.0, 295.1, 295.2, 295.3])
+    advantage = relative_advantages(np.concatenate((lost, easy)), 4)
+    assert not advantage[:4].any()
+    assert np.sort(advantage[4:]).tolist() == advantage[4:].tolist()
+
+
+def test_one_crash_among_many_landings_is_limited() -> None:
+    returns = np.tile([295.0, 295.1, 295.2, 295.3], 20)
+    returns[0] = -100.0
+    assert relative_advantages(returns, 4).min() >= -4.0
+
+
+def test_all_equal_returns_are_no_advantage() -> None:
+    assert not relative_advantages(np.full(8, 3.0), 4).any()
+
+
+def test_copies_that_do_not_divide_the_rockets_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'start_copies: got 3, expected a divisor of .* 8'):
+        EpisodeRollout(8, 3)
+
+
+def test_a_roll_out_holds_each_first_episode_whole() -> None:
+    env = make('rocket', 8, spawn_copies=4)
+    learner = Learner(env.spec, load_preset('default', hidden_sizes=[8], log_std_init=-1.0))
+    rollout = EpisodeRollout(8, 4)
+    finished, _ = fly(env, rollout.flight(
+        0, Reset(5, {'spawn_copies': 4}), learner.policy, random_streams.generator(1, 'test')))
+    batch = rollout.batch(lambda seen: seen[:, 0], 0.9, 0.9, 0.01)
+    episodes = [one for _, found in finished for one in zip(
+        found.row, found.length, found.episode_return, strict=True)]
+    assert sorted(row for row, _, _ in episodes) == list(range(8))
+    assert len(batch.value) == rollout.steps == sum(length for _, length, _ in episodes)
+    returns = np.array([total for _, _, total in sorted(episodes)])
+    expected = relative_advantages(returns, 4).astype(np.float32)
+    assert sorted(set(batch.advantage.tolist())) == sorted(set(expected.tolist()))
+    # The copies begin alike, and the policy says how likely its own actions were.
+    assert len(torch.unique(batch.observation[:8], dim=0)) == 2
+    log_prob, _ = learner.policy.log_prob_entropy(batch.observation, batch.action)
+    torch.testing.assert_close(log_prob, batch.log_prob)
+
+
+def train(run: Path, stop_at: str = 'never', resume: bool = False) -> Path:
+    """Train a little, until a checkpoint is there, and return the folder."""
+    values = {
+        **SMALL, 'hidden_sizes': [16, 16], 'iterations': 3, 'demonstration_episodes': 0, **COPIES}
+    Trainer(
+        SerialFleet(make('rocket', num_envs=8, time_limit=8.0)), load_preset('default', **values),
+        RunFolder(run, resume=resume),
+        stop_requested=(run / 'checkpoints' / stop_at).exists).run()
+    return run
+
+
+def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(tmp_path: Path) -> None:
+    whole = train(tmp_path / 'whole')
+    assert_same_run(whole, train(tmp_path / 'again'))
+    parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors')
+    assert not (parts / 'checkpoints' / 'iteration_000003.safetensors').exists()
+    assert_same_run(whole, train(parts, resume=True))
+    # The policy has learnt, and its rate has been adapted.
+    rates = [line['learning_rate'] for line in log_without_times(whole) if 'approx_kl' in line]
+    assert len(rates) == 3
+    assert rates[2] * 3 != pytest.approx(rates[0])
+
+
+@pytest.mark.parametrize(('rockets', 'copies'), [(8, 4), (6, 2), (3, 1)])
+def test_as_many_copies_as_divide_the_rockets(
+        tmp_path: Path, rockets: int, copies: int) -> None:
+    config = load_preset('default', **{**SMALL, 'hidden_sizes': [4], **COPIES})
+    assert fit_copies(config, rockets).ppo.start_copies == copies
+    run = RunFolder(tmp_path / 'run')
+    Trainer(SerialFleet(make('rocket', rockets, time_limit=1.0)), load_preset(
+        'default', **{**SMALL, 'hidden_sizes': [4], 'demonstration_episodes': 0,
+                      'iterations': 1, **COPIES}), run).run()
+    assert run.read_config()['training']['start_copies'] == copies
+
+
+def test_the_reverse_curriculum_and_copies_exclude_each_other() -> None:
+    with pytest.raises(ValueError, match='start_copies: got 4, expected 1 with curriculum_start'):
+        load_preset('from_scratch', start_copies=4)
+
+
+def test_a_world_that_cannot_copy_starts_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"start_copies: got 2, .*'lunar_lander' has no spawn_c"):
+        Trainer(SerialFleet(make('lunar_lander', 2)), load_preset(
+            'default', 'lunar_lander', start_copies=2), RunFolder(tmp_path / 'run'))

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Snapshots bring back the exact state, and nothing else is taken for one."""
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.forged_files import contents
+from support.forged_files import packed
+
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.rocket.world import RocketWorld
+
+N = 5
+
+
+def flown(steps: int = 120, num_envs: int = N, **settings: Any) -> RocketWorld:
+    """Return a world in the midst of flight."""
+    world = worlds.make('rocket', num_envs, seed=9, **{'level': 8, **settings})
+    for action in np.random.default_rng(1).uniform(-0.5, 0.5, (steps, num_envs, 3)):
+        world.step(action)
+    return world
+
+
+def refused(world: RocketWorld, state: bytes, message: str) -> None:
+    """Assert that `restore` raises ValueError, tells why and changes nothing."""
+    before = world.snapshot()
+    with pytest.raises(ValueError, match=message):
+        world.restore(state)
+    assert world.snapshot() == before
+
+
+@pytest.mark.parametrize('num_envs', [1, N])
+def test_a_restored_world_flies_on_bit_for_bit(num_envs: int) -> None:
+    """In a world of another seed and level; through ends of episodes and later spawns."""
+    world = flown(num_envs=num_envs)
+    world.reset(seed=21, level=7, spawn_height=90.0)
+    for _ in range(40):
+        world.step(np.full((num_envs, 3), 0.1))
+    state, seen = world.snapshot(), world.observe()
+    other = worlds.make('rocket', num_envs, seed=1, level=8)
+    assert np.array_equal(other.restore(state), seen)
+    assert other.snapshot() == state
+    ended = 0
+    for action in np.random.default_rng(2).uniform(-1, 0.4, (900, num_envs, 3)):
+        mine, theirs = world.step(action), other.step(action)
+        for a, b in zip(mine[:4], theirs[:4], strict=True):
+            assert np.array_equal(a, b)
+        assert np.array_equal(mine[4]['episodes'].episode_return,
+                              theirs[4]['episodes'].episode_return)
+        ended += len(mine[4]['final_rows'])
+    assert ended > num_envs
+    assert world.snapshot() == other.snapshot()
+    assert np.array_equal(world.reset(), other.reset())
+
+
+def test_a_snapshot_is_a_copy() -> None:
+    """What is flown later does not enter it, and restoring twice is the same."""
+    world = flown()
+    state = world.snapshot()
+    first = [world.restore(state)] + [world.step(np.zeros((N, 3)))[0] for _ in range(50)]
+    again = [world.restore(state)] + [world.step(np.zeros((N, 3)))[0] for _ in range(50)]
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+
+
+def test_a_restore_forgets_what_the_last_step_did() -> None:
+    """Telemetry and the rockets that finished belong to the flight that was left."""
+    world = flown()
+    state = world.snapshot()
+    world.position[1] = 5.0
+    world.step(np.ones((N, 3)))
+    assert len(world.finished.row) == N
+    world.restore(state)
+    assert not len(world.finished.row)
+    assert not world.telemetry(np.arange(N)).reward.any()
+
+
+def test_a_truncated_snapshot_is_refused() -> None:
+    """At every length."""
+    world = flown()
+    state = world.snapshot()
+    for length in [*range(0, len(state), 53), len(state) - 1]:
+        with pytest.raises(ValueError, match=f'snapshot: not readable, {length} bytes'):
+            world.restore(state[:length])
+    assert world.snapshot() == state
+
+
+@pytest.mark.parametrize('bit', range(8))
+def test_a_flipped_bit_is_refused_or_without_effect(bit: int) -> None:
+    """A flip either shows or hits what carries no state (a date of the archive, say)."""
+    world = flown()
+    state = world.snapshot()
+    wrong: dict[str, int] = {}
+    # The archive's directory, at the end, byte by byte in threes; the rest more sparsely.
+    for place in (*range(0, len(state), 13), *range(len(state) - 700, len(state), 3)):
+        damaged = bytearray(state)
+        damaged[place] ^= 1 << bit
+        try:
+            world.restore(bytes(damaged))
+        except Exception as error:  # noqa: BLE001 - which ones come is what is asked
+            if not isinstance(error, ValueError) or not str(error).startswith('snapshot: '):
+                wrong[repr(error)] = place
+        if world.snapshot() != state:
+            pytest.fail(f'bit {bit} of byte {place} went unnoticed')
+    assert not wrong
+
+
+@pytest.mark.parametrize(('state', 'message'), [
+    (b'', 'not readable, 0 bytes'),
+    (b'no archive at all', 'not readable, 17 bytes'),
+    (packed({'position': np.zeros(3)}), "of world '\\?', expected 'rocket'"),
+    (packed({'world': 'lander'}), "of world 'lander', expected 'rocket'"),
+    (packed({'world': 'rocket', 'position': np.zeros((3, N))}), r"holds \['position'\]"),
+    (packed({'world': 'rocket', 'position': np.array([{}], object)}), 'not readable'),
+    (packed({'world': np.array([{}], object)}), 'not readable'),
+])
+def test_what_is_no_snapshot_of_a_rocket_is_refused(state: bytes, message: str) -> None:
+    """Pickles are not opened."""
+    refused(flown(3), state, f'snapshot: .*{message}')
+
+
+def test_a_bare_array_is_refused() -> None:
+    """A .npy file is not an archive."""
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    refused(flown(3), buffer.getvalue(), 'snapshot: not readable')
+
+
+def test_another_size_is_refused() -> None:
+    """The message names an array with both shapes."""
+    refused(flown(3), flown(3, num_envs=N + 1).snapshot(),
+            rf'position is float64 of shape \(3, {N + 1}\), .* shape \(3, {N}\)')
+
+
+def _not_finite(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['velocity'][1, 2] = np.nan
+
+
+def _other_kind(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['fuel'] = arrays['fuel'].astype(np.float32)
+
+
+def _one_too_many(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['extra'] = np.zeros(1)
+
+
+def _level_out_of_range(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['curriculum'][0] = 9
+
+
+def _half_a_level(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['curriculum'][0] = 7.5
+
+
+def _negative_seed(arrays: dict[str, NDArray[Any]]) -> None:
+    arrays['seed'][0] = -1
+
+
+@pytest.mark.parametrize(('forge', 'message'), [
+    (_not_finite, 'velocity has a value that is not finite'),
+    (_other_kind, 'fuel is float32'), (_one_too_many, 'extra'),
+    (_level_out_of_range, 'level: got 9'), (_half_a_level, 'level: got 7.5'),
+    (_negative_seed, 'seed'),
+])
+def test_a_forged_snapshot_is_refused_by_name(
+    forge: Callable[[dict[str, NDArray[Any]]], None], message: str,
+) -> None:
+    """And nothing changes."""
+    world = flown(10)
+    arrays = contents(world.snapshot())
+    forge(arrays)
+    refused(world, packed(arrays), message)
+
+
+def test_an_attitude_that_is_none_is_refused() -> None:
+    """All zeros would fly on as NaN."""
+    world = flown()
+    arrays = contents(world.snapshot())
+    arrays['attitude'] = arrays['attitude'] * 0.0
+    refused(world, packed(arrays), 'attitude')
