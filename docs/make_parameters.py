@@ -19,7 +19,7 @@ from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.nodes import simulation
-from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
 
@@ -100,7 +100,8 @@ def text() -> str:
         table('`simulator`', describe(simulation.SimulatorParameters)),
         *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
           for name in worlds.names()),
-        table('`rerun_recorder`', (*describe(rerun_recorder.Destinations), *describe(Choice))),
+        table('`rerun_recorder`', (
+            *describe(rerun_recorder.Destinations), *describe(RecordingFilter))),
         table('`ppo_agent`', describe(modes.AgentParameters)),
         table('`ppo_agent`, mode `train`', (
             *describe(training.TrainingParameters), *training_config.describe())),

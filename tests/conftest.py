@@ -121,10 +121,10 @@ def make_node(
 def make_client(make_node: Callable[..., Any]) -> Callable[..., Any]:
     """Clients of the simulators of this test."""
     from rocket_sim_node.wire.client.client import Client
-    from rocket_sim_node.wire.client.connection import LinkOptions
+    from rocket_sim_node.wire.client.connection import ConnectionOptions
 
     def make(agent: int | None = None, namespace: str = '', **options: float) -> Client:
         options = {'resend_after': 0.1, 'patience': 15.0, **options}
-        return Client(*make_node(namespace), LinkOptions(**options), agent)
+        return Client(*make_node(namespace), ConnectionOptions(**options), agent)
 
     return make

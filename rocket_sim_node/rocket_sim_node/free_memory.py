@@ -23,7 +23,7 @@ def give_back() -> None:
         _TRIM(0)
 
 
-class NowAndThen:
+class PeriodicTrim:
     """Gives free memory back when called, if PERIOD has passed since it last did."""
 
     def __init__(self) -> None:

@@ -31,7 +31,7 @@ from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers
-from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.worlds.actions import checked_action
@@ -124,8 +124,8 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
         course()
         try:
             for owner, name, what in (
-                (Link, 'ask', 'check, fill, publish action'), (Inbox, 'wait', 'wait'),
-                (Link, 'poll', 'take observation, reward'), (Answers, 'take', 'check them'),
+                (Connection, 'ask', 'check, fill, publish action'), (Inbox, 'wait', 'wait'),
+                (Connection, 'poll', 'take observation, reward'), (Answers, 'take', 'check them'),
             ):
                 watch.time(owner, name, what)
             for _ in range(rounds):

@@ -21,7 +21,7 @@ from torch import nn
 
 from benchmarks.result_lines import EVALUATION_SEED
 from benchmarks.result_lines import VERIFICATION_SEED
-from benchmarks.result_lines import Teller
+from benchmarks.result_lines import StatusPublisher
 
 NAME = 'LunarLander-v3'
 EVALUATED = 100
@@ -198,7 +198,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     settings = Settings()
-    teller = Teller(time.monotonic())
+    teller = StatusPublisher(time.monotonic())
     agent = Agent(settings, options.seed, options.env_threads)
     iteration, mean = 0, float('-inf')
     while mean < options.target:

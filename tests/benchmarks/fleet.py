@@ -26,8 +26,8 @@ from benchmarks.tcp_floor import sizes
 from ppo_agent_node import random_streams
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.client.fleet import Fleet
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 
 COUNTS = (1, 2, 4, 8, 16)
@@ -35,7 +35,7 @@ BATCH = 256
 """rockets of a simulator for which the costs are worked out"""
 
 
-def idle(num_envs: int, steps: int) -> Flight[None]:
+def idle(num_envs: int, steps: int) -> Job[None]:
     """Fall, again and again."""
     action = np.tile(np.float32([-1.0, 0.0, 0.0]), (num_envs, 1))
     yield Reset(1, {'level': 7})
@@ -43,7 +43,7 @@ def idle(num_envs: int, steps: int) -> Flight[None]:
         yield action
 
 
-def fly(fleet: Fleet, simulators: int, num_envs: int, steps: int) -> tuple[float, float]:
+def fly(fleet: SimulatorFleet, simulators: int, num_envs: int, steps: int) -> tuple[float, float]:
     """Return seconds of wall clock and of the agent's processor time for an exchange."""
     wall, cpu = time.perf_counter(), time.process_time()
     list(fleet.fly([functools.partial(idle, num_envs, steps)] * simulators))

@@ -20,7 +20,7 @@ from typing import Any
 
 from benchmarks import result_plot
 from benchmarks.result_records import Options
-from benchmarks.result_records import Run
+from benchmarks.result_records import TimedRun
 from benchmarks.result_runs import CONTESTANTS
 from benchmarks.result_runs import LANDERS
 from benchmarks.result_runs import NEEDED_RATE
@@ -34,7 +34,7 @@ NAMES = {
 WORLDS = ('lunar_lander', 'rocket')
 
 
-def fly(options: argparse.Namespace) -> list[Run]:
+def fly(options: argparse.Namespace) -> list[TimedRun]:
     """Run all contestants, seed by seed, and print a line about each run."""
     common = Options(options.target, options.cap, options.verify, parameters(options.set))
     runs = []
@@ -51,7 +51,7 @@ def parameters(given: Sequence[str]) -> dict[str, str]:
     return dict(item.split('=', 1) for item in given)
 
 
-def tell(run: Run) -> None:
+def tell(run: TimedRun) -> None:
     """Print what became of a run."""
     line = (f'{NAMES[run.contestant]:<20}{run.seed:>5}{seconds(run):>10}'
             f'{run.learning_seconds or 0:>10.1f}{run.steps:>11,}{run.mean_return:>9.1f}')
@@ -60,12 +60,12 @@ def tell(run: Run) -> None:
     print(line, flush=True)
 
 
-def seconds(run: Run) -> str:
+def seconds(run: TimedRun) -> str:
     """Return how long a run took, or that it took longer."""
     return f'{run.seconds:.1f}' if run.passed else f'> {run.seconds:.0f}'
 
 
-def summarise(runs: Sequence[Run]) -> dict[str, dict[str, float]]:
+def summarise(runs: Sequence[TimedRun]) -> dict[str, dict[str, float]]:
     """Return median and range of the times of each contestant; a cap counts as a time."""
     found = {}
     for name in dict.fromkeys(run.contestant for run in runs):

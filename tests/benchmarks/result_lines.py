@@ -19,7 +19,7 @@ VERIFICATION_SEED = 20_000_000
 """of the flights in Gymnasium that follow"""
 
 
-class Teller:
+class StatusPublisher:
     """Prints what happens in a run."""
 
     def __init__(self, first_step: float) -> None:

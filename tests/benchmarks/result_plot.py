@@ -8,11 +8,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.result_records import Run
+from benchmarks.result_records import TimedRun
 from ppo_agent_node.reporting.pictures import style
 
 
-def draw(runs: Sequence[Run], names: Mapping[str, str], target: float, path: Path) -> Path:
+def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path: Path) -> Path:
     """Draw a line a run, coloured by contestant, with a star where it passed.
 
     :param names: of the contestants, for the legend.

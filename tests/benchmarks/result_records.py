@@ -35,7 +35,7 @@ class Point:
 
 
 @dataclass
-class Run:
+class TimedRun:
     """How one run went."""
 
     contestant: str

@@ -20,7 +20,7 @@ from benchmarks import gymnasium_lander
 from benchmarks.result_lines import VERIFICATION_SEED
 from benchmarks.result_records import Options
 from benchmarks.result_records import Point
-from benchmarks.result_records import Run
+from benchmarks.result_records import TimedRun
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.ppo.policies.file import POLICY
 from ppo_agent_node.runs import sealed_file
@@ -92,9 +92,9 @@ def begun(start: Start) -> Iterator[tuple[Process, Path, float]]:
         yield process, log, now
 
 
-def peer(module: str, seed: int, options: Options) -> Run:
+def peer(module: str, seed: int, options: Options) -> TimedRun:
     """Run a peer that learns in one process."""
-    run = Run(module, seed)
+    run = TimedRun(module, seed)
 
     def start(processes: Processes) -> tuple[Process, Path]:
         process = processes.start(
@@ -142,9 +142,9 @@ def nodes(
     return start
 
 
-def ours(seed: int, options: Options) -> Run:
+def ours(seed: int, options: Options) -> TimedRun:
     """Run our simulator and our agent, as nodes that talk over DDS."""
-    run = Run('ours', seed)
+    run = TimedRun('ours', seed)
     start = nodes(SIMULATORS, {'world': 'lunar_lander', 'num_envs': LANDERS // SIMULATORS}, {
         'seed': seed, 'target_return': options.target, **options.extra})
     with begun(start) as (agent, log, began):
@@ -186,7 +186,7 @@ def saved_iteration(path: Path) -> int:
     return int(sealed_file.read(path, POLICY).content['training']['iteration'])
 
 
-CONTESTANTS: dict[str, Callable[[int, Options], Run]] = {
+CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
     'ours': ours,
     'envpool_ppo': lambda seed, options: peer('envpool_ppo', seed, options),
     'sb3_lander': lambda seed, options: peer('sb3_lander', seed, options),
@@ -194,9 +194,9 @@ CONTESTANTS: dict[str, Callable[[int, Options], Run]] = {
 """Who learns to fly the lander, by name."""
 
 
-def rocket(seed: int, cap: float, extra: dict[str, str]) -> Run:
+def rocket(seed: int, cap: float, extra: dict[str, str]) -> TimedRun:
     """Run the rocket's quick preset from nothing to its evaluation of 2 000 fresh starts."""
-    run = Run('rocket', seed)
+    run = TimedRun('rocket', seed)
     with begun(nodes(1, {}, {'seed': seed, **extra})) as (agent, log, began):
         folder, end = log.parent, began + cap
         found = folder / 'evaluation.json'

@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv
 from benchmarks import gymnasium_lander
 from benchmarks.result_lines import EVALUATION_SEED
 from benchmarks.result_lines import VERIFICATION_SEED
-from benchmarks.result_lines import Teller
+from benchmarks.result_lines import StatusPublisher
 
 ENVIRONMENTS = 16
 SETTINGS: dict[str, Any] = {
@@ -49,7 +49,7 @@ def main() -> None:
         gymnasium_lander.NAME, ENVIRONMENTS, seed=options.seed, vec_env_cls=kind)
     judge = make_vec_env(gymnasium_lander.NAME, ENVIRONMENTS)
     model = PPO('MlpPolicy', env, seed=options.seed, device='cpu', **SETTINGS)
-    teller = Teller(time.monotonic())
+    teller = StatusPublisher(time.monotonic())
     chunk = INTERVAL * ENVIRONMENTS * SETTINGS['n_steps']
     mean = float('-inf')
     while mean < options.target:

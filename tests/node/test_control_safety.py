@@ -30,7 +30,7 @@ from test_fuzz import Rubbish
 
 from rocket_sim_node import wire
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
@@ -213,7 +213,7 @@ def test_an_agent_that_only_computes_gives_no_orders(
 
 
 @contextmanager
-def flood(link: Link) -> Iterator[None]:
+def flood(link: Connection) -> Iterator[None]:
     """Have a link's agent send rubbish, more than a simulator can take."""
     source, over = Rubbish(link, 1), threading.Event()
     made = [source.rubbish() for _ in range(1000)]
@@ -487,7 +487,7 @@ def test_nothing_on_the_wire_goes_by_the_clock_of_the_day() -> None:
         if path.name == 'leftovers.py':
             clocks.add('time.time')
         for node in ast.walk(ast.parse(path.read_text())):
-            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+            if not isinstance(node, ast.ServiceCall) or not isinstance(node.func, ast.Attribute):
                 continue
             name = ast.unparse(node.func)
             assert not name.startswith('datetime.'), path

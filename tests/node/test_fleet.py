@@ -16,27 +16,27 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 
-from rocket_sim_node.wire.client.connection import LinkOptions
-from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.client.connection import ConnectionOptions
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import SerialFleet
 from rocket_sim_node.worlds.jobs import Snapshot
 
 N, STEPS = 4, 150
-MakeFleet = Callable[..., Fleet]
+MakeFleet = Callable[..., SimulatorFleet]
 
 
 @pytest.fixture
 def make_fleet(make_node: Callable[..., Any]) -> MakeFleet:
     """Fleets of the simulators of this test."""
-    def make_one(pattern: str = '/sim_*', patience: float = 20.0) -> Fleet:
-        return Fleet(*make_node(), LinkOptions(0.1, patience), 1, pattern)
+    def make_one(pattern: str = '/sim_*', patience: float = 20.0) -> SimulatorFleet:
+        return SimulatorFleet(*make_node(), ConnectionOptions(0.1, patience), 1, pattern)
 
     return make_one
 
@@ -53,7 +53,7 @@ def actions(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1, 1, (STEPS, N, 3)).astype(np.float32)
 
 
-def fall(seed: int) -> Flight[tuple[np.ndarray, float, bytes]]:
+def fall(seed: int) -> Job[tuple[np.ndarray, float, bytes]]:
     """Fly random actions; return all observations, the sum of rewards and the end."""
     seen, total = [(yield Reset(seed, {'level': 7}))], 0.0
     for action in actions(seed):
@@ -63,7 +63,7 @@ def fall(seed: int) -> Flight[tuple[np.ndarray, float, bytes]]:
     return np.stack(seen), total, (yield Snapshot())
 
 
-def go_on(state: bytes, seed: int) -> Flight[np.ndarray]:
+def go_on(state: bytes, seed: int) -> Job[np.ndarray]:
     """Fly on from a snapshot."""
     observation = yield Restore(state)
     for action in actions(seed):
@@ -71,7 +71,7 @@ def go_on(state: bytes, seed: int) -> Flight[np.ndarray]:
     return observation
 
 
-def flown(fleet: Fleet | SerialFleet, seeds: range, poll: Callable[[], None]) -> list:
+def flown(fleet: SimulatorFleet | SerialFleet, seeds: range, poll: Callable[[], None]) -> list:
     """Return what flights come to, and what those that begin where they ended come to."""
     first = list(fleet.fly([functools.partial(fall, seed) for seed in seeds], poll))
     second = list(fleet.fly([
@@ -93,7 +93,7 @@ def in_process(seeds: range) -> list:
     return flown(SerialFleet(make('rocket', num_envs=N)), seeds, lambda: None)
 
 
-def fly_until(words: str, fleet: Fleet, capfd: pytest.CaptureFixture[str]) -> str:
+def fly_until(words: str, fleet: SimulatorFleet, capfd: pytest.CaptureFixture[str]) -> str:
     """Fly until the log says so, and return it."""
     text, end = '', time.monotonic() + 20.0
     while words not in text and time.monotonic() < end:
@@ -122,12 +122,12 @@ def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
             *(client.srv_name for client in node.clients)]
         return [name for name in names if name.startswith('/sim_0')]
 
-    with Fleet(node, executor, LinkOptions(0.1, 20.0), 1, '/sim_*') as fleet:
+    with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, '/sim_*') as fleet:
         list(fleet.fly([functools.partial(fall, 1)]))
         assert {'/sim_0/action', '/sim_0/world', '/sim_0/reset'} <= set(of_the_simulator())
     assert of_the_simulator() == []
     fleet.close()
-    with Fleet(*make_node(), LinkOptions(0.1, 15.0), 2, '/sim_*') as other:
+    with SimulatorFleet(*make_node(), ConnectionOptions(0.1, 15.0), 2, '/sim_*') as other:
         assert len(list(other.fly([functools.partial(fall, 1)]))) == 1
 
 

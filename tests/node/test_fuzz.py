@@ -21,7 +21,7 @@ from support.processes import Processes
 from support.rollouts import assert_same
 
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.messages.cdr import Codec
@@ -49,7 +49,7 @@ def resident(process: Process) -> float:
 class Rubbish:
     """Actions that step nothing, whose fate is foretold, where a link's agent has control."""
 
-    def __init__(self, link: Link, seed: int) -> None:
+    def __init__(self, link: Connection, seed: int) -> None:
         self.link, self.rng = link, np.random.default_rng(seed)
 
     def rubbish(self) -> bytes:

@@ -22,8 +22,8 @@ from support.fuzzing import damage
 
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers
-from rocket_sim_node.wire.client.connection import Link
-from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import Connection
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import WorldChanged
 from rocket_sim_node.wire.client.latest_answers import LatestAnswers
 from rocket_sim_node.wire.messages import conversion
@@ -165,8 +165,8 @@ def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> N
 
 
 @pytest.fixture
-def link(make_node: Callable[..., Any]) -> Link:
-    made = Link(make_node()[0], LinkOptions(patience=0.0), 5)
+def link(make_node: Callable[..., Any]) -> Connection:
+    made = Connection(make_node()[0], ConnectionOptions(patience=0.0), 5)
     made.world = conversion.world_to_message(SPEC, SESSION, 0, msg.World.LOCKSTEP)
     made.adopt_spec()
     return made
@@ -176,7 +176,7 @@ def link(make_node: Callable[..., Any]) -> Link:
        st.one_of(st.just(SESSION), ANY_U64), st.one_of(st.just(0), ANY_U64),
        st.one_of(st.just(N * SPEC.observation_size), st.integers(0, 99)), st.data())
 def test_any_answer_of_a_service_is_taken_or_refused(
-        link: Link, name: str, code: int, text: str, session: int, step: int, size: int,
+        link: Connection, name: str, code: int, text: str, session: int, step: int, size: int,
         data: st.DataObject) -> None:
     command = {'reset': Reset(1), 'restore': Restore(b''), 'snapshot': Snapshot()}[name]
     response = {'reset': srv.Reset, 'restore': srv.Restore,

@@ -21,8 +21,8 @@ from test_properties_recorder import harmed
 
 from ppo_agent_node.cockpit.display import Cockpit
 from ppo_agent_node.cockpit.instruments import Brake
+from ppo_agent_node.nodes.flights.hand_flying import EpisodeStart
 from ppo_agent_node.nodes.flights.hand_flying import HandFlying
-from ppo_agent_node.nodes.flights.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.messages import conversion
@@ -49,12 +49,12 @@ class Hands:
         self.seen: list[Any] = []
         this: Any = self
         self.flying = HandFlying(
-            this, this, this, Cockpit(Brake.of(spec)), KeyboardPilot(spec), Start(1, 0), '')
+            this, this, this, Cockpit(Brake.of(spec)), KeyboardPilot(spec), EpisodeStart(1, 0), '')
 
     def fly(self, seen: list[Any], heard: list[Any], lands: bool = False) -> None:
         """Fly; see some observations, and hear something before each of them."""
         self.seen, self.heard, self._lands = list(seen), list(heard), lands
-        self.flying._fly(Start(1, 0))
+        self.flying._fly(EpisodeStart(1, 0))
 
     # The node
 

@@ -28,7 +28,7 @@ from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.worlds import make
@@ -77,7 +77,7 @@ class Desk:
             resolve_topic_name=lambda name: name,
             get_logger=lambda: SimpleNamespace(warning=lambda text, **_: self.said.append(text)))
         self.recorder = Recorder(
-            Choice(rows=(0, 1), every_nth_episode=1), [Paper(live)],
+            RecordingFilter(rows=(0, 1), every_nth_episode=1), [Paper(live)],
             lambda _, text: self.noted.append(text),
             clock=lambda: self.now, settle=touchdown.follow)
         self.node = RecorderNode(node, self.recorder)

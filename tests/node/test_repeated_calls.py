@@ -21,7 +21,7 @@ from support.rollouts import assert_same
 from support.training_runs import simulator
 
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.client.service_call import Call
+from rocket_sim_node.wire.client.service_call import ServiceCall
 from rocket_sim_node.wire.node import waiting
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -152,7 +152,7 @@ def test_a_slow_answer_is_waited_for_however_often_that_is_told(
     now = 0.0
     monkeypatch.setattr(waiting, 'time', SimpleNamespace(monotonic=lambda: now))
     service = Dying(busy=0)
-    call = Call(make_client().node, service, None, 60.0, '/world', now)  # type: ignore[arg-type]
+    call = ServiceCall(make_client().node, service, None, 60.0, '/world', now)  # type: ignore[arg-type]
     made = []
     while now < 50.0:
         call.poll(now)

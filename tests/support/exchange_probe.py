@@ -29,12 +29,12 @@ def load() -> tuple[Body, Errors]:
 
     importlib.import_module('ppo_agent_node.nodes.agent.modes')
     from rocket_sim_node.wire.client.client import Client
-    from rocket_sim_node.wire.client.connection import LinkOptions
+    from rocket_sim_node.wire.client.connection import ConnectionOptions
     from rocket_sim_node.worlds import EnvironmentRestarted
 
     def exchange(node: Node, executor: Executor) -> None:
         print(f'ready {time.time()}')
-        client = Client(node, executor, LinkOptions(), IDENTITY)
+        client = Client(node, executor, ConnectionOptions(), IDENTITY)
         while True:
             try:
                 client.reset(1)

@@ -14,8 +14,8 @@ from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.timeline import Settle
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
@@ -44,12 +44,12 @@ def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: Any) -> 
 
 
 def record(
-    path: Path, stage: Stage, samples: Samples, settle: Settle | None = None,
-    kind: type[Recorder] = Recorder, more: Sequence[tuple[Stage, Samples]] = (),
+    path: Path, stage: WorldInfo, samples: Samples, settle: Settle | None = None,
+    kind: type[Recorder] = Recorder, more: Sequence[tuple[WorldInfo, Samples]] = (),
 ) -> Recorder:
     """Record samples to a file, and then `more` of other worlds, each a session of its own."""
     recorder = kind(
-        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=settle)
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=settle)
     for session, (world, flown) in enumerate(((stage, samples), *more), 1):
         recorder.world(world)
         for start in range(0, len(flown.step), 100):

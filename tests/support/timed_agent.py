@@ -21,21 +21,21 @@ load = ppo_agent._load
 def load_timed() -> tuple[Body, Errors]:
     """Import what `ppo_agent` does, and have it print."""
     body, errors = load()
-    from rocket_sim_node.wire.client.connection import Link
-    from rocket_sim_node.wire.client.fleet import Fleet
+    from rocket_sim_node.wire.client.connection import Connection
+    from rocket_sim_node.wire.client.fleet import SimulatorFleet
 
-    begin, take = Fleet.__init__, Link.take
+    begin, take = SimulatorFleet.__init__, Connection.take
 
-    def begin_timed(self: Fleet, *args: Any, **options: Any) -> None:
+    def begin_timed(self: SimulatorFleet, *args: Any, **options: Any) -> None:
         print(f'ready {time.time()}', flush=True)
         begin(self, *args, **options)
 
-    def take_timed(self: Link) -> Any:
+    def take_timed(self: Connection) -> Any:
         if isinstance(self._command, np.ndarray) and self.step == 0:
             print(f'exchange {time.time()}', flush=True)
         return take(self)
 
-    Fleet.__init__, Link.take = begin_timed, take_timed  # type: ignore[method-assign]
+    SimulatorFleet.__init__, Connection.take = begin_timed, take_timed  # type: ignore[method-assign]
     return body, errors
 
 

@@ -64,7 +64,7 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightSummary:
     """How a flight ended."""
 
     outcome: str
@@ -78,7 +78,7 @@ class Flight:
     """kg used"""
 
     @classmethod
-    def of(cls, episodes: Episodes, index: int, spec: WorldSpec) -> Flight:
+    def of(cls, episodes: Episodes, index: int, spec: WorldSpec) -> FlightSummary:
         """Return one of the episodes that ended."""
         return cls(
             spec.outcomes[int(episodes.outcome[index])], float(episodes.episode_return[index]),
@@ -105,7 +105,7 @@ class ExpertFlight:
         :param spec: of the simulator; its first vehicle is meant.
         :param chosen: settings of the reset.
         """
-        self.flight: Flight | None = None
+        self.flight: FlightSummary | None = None
         """How it ended; None before, or when no expert flies this vehicle"""
         settings = worlds.settings_from(spec.name, {**spec.settings, **chosen})
         self._left = math.ceil(_AT_MOST / spec.dt)
@@ -124,13 +124,15 @@ class ExpertFlight:
                 self._pilot(self._observation))
             self._left -= 1
             if (terminated | truncated).any():
-                self.flight = Flight.of(info['episodes'], 0, self._world.spec)
+                self.flight = FlightSummary.of(info['episodes'], 0, self._world.spec)
                 self._left = 0
                 break
         return self._left <= 0
 
 
-def debrief(flight: Flight, expert: Flight | None, watch: Watch) -> list[tuple[str, str]]:
+def debrief(
+    flight: FlightSummary, expert: FlightSummary | None, watch: Watch,
+) -> list[tuple[str, str]]:
     """Return lines about a flight: style and text."""
     good = 'bold green' if flight.landed else 'bold red'
     lines = [

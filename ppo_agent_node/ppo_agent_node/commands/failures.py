@@ -21,8 +21,8 @@ from rocket_sim_node import worlds
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
@@ -132,9 +132,9 @@ def record(path: Path, world: SimulatedWorld, samples: Samples) -> None:
     """
     spec = world.spec
     recorder = Recorder(
-        Choice(rows=tuple(np.unique(samples.row).tolist())),
+        RecordingFilter(rows=tuple(np.unique(samples.row).tolist())),
         [FileSink(path, lambda *note: None)], lambda *note: None, settle=touchdown.follow)
-    recorder.world(Stage.build(
+    recorder.world(WorldInfo.build(
         spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
     recorder.states(1, samples)
     recorder.close()

@@ -26,13 +26,13 @@ from rocket_sim_node import worlds
 from rocket_sim_node.recording.reader import trajectories
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.render import render
-from rocket_sim_node.recording.screenshot import Picture
+from rocket_sim_node.recording.screenshot import ScreenshotSettings
 from rocket_sim_node.recording.screenshot import moment
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 
 SEED = 20_000_000
@@ -56,9 +56,9 @@ def fly_and_record(world: str, path: Path) -> None:
     policies = resources.files('ppo_agent_node') / 'policies'
     pilot = PolicyPilot(Path(str(policies / f'{world}.safetensors')), spec)
     recorder = Recorder(
-        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None,
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None,
         settle=touchdown.follow)
-    recorder.world(Stage.build(
+    recorder.world(WorldInfo.build(
         spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
     recorder.states(1, recorded_flights.fly(simulated, pilot, SEED))
     recorder.close()
@@ -68,7 +68,8 @@ def shot(
     recording: Path, at: str, flight: int = -1, size: tuple[int, int] = WINDOW,
 ) -> Image.Image:
     """Return a picture of a flight of a recording, at one of the moments of `screenshot`."""
-    when = moment(Picture(str(recording), at=at, flight=flight), trajectories(recording))
+    when = moment(
+        ScreenshotSettings(str(recording), at=at, flight=flight), trajectories(recording))
     return render(recording, [when], size=size)[0]
 
 

@@ -16,9 +16,9 @@ from ppo_agent_node.pilots.scripted import scripted_pilot
 from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 from rocket_sim_node.recording.comparison.comparison import Side
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.base import SimulatedWorld
@@ -27,7 +27,7 @@ from rocket_sim_node.worlds.rocket import conditions
 
 
 @dataclass(frozen=True)
-class Run:
+class RecordedRun:
     """What a run's folder says of the world it trained in, and who can be compared."""
 
     path: Path
@@ -41,7 +41,7 @@ class Run:
     """whether an expert demonstrated"""
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path) -> RecordedRun:
     """Return what is to be known of a run.
 
     :raises FileNotFoundError: when there is no run in that folder.
@@ -56,7 +56,7 @@ def read_run(path: Path) -> Run:
         world = str(values['world'])
         # A run resets its world to its conditions, whatever the simulator was started with.
         drawn = training.get('conditions')
-        return Run(
+        return RecordedRun(
             path, world, {
                 **worlds.settings_from(world, values['world_settings']),
                 **(conditions.settings(drawn) if drawn else {})},
@@ -66,7 +66,7 @@ def read_run(path: Path) -> Run:
         raise ValueError(f'{config}: damaged: {error!r}') from error
 
 
-def make_world(run: Run, episodes: int, level: int) -> SimulatedWorld:
+def make_world(run: RecordedRun, episodes: int, level: int) -> SimulatedWorld:
     """Return the world as the run had it, with a vehicle for each episode.
 
     :param level: of the curriculum; 0 where there is none.
@@ -80,7 +80,9 @@ def make_world(run: Run, episodes: int, level: int) -> SimulatedWorld:
     return worlds.make(run.world, episodes, 0, **settings)
 
 
-def pilots(run: Run, world: SimulatedWorld) -> tuple[list[tuple[str, str, str, Pilot]], list[str]]:
+def pilots(
+    run: RecordedRun, world: SimulatedWorld,
+) -> tuple[list[tuple[str, str, str, Pilot]], list[str]]:
     """Return who can fly for a run as (key, name, title, pilot), and remarks on who cannot.
 
     Keys begin with a number, as the viewer sorts by them.
@@ -134,20 +136,20 @@ def fly(world: SimulatedWorld, pilot: Pilot, seed: int) -> Samples:
     return joined(parts)
 
 
-def flights(samples: Samples, outcomes: Sequence[str]) -> tuple[Flight, ...]:
+def flights(samples: Samples, outcomes: Sequence[str]) -> tuple[Trajectory, ...]:
     """Return samples of whole episodes, one of each row, as flights in the order of the rows."""
     found = []
     for row in np.unique(samples.row).tolist():
         mine = samples.take(np.flatnonzero(samples.row == row))
-        buffer = FlightBuffer()
+        buffer = TrajectoryBuffer()
         buffer.extend(mine)
         found.append(buffer.finish(row, outcomes[int(mine.outcome[-1])]))
     return tuple(found)
 
 
 def compare(
-    run: Run, episodes: int, level: int, seed: int,
-) -> tuple[list[Side], Stage, Sequence[str]]:
+    run: RecordedRun, episodes: int, level: int, seed: int,
+) -> tuple[list[Side], WorldInfo, Sequence[str]]:
     """Fly everybody that a run has from the same starts.
 
     :return: what each flew, the world as recordings show it, and remarks on who is missing.
@@ -160,6 +162,6 @@ def compare(
     for key, name, title, pilot in who:
         flown = flights(fly(world, pilot, seed), spec.outcomes)
         sides.append(Side(key, name, title, flown))
-    stage = Stage.build(
+    stage = WorldInfo.build(
         spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
     return sides, stage, remarks

@@ -22,7 +22,7 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import fly
 from rocket_sim_node.worlds.lunar import vehicle
@@ -166,7 +166,7 @@ def evaluation_flight(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
     **reset_settings: Any,
-) -> Flight[EvaluationResult]:
+) -> Job[EvaluationResult]:
     """Do what `evaluate` does, as a flight."""
     is_rocket = spec.name.startswith('rocket')
     if is_rocket:

@@ -16,7 +16,7 @@ from ppo_agent_node.flying.pilot import tell_begun
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 
 Pilot = Callable[[F32], NDArray[Any]]
 
@@ -40,7 +40,7 @@ def fly_once(
     observation: F32,
     pilot: Pilot,
     disturb: Callable[[NDArray[Any]], NDArray[Any]] = lambda action: action,
-) -> Flight[list[Step]]:
+) -> Job[list[Step]]:
     """Fly until every rocket has ended the episode it is in, and return all steps.
 
     Rockets that end early fly on, but count no more: so short episodes are not over-represented.
@@ -67,7 +67,7 @@ def fly_once(
 
 def scatter(
     spec: WorldSpec, observation: F32, pilot: Pilot, steps: int, rng: np.random.Generator,
-) -> Flight[F32]:
+) -> Job[F32]:
     """Fly so that the rockets, which all begin together, end up in all phases of an episode.
 
     Otherwise a roll-out shorter than an episode would hold one phase only, and the learner would

@@ -28,13 +28,13 @@ from ppo_agent_node.imitation.demonstrations import spawn_settings
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.runs import episode_scores
-from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 
-Wave = Callable[[], Flight[tuple[Demonstrations, Episodes]]]
+Wave = Callable[[], Job[tuple[Demonstrations, Episodes]]]
 Fly = Callable[[Sequence[Wave]], Iterator[tuple[Demonstrations, Episodes]]]
 
 
@@ -42,7 +42,7 @@ class Imitation:
     """Teaches a policy to do what the expert does."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, expert: Pilot, fly: Fly, journal: Journal,
+        self, spec: WorldSpec, config: Config, expert: Pilot, fly: Fly, journal: MetricsLogger,
         poll: Callable[[], None],
     ) -> None:
         """Prepare; nothing flies yet.

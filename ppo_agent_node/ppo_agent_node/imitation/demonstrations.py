@@ -27,7 +27,7 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.planar.vehicle import foot_height
 
@@ -129,7 +129,7 @@ def usable_engine(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools
 def fly_wave(
     spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, settings: Mapping[str, float],
     seed: int, wave: int,
-) -> Flight[tuple[Demonstrations, Episodes]]:
+) -> Job[tuple[Demonstrations, Episodes]]:
     """Let the expert fly one episode with each rocket and keep those that landed.
 
     Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
@@ -161,7 +161,7 @@ def fly_wave(
 
 def fly_clone(
     spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
-) -> Flight[tuple[Demonstrations, Episodes]]:
+) -> Job[tuple[Demonstrations, Episodes]]:
     """Let a clone fly one episode with each rocket while the expert says what it would do.
 
     All episodes are kept, whatever became of them: where the clone fails is where it has to learn.

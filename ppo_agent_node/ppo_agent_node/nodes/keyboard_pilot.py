@@ -17,8 +17,8 @@ from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.nodes.flights.connection import EXPECTED_ERRORS
 from ppo_agent_node.nodes.flights.connection import ConnectionParameters
 from ppo_agent_node.nodes.flights.connection import agent_named
+from ppo_agent_node.nodes.flights.hand_flying import EpisodeStart
 from ppo_agent_node.nodes.flights.hand_flying import HandFlying
-from ppo_agent_node.nodes.flights.hand_flying import Start
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from ppo_agent_node.pilots.keyboard import KeyboardSettings
 from ppo_agent_node.pilots.keys import EXACT_OFF
@@ -90,7 +90,7 @@ def pilot(node: Node, executor: Executor) -> None:
         _agent(node))
     with client:
         spec = _connect(node, client, connection.patience)
-        start = Start(options.seed, options.level if 'level' in spec.settings else 0)
+        start = EpisodeStart(options.seed, options.level if 'level' in spec.settings else 0)
         hands, cockpit = KeyboardPilot(spec, keys), Cockpit(Brake.of(spec))
         with terminal:
             flying = HandFlying(node, client, terminal, cockpit, hands, start, options.watch)

@@ -23,7 +23,7 @@ from ppo_agent_node.ppo.rollout_buffer import Batch
 from ppo_agent_node.ppo.rollout_buffer import Ended
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import Snapshot
@@ -72,7 +72,7 @@ class EpisodeRollout:
     @torch.no_grad()
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
-    ) -> Flight[tuple[list[Ended], bytes]]:
+    ) -> Job[tuple[list[Ended], bytes]]:
         """Fly until each rocket has ended its first episode, overwriting what was here of a group.
 
         :param begin: resets the world to starts with K copies each.

@@ -16,7 +16,7 @@ from torch import Tensor
 from ppo_agent_node.ppo.gae import advantages_and_returns
 from ppo_agent_node.ppo.policies.factory import Policy
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import Snapshot
@@ -104,7 +104,7 @@ class Rollout:
     @torch.no_grad()
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
-    ) -> Flight[tuple[list[Ended], bytes]]:
+    ) -> Job[tuple[list[Ended], bytes]]:
         """Fly T steps, overwriting what was here of a group, from 0.
 
         :param begin: puts the world where it begins, into a snapshot as a rule.

@@ -101,7 +101,7 @@ class CriticUpdate:
 
 
 @dataclass(frozen=True)
-class PolicyNews:
+class PolicyDiagnostics:
     """How the policy's part of an update went; see Diagnostics."""
 
     policy_loss: float = NAN
@@ -128,7 +128,7 @@ class PolicyUpdate:
     def run(
         self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
         entropy_coefficient: float,
-    ) -> PolicyNews:
+    ) -> PolicyDiagnostics:
         """Learn from each order of the samples, until the policy has moved too far."""
         config = self.config
         seen = self.policy.normaliser(batch.observation)
@@ -162,7 +162,7 @@ class PolicyUpdate:
             kl = _divergence(log_ratio[start:stop])
             if learnt < stop:
                 break
-        return PolicyNews(
+        return PolicyDiagnostics(
             policy_loss=-_sum(losses) / learnt_from if learnt_from else NAN,
             entropy=_sum(entropies) / learnt_from if learnt_from else NAN,
             approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
@@ -230,9 +230,9 @@ def update(
     if entropy_coefficient is None:
         entropy_coefficient = policy.config.entropy_coefficient
 
-    def run_policy(poll: Poll) -> PolicyNews:
+    def run_policy(poll: Poll) -> PolicyDiagnostics:
         if not train_policy:
-            return PolicyNews()
+            return PolicyDiagnostics()
         return policy.run(batch, orders, policy_rates, poll, entropy_coefficient)
 
     def run_critic(poll: Poll) -> float:

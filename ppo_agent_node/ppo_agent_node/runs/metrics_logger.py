@@ -25,7 +25,7 @@ class Progress(NamedTuple):
     unit: str
 
 
-class Journal:
+class MetricsLogger:
     """Writes down how a run goes."""
 
     def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:

@@ -16,7 +16,7 @@ from rich.text import Text
 from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
-from ppo_agent_node.terminal.status_lines import Picture
+from ppo_agent_node.terminal.status_lines import StatusLines
 from rocket_sim_node.printable import printable
 
 VARIABLE = 'HOVERSLAM_TERMINAL'
@@ -44,7 +44,7 @@ class Terminal:
         self._block: Block | None = None
         if self._console.is_terminal and not self._console.is_dumb_terminal:
             self._block = Block(self._console)
-        self._picture = Picture('utf' in self._console.encoding)
+        self._picture = StatusLines('utf' in self._console.encoding)
         self._drawn = self._printed = -1e9
         self._stage = ''
 

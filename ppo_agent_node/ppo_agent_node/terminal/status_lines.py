@@ -30,7 +30,7 @@ _CURVES = {
 }
 
 
-class Picture:
+class StatusLines:
     """The state of a run, drawn anew whenever somebody looks."""
 
     def __init__(

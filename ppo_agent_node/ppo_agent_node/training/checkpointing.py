@@ -10,7 +10,7 @@ from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.file import save_policy
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.runs.sealed_file import Tensors
 from ppo_agent_node.training import run_state
 from ppo_agent_node.training.run_state import RunState
@@ -18,11 +18,11 @@ from ppo_agent_node.training.selection import Score
 from rocket_sim_node.worlds import WorldSpec
 
 
-class Keeper:
+class CheckpointWriter:
     """Writes the files of a run, and tells which are the last."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, folder: RunFolder, journal: Journal,
+        self, spec: WorldSpec, config: Config, folder: RunFolder, journal: MetricsLogger,
     ) -> None:
         """Take the run."""
         self._spec, self._config, self._folder = spec, config, folder

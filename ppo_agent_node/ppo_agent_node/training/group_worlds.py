@@ -24,7 +24,7 @@ from ppo_agent_node.training.run_state import RunState
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import NO_EPISODES
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import Snapshot
@@ -68,7 +68,7 @@ class GroupWorlds:
         scattered = state.reverse.over and not config.ppo.whole_episodes
         steps = config.ppo.scatter_steps if scattered else 0
 
-        def begin(group: int) -> Flight[bytes]:
+        def begin(group: int) -> Job[bytes]:
             seed = self._seed(state, group)
             settings = {**config.curriculum.reset_settings(level, group), **reach}
             observation = yield Reset(seed, settings)
@@ -85,7 +85,7 @@ class GroupWorlds:
         self, rollout: Rollout | EpisodeRollout, policy: Policy, state: RunState,
     ) -> list[list[Ended]]:
         """Fly the roll-out of the next iteration; return what ended in each group."""
-        def begin(group: int) -> Flight[tuple[list[Ended], bytes]]:
+        def begin(group: int) -> Job[tuple[list[Ended], bytes]]:
             noise = random_streams.generator(
                 self._config.run.seed, 'roll-out', state.iteration + 1, *_later(group))
             return rollout.flight(group, self._begin(group, state), policy, noise)

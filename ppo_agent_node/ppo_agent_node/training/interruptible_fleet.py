@@ -11,12 +11,12 @@ from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node import free_memory
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.jobs import Fleet
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 
 T = TypeVar('T')
 
 
-class Crew:
+class InterruptibleFleet:
     """Flies what a run needs flown, and hears whether it shall stop."""
 
     def __init__(
@@ -28,9 +28,9 @@ class Crew:
         :param report: is told of flights that were begun anew.
         """
         self._fleet, self._stop_requested, self._report = fleet, stop_requested, report
-        self._give_back = free_memory.NowAndThen()
+        self._give_back = free_memory.PeriodicTrim()
 
-    def fly(self, flights: Sequence[Callable[[], Flight[T]]]) -> Iterator[T]:
+    def fly(self, flights: Sequence[Callable[[], Job[T]]]) -> Iterator[T]:
         """Fly, and yield the results in the order of the flights.
 
         :raises EnvironmentClosed: when the run is asked to stop.

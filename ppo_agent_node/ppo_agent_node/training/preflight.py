@@ -11,11 +11,11 @@ from typing import Any
 
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.imitation.demonstrations import spawn_settings
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 
-Fly = Callable[[Sequence[Callable[[], Flight[Any]]]], Iterator[Any]]
+Fly = Callable[[Sequence[Callable[[], Job[Any]]]], Iterator[Any]]
 """flies flights, see `worlds.flight.Fleet`"""
 
 
@@ -55,9 +55,9 @@ def try_snapshots(fly: Fly, path: Path, worlds: Sequence[bytes]) -> None:
         raise ValueError(f'{path}: {error}') from error
 
 
-def _begin(settings: dict[str, float]) -> Flight[None]:
+def _begin(settings: dict[str, float]) -> Job[None]:
     yield Reset(0, settings)
 
 
-def _go_into(world: bytes) -> Flight[None]:
+def _go_into(world: bytes) -> Job[None]:
     yield Restore(world)

@@ -17,14 +17,14 @@ from ppo_agent_node.flying.episodes import Pilot
 from ppo_agent_node.flying.episodes import fly_once
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import without_noise
-from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.statistics import wilson
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 
-Wave = Callable[[], Flight[tuple[Episodes, int]]]
+Wave = Callable[[], Job[tuple[Episodes, int]]]
 """Begins a flight of one episode a rocket."""
 
 
@@ -45,7 +45,7 @@ class Score:
 
 def fly_wave(
     pilot: Pilot, settings: Mapping[str, float], seed: int, wave: int,
-) -> Flight[tuple[Episodes, int]]:
+) -> Job[tuple[Episodes, int]]:
     """Fly one episode with each rocket; return them, and the steps that it took.
 
     The starts depend on the run's seed and the wave alone, so that two policies of a run meet the
@@ -95,7 +95,7 @@ class Selector:
     """Flies the policies of a run without noise when that is due, and tells how they do."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, journal: Journal,
+        self, spec: WorldSpec, config: Config, journal: MetricsLogger,
         fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]],
     ) -> None:
         """Take the run, and who flies."""

@@ -24,7 +24,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Ending:
+class StopCriterion:
     """What ends a run's fine-tuning."""
 
     iterations: int

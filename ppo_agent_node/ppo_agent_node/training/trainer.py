@@ -24,7 +24,7 @@ from ppo_agent_node.ppo.rollout_buffer import Rollout
 from ppo_agent_node.ppo.rollout_buffer import in_order
 from ppo_agent_node.runs import episode_scores
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.runs.metrics_logger import Progress
 from ppo_agent_node.runs.sealed_file import Sealed
 from ppo_agent_node.runs.sealed_file import Tensors
@@ -32,16 +32,16 @@ from ppo_agent_node.runs.status import Status
 from ppo_agent_node.threads import tensor_threads
 from ppo_agent_node.training import preflight
 from ppo_agent_node.training import run_state
-from ppo_agent_node.training.checkpointing import Keeper
+from ppo_agent_node.training.checkpointing import CheckpointWriter
 from ppo_agent_node.training.curriculum import Curriculum
 from ppo_agent_node.training.group_worlds import GroupWorlds
-from ppo_agent_node.training.interruptible_fleet import Crew
+from ppo_agent_node.training.interruptible_fleet import InterruptibleFleet
 from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.training.run_state import RunState
 from ppo_agent_node.training.selection import Score
 from ppo_agent_node.training.selection import Selector
-from ppo_agent_node.training.stop_criterion import Ending
 from ppo_agent_node.training.stop_criterion import Result
+from ppo_agent_node.training.stop_criterion import StopCriterion
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.jobs import Fleet
 
@@ -77,11 +77,11 @@ class Trainer:
             expert = scripted_teacher(
                 spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
         self._expert = expert if config.demonstration.demonstration_episodes else None
-        self._ending = Ending(
+        self._ending = StopCriterion(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
         self._learner = Learner(spec, config)
-        self._journal = Journal(folder, report)
+        self._journal = MetricsLogger(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._journal.keep(stages=(*imitation, 'finetune'))
         self._state = RunState(
@@ -92,10 +92,10 @@ class Trainer:
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             config.ppo.num_groups)
-        self._crew = Crew(fleet, stop_requested, self._journal.message)
+        self._crew = InterruptibleFleet(fleet, stop_requested, self._journal.message)
         self._worlds = GroupWorlds(spec, config, self._crew.fly)
         self._selector = Selector(spec, config, self._journal, self._crew.fly)
-        self._keeper = Keeper(spec, config, folder, self._journal)
+        self._keeper = CheckpointWriter(spec, config, folder, self._journal)
 
     def run(self) -> Result:
         """Train until done or asked to stop; from where the folder's run ended, if it has one.

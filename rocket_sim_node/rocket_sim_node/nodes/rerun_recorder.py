@@ -26,8 +26,8 @@ from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.recording.sinks.web_page import INVITATION
 from rocket_sim_node.recording.sinks.web_page import WebPage
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client.state_input import leaving_out
 from rocket_sim_node.wire.client.state_input import samples_from_message
@@ -91,7 +91,7 @@ class RecorderNode:
         self.count += 1
         with leaving_out(self._node, 'world'):
             spec = conversion.world_from_message(message)
-            self._recorder.world(Stage.build(
+            self._recorder.world(WorldInfo.build(
                 spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
 
     def _on_state(self, message: msg.RocketState) -> None:
@@ -142,7 +142,7 @@ def record(node: Node, executor: Executor) -> None:
     os.nice(_NICENESS)
     parameters = Parameters(node)
     destinations = parameters.declare(Destinations)
-    choice = parameters.declare(Choice)
+    choice = parameters.declare(RecordingFilter)
     parameters.finish()
 
     def note(level: str, text: str) -> None:

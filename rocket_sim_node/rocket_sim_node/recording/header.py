@@ -14,10 +14,10 @@ from rocket_sim_node.recording.scene.backdrop import log_backdrop
 from rocket_sim_node.recording.scene.sceneries import scenery
 from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Put
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 
-def head(stage: Stage, look: Look, live: bool) -> Put:
+def head(stage: WorldInfo, look: Look, live: bool) -> Put:
     """Return what logs the head of a recording of a world.
 
     :param look: what the recording shows.

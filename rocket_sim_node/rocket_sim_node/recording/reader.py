@@ -23,7 +23,7 @@ ARROW = 0.9
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class RecordedTrajectory:
     """One recorded flight: n samples, z up, SI units, float32 as they are stored.
 
     `time` `(n,)` s since it began, `start` s on the recording's `sim_time`; `position` and
@@ -50,7 +50,7 @@ class Trajectory:
     pilot: str = ''
 
 
-def trajectories(path: Path | str) -> list[Trajectory]:
+def trajectories(path: Path | str) -> list[RecordedTrajectory]:
     """Return the flights of a recording in their order, also when they are of several worlds.
 
     :raises OSError: when there is no such file, or it is none of ours.
@@ -76,7 +76,7 @@ def trajectories(path: Path | str) -> list[Trajectory]:
 
 def _flights(
     pilot: str, rockets: list[pa.RecordBatch], landings: list[pa.RecordBatch],
-) -> list[Trajectory]:
+) -> list[RecordedTrajectory]:
     """Return what one pilot flew."""
     step = np.concatenate([_column(batch, 'step') for batch in rockets])
     order = np.argsort(step, kind='stable')
@@ -119,7 +119,7 @@ def _cells(batch: pa.RecordBatch, name: str, batches: list[pa.RecordBatch]) -> p
 
 def _trajectory(
     record: dict[str, Any], end: float, pilot: str, part: dict[str, F32],
-) -> Trajectory:
+) -> RecordedTrajectory:
     count = record['samples']
     seconds = np.arange(count) * record['dt']
     orientation = part['Transform3D:quaternion']
@@ -135,7 +135,7 @@ def _trajectory(
             fuel = tank - part['Flight:fuel_used'][:, 0]
         if part.get('Flight:return', EMPTY).size:
             reward = np.diff(part['Flight:return'][:, 0], prepend=np.float32(0))
-    return Trajectory(
+    return RecordedTrajectory(
         row=record['row'], episode=record['episode'], outcome=record['outcome'],
         start=end - float(seconds[-1]), time=seconds.astype(np.float32),
         position=part['Transform3D:translation'], orientation=orientation,

@@ -19,14 +19,14 @@ from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.base import Sink
-from rocket_sim_node.recording.timeline import Reel
 from rocket_sim_node.recording.timeline import Settle
+from rocket_sim_node.recording.timeline import Timeline
 from rocket_sim_node.recording.training_recorder import TrainingRecorder
-from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.follower import Follower
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
 
@@ -49,7 +49,7 @@ class Recorder:
     """
 
     def __init__(
-        self, choice: Choice, sinks: Sequence[Sink], note: Note,
+        self, choice: RecordingFilter, sinks: Sequence[Sink], note: Note,
         clock: Callable[[], float] = time.monotonic, settle: Settle | None = None,
     ) -> None:
         """Begin an empty recording.
@@ -60,17 +60,17 @@ class Recorder:
         self._choice = choice
         self._sinks = sinks
         self._clock = clock
-        self._buffers = {row: FlightBuffer() for row in choice.rows}
-        self._stage: Stage | None = None
+        self._buffers = {row: TrajectoryBuffer() for row in choice.rows}
+        self._stage: WorldInfo | None = None
         self._session = 0
         self._over = False
         self._early: list[tuple[int, Samples]] = []
         self._unusual = False
         self._training: TrainingRecorder | None = None
-        self._reel = Reel(choice, sinks, note, settle)
+        self._reel = Timeline(choice, sinks, note, settle)
         self._live = any(sink.live for sink in sinks)
         self._follower = Follower(self._buffers, clock)
-        self._held: list[Flight] = []
+        self._held: list[Trajectory] = []
         self._held_since = 0.0
 
     @property
@@ -85,7 +85,7 @@ class Recorder:
 
     # What comes in
 
-    def world(self, stage: Stage) -> None:
+    def world(self, stage: WorldInfo) -> None:
         """Take note of a world; what came before it was kept for it."""
         if stage == self._stage:
             return
@@ -121,7 +121,7 @@ class Recorder:
             self._session = session
             for buffer in self._buffers.values():
                 buffer.clear()
-        ended: list[tuple[int, Flight]] = []
+        ended: list[tuple[int, Trajectory]] = []
         for row, buffer in self._buffers.items():
             index = np.flatnonzero(samples.row == row)
             if index.size:
@@ -191,7 +191,7 @@ class Recorder:
     def _dt(self) -> float:
         return self._stage.dt if self._stage is not None else 0.02
 
-    def _begin(self, stage: Stage) -> None:
+    def _begin(self, stage: WorldInfo) -> None:
         """Log what stands at the head of the recording of a world."""
         look = Look(stage.world, self._training is not None, self._unusual)
         for sink in self._sinks:
@@ -202,8 +202,8 @@ class Recorder:
             sink.write(put)
 
     def _add(
-        self, row: int, buffer: FlightBuffer, samples: Samples,
-    ) -> Iterator[tuple[int, Flight]]:
+        self, row: int, buffer: TrajectoryBuffer, samples: Samples,
+    ) -> Iterator[tuple[int, Trajectory]]:
         """Take samples of one rocket: the rest of a flight, whole flights, the start of one.
 
         :return: flights that ended, each with its last step.
@@ -222,7 +222,7 @@ class Recorder:
         names = self._stage.outcomes
         return names[outcome] if outcome < len(names) else f'outcome {outcome}'
 
-    def _finish(self, flight: Flight) -> None:
+    def _finish(self, flight: Trajectory) -> None:
         """Record a flight that has ended, if it is wanted; now, or after the one followed."""
         assert self._stage is not None
         followed = self._follower.follows(flight.row, flight.episode)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rocket_sim_node import command_line
-from rocket_sim_node.recording.reader import Trajectory
+from rocket_sim_node.recording.reader import RecordedTrajectory
 from rocket_sim_node.recording.reader import trajectories
 from rocket_sim_node.recording.render import render
 from rocket_sim_node.recording.scene.blueprint import TABS
@@ -24,7 +24,7 @@ MOMENTS = ('burn', 'touchdown', 'end')
 
 
 @dataclass(frozen=True)
-class Picture:
+class ScreenshotSettings:
     """Arguments of the command."""
 
     recording: str = setting('', '', 'the .rrd file')
@@ -39,7 +39,7 @@ class Picture:
     height: int = setting(968, 'px', 'height of the window', 480, 4320)
 
 
-def moment(picture: Picture, flights: list[Trajectory]) -> float:
+def moment(picture: ScreenshotSettings, flights: list[RecordedTrajectory]) -> float:
     """Return the time of the picture, s on the recording's `sim_time`.
 
     :raises ValueError: when there is no such flight or moment.
@@ -69,7 +69,7 @@ def moment(picture: Picture, flights: list[Trajectory]) -> float:
     return flight.start + float(flight.time[low[0] if low.size else len(flight.time) // 2])
 
 
-def take(picture: Picture) -> str:
+def take(picture: ScreenshotSettings) -> str:
     """Make a picture; return what to say of it.
 
     :raises ValueError: when there is no such flight or moment.
@@ -92,7 +92,7 @@ def main() -> None:
     """Run the command."""
     command_line.run(
         'screenshot', 'recording:=FILE [NAME:=VALUE ...]',
-        'Makes a picture of a recording, without a screen.', Picture, take,
+        'Makes a picture of a recording, without a screen.', ScreenshotSettings, take,
         expected=(ViewerError,))
 
 

@@ -6,29 +6,29 @@ from collections.abc import Callable
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.base import Sink
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Settling
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
 
-Settle: TypeAlias = Callable[[Sequence[Flight], Stage], list[Settling | None]]
+Settle: TypeAlias = Callable[[Sequence[Trajectory], WorldInfo], list[Settling | None]]
 """Says what becomes of each rocket after its flight, or None where nothing does."""
 
 
-class Reel:
+class Timeline:
     """Knows where the recording ends, and how much room it has left.
 
     `learning` says whether an agent learns, `iteration` is that of its run, if one has reported.
     """
 
     def __init__(
-        self, choice: Choice, sinks: Sequence[Sink], note: Note, settle: Settle | None,
+        self, choice: RecordingFilter, sinks: Sequence[Sink], note: Note, settle: Settle | None,
     ) -> None:
         """Begin with nothing on it."""
         self._choice = choice
@@ -53,7 +53,7 @@ class Reel:
         """Whether it is asked what becomes of rockets."""
         return self._settle is not None and not self.learning
 
-    def record(self, flights: Sequence[Flight], stage: Stage) -> bool:
+    def record(self, flights: Sequence[Trajectory], stage: WorldInfo) -> bool:
         """Log flights at the end, one after another; return whether anybody takes all of them.
 
         When the recording is full, live viewers go on seeing what flies, unless an agent learns.
@@ -83,7 +83,7 @@ class Reel:
         """Whether viewers see what is not recorded."""
         return not self.learning and any(sink.live for sink in self._sinks)
 
-    def _record(self, flight: Flight, stage: Stage, settling: Settling | None) -> bool:
+    def _record(self, flight: Trajectory, stage: WorldInfo, settling: Settling | None) -> bool:
         learning = self.learning
         steps = len(flight) + (len(settling.values) if settling is not None else 0)
         fits = steps <= self._room
@@ -104,22 +104,24 @@ class Reel:
         self.end += steps + pause_steps(stage)
         return True
 
-    def show(self, flight: Flight, stage: Stage) -> None:
+    def show(self, flight: Trajectory, stage: WorldInfo) -> None:
         """Show live what there is of a flight that goes on."""
         # Its last sample may be drawn otherwise when there are more.
         self._show(flight, stage, self.end + len(flight) - 1)
 
-    def leave(self, flight: Flight, stage: Stage) -> None:
+    def leave(self, flight: Trajectory, stage: WorldInfo) -> None:
         """Show live that a flight broke off; the next one begins after it."""
         end = self.end + len(flight) + pause_steps(stage)
         self._show(flight, stage, end)
         self.end = end
 
-    def _show(self, flight: Flight, stage: Stage, until: int) -> None:
+    def _show(self, flight: Trajectory, stage: WorldInfo, until: int) -> None:
         put = self._put_of(flight, stage)
         for sink in self._sinks:
             sink.under_way(put, until)
 
-    def _put_of(self, flight: Flight, stage: Stage, settling: Settling | None = None) -> Put:
-        place = Place(self.end, self.iteration)
+    def _put_of(
+        self, flight: Trajectory, stage: WorldInfo, settling: Settling | None = None,
+    ) -> Put:
+        place = Timepoint(self.end, self.iteration)
         return lambda stream: log_flight(stream, flight, stage, place, settling)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rocket_sim_node.recording.drawing import training_plots
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.sinks.base import Put
 
@@ -33,7 +33,7 @@ class TrainingRecorder:
         self._clock = clock
         self._iterations = training_plots.IterationCounter()
         self._pending = training_plots.GatheredReports()
-        self._texts: list[tuple[Place, str, str]] = []
+        self._texts: list[tuple[Timepoint, str, str]] = []
         self._began = self._pending_since = clock()
         self._stage = ''
 
@@ -53,7 +53,7 @@ class TrainingRecorder:
         """
         new_stage = training.stage != self._stage
         self._stage = training.stage
-        place = Place(step, self._iterations.add(training))
+        place = Timepoint(step, self._iterations.add(training))
         if not self._pending and not self._texts:
             self._pending_since = self._clock()
         if training.learning:

@@ -16,7 +16,7 @@ from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.drawing.palette import words
 from rocket_sim_node.recording.drawing.plots import Plot
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.scene.camera import log_camera
 from rocket_sim_node.recording.scene.conditions_log import drawn
@@ -26,21 +26,21 @@ from rocket_sim_node.recording.scene.effects import every
 from rocket_sim_node.recording.scene.effects import to_body
 from rocket_sim_node.recording.scene.sceneries import Scenery
 from rocket_sim_node.recording.scene.sceneries import scenery
-from rocket_sim_node.recording.trajectories.trajectory import Flight
 from rocket_sim_node.recording.trajectories.trajectory import Settling
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 TRAIL_STEP = 20
 PATH_POINTS = 40
 
 
-def ending(flight: Flight, settling: Settling | None) -> str:
+def ending(flight: Trajectory, settling: Settling | None) -> str:
     """Return in a few words how a flight ended, and what became of the rocket."""
     end = words(flight.outcome or 'unfinished')
     return end if settling is None else f'{end}, {words(settling.verdict)}'
 
 
-def describe(flight: Flight, stage: Stage) -> str:
+def describe(flight: Trajectory, stage: WorldInfo) -> str:
     """Return how a flight ended, in numbers."""
     fuel = f', {flight.fuel[0] - flight.fuel[-1]:.0f} kg of fuel' if stage.fuel > 0 else ''
     return (
@@ -50,7 +50,7 @@ def describe(flight: Flight, stage: Stage) -> str:
 
 
 def log_flight(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
     settling: Settling | None = None, look: Scenery | None = None,
 ) -> None:
     """Log a finished flight at its place, and what became of the rocket after its touchdown.
@@ -78,8 +78,8 @@ def log_flight(
 
 
 def _rocket(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, look: Scenery,
-    recorded: Sequence[tuple[Plot, ...]],
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    look: Scenery, recorded: Sequence[tuple[Plot, ...]],
 ) -> None:
     """Pose, arrows and plots: one row a step and one more, empty, to end the lines.
 
@@ -106,7 +106,8 @@ def _rocket(
 
 
 def _trail(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, look: Scenery,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    look: Scenery,
 ) -> None:
     """Leave a line behind, blue where the rocket falls and amber where it burns."""
     end = every(TRAIL_STEP, len(flight))[1:]
@@ -120,7 +121,7 @@ def _trail(
             strips=lines, colors=colours))
 
 
-def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
+def phases(flight: Trajectory, shortest: int = 5) -> list[tuple[int, str]]:
     """Return (row, phase) where a phase begins: 'fall', 'burn' or 'settling', at last the outcome.
 
     It settles when it touches the ground with its engine off. The outcome of an unfinished flight
@@ -139,8 +140,8 @@ def phases(flight: Flight, shortest: int = 5) -> list[tuple[int, str]]:
 
 
 def _phases(
-    stream: rr.RecordingStream, flight: Flight, settling: Settling | None, stage: Stage,
-    place: Place, look: Scenery,
+    stream: rr.RecordingStream, flight: Trajectory, settling: Settling | None, stage: WorldInfo,
+    place: Timepoint, look: Scenery,
 ) -> None:
     """Say in which phase the flight is, and above the rocket, until the next, how it ended."""
     changes = phases(flight)
@@ -165,14 +166,14 @@ def _phases(
         ])
 
 
-def _colour(flight: Flight, stage: Stage) -> palette.Colour:
+def _colour(flight: Trajectory, stage: WorldInfo) -> palette.Colour:
     return palette.outcome_colours(stage.outcomes).get(flight.outcome, palette.GREY)
 
 
-def touchdown(flight: Flight, stage: Stage, reach: float = 1.0) -> NDArray[np.float64]:
+def touchdown(flight: Trajectory, stage: WorldInfo, reach: float = 1.0) -> NDArray[np.float64]:
     """Return where the end of a flight is marked: on the ground when it touched, `(3,)`.
 
-    :param reach: how near to the ground the origin then is, in :attr:`Stage.unit`.
+    :param reach: how near to the ground the origin then is, in :attr:`WorldInfo.unit`.
     """
     mark: NDArray[np.float64] = flight.position[-1].copy()
     ground = 0.0
@@ -186,8 +187,8 @@ def touchdown(flight: Flight, stage: Stage, reach: float = 1.0) -> NDArray[np.fl
 
 
 def _landing(
-    stream: rr.RecordingStream, flight: Flight, settling: Settling | None, stage: Stage,
-    place: Place, look: Scenery,
+    stream: rr.RecordingStream, flight: Trajectory, settling: Settling | None, stage: WorldInfo,
+    place: Timepoint, look: Scenery,
 ) -> None:
     """Leave the path for a while, a mark at its end for all time, and a line in the log."""
     last = len(flight) - 1
@@ -212,8 +213,10 @@ def _landing(
         ])
 
 
+
 def _summary(
-    flight: Flight, settling: Settling | None, stage: Stage, place: Place, look: Scenery,
+    flight: Trajectory, settling: Settling | None, stage: WorldInfo, place: Timepoint,
+    look: Scenery,
 ) -> pa.StructArray:
     """Return what there is to know of a flight beside its samples, as one record."""
     record = {

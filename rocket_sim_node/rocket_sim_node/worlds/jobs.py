@@ -60,7 +60,7 @@ class Snapshot:
 
 Command = Reset | Restore | Snapshot | NDArray[Any]
 """What a flight yields; an array is an action, answered as by `VectorEnv.step`."""
-Flight = Generator[Command, Any, T]
+Job = Generator[Command, Any, T]
 
 
 class Fleet(Protocol):
@@ -73,7 +73,7 @@ class Fleet(Protocol):
 
     def fly(
         self,
-        flights: Sequence[Callable[[], Flight[T]]],
+        flights: Sequence[Callable[[], Job[T]]],
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
@@ -87,7 +87,7 @@ class Fleet(Protocol):
         ...
 
 
-class Mooring:
+class LastSnapshot:
     """Remembers the snapshot that an environment is at.
 
     A roll-out mostly begins where the last one ended: that way back need not be gone.
@@ -144,8 +144,8 @@ def execute(env: VectorEnv, command: Command) -> Any:
 
 
 def fly(
-    env: VectorEnv, flight: Flight[T], poll: Callable[[], None] = lambda: None,
-    mooring: Mooring | None = None,
+    env: VectorEnv, flight: Job[T], poll: Callable[[], None] = lambda: None,
+    mooring: LastSnapshot | None = None,
 ) -> T:
     """Fly one flight and return its result.
 
@@ -153,7 +153,7 @@ def fly(
     :param mooring: what is known of where the environment is.
     :raises EnvironmentRestarted: what was flown is lost.
     """
-    mooring = mooring or Mooring()
+    mooring = mooring or LastSnapshot()
     answer: Any = None
     try:
         while True:
@@ -178,7 +178,7 @@ class SerialFleet:
     def __init__(self, *envs: VectorEnv) -> None:
         """Take environments of one kind, one or more."""
         self._envs = envs
-        self._moorings = [Mooring() for _ in envs]
+        self._moorings = [LastSnapshot() for _ in envs]
 
     @property
     def spec(self) -> WorldSpec:
@@ -187,7 +187,7 @@ class SerialFleet:
 
     def fly(
         self,
-        flights: Sequence[Callable[[], Flight[T]]],
+        flights: Sequence[Callable[[], Job[T]]],
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:

@@ -37,7 +37,7 @@ def test_it_is_given_back_once_in_a_period(monkeypatch: pytest.MonkeyPatch) -> N
     clock, given = [100.0], []
     monkeypatch.setattr('time.monotonic', lambda: clock[0])
     monkeypatch.setattr(free_memory, 'give_back', lambda: given.append(clock[0]))
-    now_and_then = free_memory.NowAndThen()
+    now_and_then = free_memory.PeriodicTrim()
     for clock[0] in (100.0, 109.9, 110.0, 110.1, 119.9, 125.0, 134.9, 135.0):
         now_and_then()
     assert given == [110.0, 125.0, 135.0]

@@ -20,7 +20,7 @@ from ppo_agent_node.terminal import Terminal
 from rocket_sim_node import worlds
 from rocket_sim_node.printable import printable
 from rocket_sim_node.recording.sinks.web_page import INVITATION
-from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -93,7 +93,8 @@ def test_what_a_service_answers_is_printable(
         _options=SimpleNamespace(patience=patience), _begin_call=lambda *_: None,
         _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=said.append)))
     try:
-        Link._judge(link, command, SimpleNamespace(OK=0, BUSY=srv.Reset.Response.BUSY, code=code,
+        Connection._judge(
+            link, command, SimpleNamespace(OK=0, BUSY=srv.Reset.Response.BUSY, code=code,
                                                    message=text), 1.0)
     except (ValueError, SimulatorBusy, EnvironmentRestarted) as error:
         said.append(str(error))

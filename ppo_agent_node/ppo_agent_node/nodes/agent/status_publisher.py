@@ -21,7 +21,7 @@ STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
 """set where launch_scripts/train says at the very end how to resume"""
 
 
-class Teller:
+class StatusPublisher:
     """Tells of a run."""
 
     def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:

@@ -15,7 +15,7 @@ from ppo_agent_node.config import training_config
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.imitation.cloning import NothingLanded
-from ppo_agent_node.nodes.agent.status_publisher import Teller
+from ppo_agent_node.nodes.agent.status_publisher import StatusPublisher
 from ppo_agent_node.nodes.flights.connection import ConnectionParameters
 from ppo_agent_node.nodes.flights.connection import agent_of_run
 from ppo_agent_node.nodes.flights.connection import make_fleet
@@ -29,7 +29,7 @@ from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client.connection import SimulatorBusy
-from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.client.membership import check_pattern
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
@@ -76,7 +76,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
 
         if not folder.finished:  # a finished run stays one when it cannot be taken up
             folder.mark_unfinished()
-        teller = Teller(node, terminal, folder)
+        teller = StatusPublisher(node, terminal, folder)
         try:
             config = _config(parameters, options.preset, fleet.connect().name, saved)
             require_lockstep(fleet)
@@ -164,7 +164,8 @@ def _config(
 
 
 def _evaluate(
-    fleet: Fleet, config: Config, folder: RunFolder, teller: Teller, terminal: Terminal,
+    fleet: SimulatorFleet, config: Config, folder: RunFolder, teller: StatusPublisher,
+    terminal: Terminal,
     tick: Callable[[], None],
 ) -> None:
     """Fly the best policy on fresh starts; write the figures and all plots."""

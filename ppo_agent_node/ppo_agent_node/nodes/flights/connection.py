@@ -13,9 +13,9 @@ from rclpy.node import Node
 
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
-from rocket_sim_node.wire.client.fleet import Fleet
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.waiting import WireTimeout
@@ -39,9 +39,9 @@ class ConnectionParameters:
         'what was lost; auto: when the discovery range goes beyond this machine',
         choices=qos.ACKNOWLEDGE)
 
-    def link_options(self) -> LinkOptions:
+    def link_options(self) -> ConnectionOptions:
         """Return them as the wire takes them."""
-        return LinkOptions(self.resend_after, self.patience, self.acknowledge)
+        return ConnectionOptions(self.resend_after, self.patience, self.acknowledge)
 
 
 def make_client(
@@ -53,12 +53,12 @@ def make_client(
 
 def make_fleet(
     node: Node, executor: Executor, parameters: ConnectionParameters, simulators: str, agent: int,
-) -> Fleet:
+) -> SimulatorFleet:
     """Return all simulators that train one agent."""
-    return Fleet(node, executor, parameters.link_options(), agent, simulators)
+    return SimulatorFleet(node, executor, parameters.link_options(), agent, simulators)
 
 
-def require_lockstep(client: Client | Fleet) -> None:
+def require_lockstep(client: Client | SimulatorFleet) -> None:
     """Check that no step can be missed.
 
     :raises ValueError: when the simulator goes by the clock.

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from ppo_agent_node.cockpit.debrief import ExpertFlight
-from ppo_agent_node.cockpit.debrief import Flight
+from ppo_agent_node.cockpit.debrief import FlightSummary
 from ppo_agent_node.cockpit.debrief import Watch
 from ppo_agent_node.cockpit.debrief import debrief
 from ppo_agent_node.cockpit.display import Cockpit
@@ -53,7 +53,7 @@ _NEXT = ('', 'r: next start   t: this start again   h: help   q: quit')
 
 
 @dataclass(frozen=True)
-class Start:
+class EpisodeStart:
     """Where flights begin."""
 
     seed: int
@@ -75,7 +75,7 @@ class HandFlying:
 
     def __init__(
         self, node: Node, client: Client, terminal: RawTerminal, cockpit: Cockpit,
-        pilot: KeyboardPilot, start: Start, place: str,
+        pilot: KeyboardPilot, start: EpisodeStart, place: str,
     ) -> None:
         """Take all that is needed; `client` is connected.
 
@@ -125,7 +125,7 @@ class HandFlying:
 
     # On the ground
 
-    def _rest(self, start: Start) -> str:
+    def _rest(self, start: EpisodeStart) -> str:
         """Wait for what the person wants next."""
         view = self._view
         view.flying = False
@@ -161,7 +161,7 @@ class HandFlying:
 
     # In the air
 
-    def _fly(self, start: Start) -> str | None:
+    def _fly(self, start: EpisodeStart) -> str | None:
         """Fly from a start; return the command that broke the flight off, if one did."""
         view = self._view
         view.help, view.flying, view.notes, view.message = False, True, [], ''
@@ -178,7 +178,7 @@ class HandFlying:
             self._client.close()
         return None
 
-    def _steer(self, start: Start, observation: F32) -> str | None:
+    def _steer(self, start: EpisodeStart, observation: F32) -> str | None:
         watch = Watch(self._brake)
         due = time.monotonic()
         steps = 0
@@ -206,20 +206,20 @@ class HandFlying:
                 due = max(due + self._spec.dt, time.monotonic() - self._spec.dt)
                 time.sleep(max(due - time.monotonic(), 0.0))
 
-    def _touch_down(self, start: Start, info: dict[str, Any], watch: Watch) -> None:
+    def _touch_down(self, start: EpisodeStart, info: dict[str, Any], watch: Watch) -> None:
         """Tell how a flight ended."""
         rows = np.flatnonzero(info['episodes'].row == 0)
         if not rows.size:
             self._view.notes = [('', 'how it ended got lost on the way'), ('', ''), _NEXT]
             return
-        flight = Flight.of(info['episodes'], int(rows[0]), self._spec)
+        flight = FlightSummary.of(info['episodes'], int(rows[0]), self._spec)
         self._flights[flight.outcome] += 1
         self._best = max(self._best, flight.episode_return)
         self._flown = flight, watch
         self._expert = ExpertFlight(self._spec, start.seed, **start.settings)
         self._report()
 
-    def _report(self, expert: Flight | None = None) -> None:
+    def _report(self, expert: FlightSummary | None = None) -> None:
         """Put what there is to say after a flight below the instruments."""
         self._view.notes = [
             *debrief(self._flown[0], expert, self._flown[1]), ('', ''), _NEXT]
@@ -236,7 +236,7 @@ class HandFlying:
             self._expert = None
             self._drawn = 0.0
 
-    def _draw(self, start: Start) -> None:
+    def _draw(self, start: EpisodeStart) -> None:
         self._drawn = time.monotonic()
         level = f' · level {start.level}' if start.level else ''
         self._view.title = f'hoverslam · {self._spec.name}{level} · start {start.seed}'

@@ -25,8 +25,8 @@ from ppo_agent_node.pilots.expert.descent import TimeToGo
 from ppo_agent_node.pilots.expert.expert import ExpertSettings
 from ppo_agent_node.pilots.expert.lateral import Pull
 from ppo_agent_node.pilots.expert.lateral import drift_upright
-from ppo_agent_node.pilots.expert.observed_state import Sight
-from ppo_agent_node.pilots.expert.stateful import RememberingExpert
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
+from ppo_agent_node.pilots.expert.stateful import StatefulExpert
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
@@ -72,7 +72,7 @@ class EstimatorSettings(ExpertSettings):
         1.0, '', 'share of the lag of the engine that commands make up for', 0.0, 1.0)
 
 
-class ExpertEstimator(RememberingExpert):
+class ExpertEstimator(StatefulExpert):
     """Lands rockets whose mass, thrust, RCS, lag, delay and side wind are not told. A `Pilot`."""
 
     name = 'expert_estimator'
@@ -115,7 +115,7 @@ class ExpertEstimator(RememberingExpert):
         # Fuel flows as the engine follows.
         self._memory.command(throttle + (self._now - throttle) * self._kept(self._found.lag))
 
-    def _look(self, observation: F32) -> Sight:
+    def _look(self, observation: F32) -> ObservedState:
         """Return what will be seen when the command arrives."""
         v, gain, sight = self.vehicle, self.settings, super()._look(observation)
         fresh = self._memory.look(sight)
@@ -137,7 +137,7 @@ class ExpertEstimator(RememberingExpert):
             noisy, max(gain.lateral_time, gain.noisy_lateral_time), gain.lateral_time))
         return self._predict(sight, mass, found)
 
-    def _predict(self, sight: Sight, mass: F64, found: Estimate) -> Sight:
+    def _predict(self, sight: ObservedState, mass: F64, found: Estimate) -> ObservedState:
         """Return the state after the commands that are under way, step by step as the world."""
         v, commands = self.vehicle, self._identification.commands
         dt, rows = v.dt, np.arange(self._count)
@@ -149,7 +149,7 @@ class ExpertEstimator(RememberingExpert):
             flying = step < found.delay
             asked = commands[np.maximum(found.delay - 1 - step, 0), :, rows].T
             throttle = asked[0] + (self._now - asked[0]) * kept
-            now = Sight(height, sight.origin_height, lateral, velocity, up, spin)
+            now = ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
             push = self._acceleration(now, throttle * full, mass)
             torque = np.stack((asked[1], np.zeros_like(height), asked[2])) * self._spin_up
             faster = velocity + push * dt
@@ -159,9 +159,9 @@ class ExpertEstimator(RememberingExpert):
             height = np.where(flying, height + velocity[1] * dt, height)
             lateral = np.where(flying, lateral + velocity[::2] * dt, lateral)
             up = np.where(flying, turn(up, spin, dt), up)
-        return Sight(height, sight.origin_height, lateral, velocity, up, spin)
+        return ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
 
-    def _acceleration(self, sight: Sight, push: F64, mass: F64) -> F64:
+    def _acceleration(self, sight: ObservedState, push: F64, mass: F64) -> F64:
         """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
         drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
         acceleration: F64 = sight.up * push - drag * sight.velocity
@@ -174,7 +174,7 @@ class ExpertEstimator(RememberingExpert):
         kept: F64 = np.exp(-self.vehicle.dt / np.maximum(lag, 1e-9))
         return kept
 
-    def _book_mass(self, sight: Sight) -> F64:
+    def _book_mass(self, sight: ObservedState) -> F64:
         """Return the mass `(N,)` kg by the book: that at spawn less the fuel commanded."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
@@ -196,7 +196,7 @@ class ExpertEstimator(RememberingExpert):
             profile, flare_rate=rate,
             touchdown_speed=profile.touchdown_speed + gain.noise_margin * (rate * height + speed))
 
-    def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
+    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
         """Return what thrust shall do sideways, held against the side acceleration."""
         way = drift_upright(self._found.side, to_go.burn, self.settings.side_upright_time)
         pull = self._lateral.pull(
@@ -204,12 +204,12 @@ class ExpertEstimator(RememberingExpert):
         rate = np.where(to_go.coast > 0, pull.rate, pull.rate - way.opposed_rate)
         return Pull(pull.acceleration - way.opposed, rate)
 
-    def _mass(self, sight: Sight) -> F64:
+    def _mass(self, sight: ObservedState) -> F64:
         """Return the mass `(N,)` kg that the thrust by the book moves as it was seen to."""
         mass: F64 = self._book_mass(sight) / self._found.strength
         return mass
 
-    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted; an engine that lags is lit earlier."""
         lead = np.where(self._memory.lit, 0.0, self._found.lag)
         fall = self.vehicle.gravity * lead
@@ -219,7 +219,7 @@ class ExpertEstimator(RememberingExpert):
             height=sight.height - (sight.speed + fall / 2) * lead, velocity=velocity)
         return super()._brake(profile, later, to_go)
 
-    def _throttle(self, profile: Descent, sight: Sight, wanted: F64) -> F64:
+    def _throttle(self, profile: Descent, sight: ObservedState, wanted: F64) -> F64:
         """Return the throttle `(N,)` to command so that the engine gives what is wanted."""
         kept = self._kept(self._found.lag * self.settings.lag_inverted)
         asked = (np.clip(wanted, 0.0, 1.0) - self._now * kept) / (1 - kept)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
@@ -72,7 +72,7 @@ class Identification:
         self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
         self._side, self._side_weight = np.zeros((2, count)), np.zeros(count)
         self._fall, self._fallen = np.zeros(count), np.zeros(count)
-        self._before: Sight | None = None
+        self._before: ObservedState | None = None
         self._variance = np.full(count, _EXACT**2)
 
     def forget(self, rows: Bools) -> None:
@@ -89,7 +89,7 @@ class Identification:
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, sight: Sight, mass: F64, known: Bools, noise: F64) -> None:
+    def learn(self, sight: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
         """Learn from the step that ended.
 
         :param mass: `(N,)` kg by the book, during the step.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 
@@ -111,7 +111,7 @@ class AxisOfBody:
         noise = np.sqrt(self._squares / np.maximum(self.seen - 1, 1.0))
         return np.where(noise < _NONE, 0.0, noise)
 
-    def update(self, sight: Sight, fresh: Bools) -> None:
+    def update(self, sight: ObservedState, fresh: Bools) -> None:
         """Take note of what is seen; `fresh` rows begin anew."""
         self.seen = np.where(fresh, 0.0, self.seen) + 1
         before = np.where(fresh, sight.up, self.up)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppo_agent_node.pilots.estimator.kalman import AxisFilter
 from ppo_agent_node.pilots.estimator.kalman import AxisOfBody
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 
@@ -47,7 +47,7 @@ class StateFilter:
         self._vertical = AxisFilter(
             1, count, dt, expected.strength, expected.strength_spread)
         self._lateral = AxisFilter(2, count, dt, 0.0, expected.side_spread)
-        self._last: Sight | None = None
+        self._last: ObservedState | None = None
 
     @property
     def noise(self) -> F64:
@@ -72,7 +72,7 @@ class StateFilter:
         height, speed = np.sqrt(variance)
         return height, speed
 
-    def update(self, sight: Sight, fresh: Bools, push: F64, damping: F64) -> Sight:
+    def update(self, sight: ObservedState, fresh: Bools, push: F64, damping: F64) -> ObservedState:
         """Return the state after a step.
 
         :param fresh: `(N,)` rows whose flight was not known.
@@ -96,7 +96,7 @@ class StateFilter:
         self._lateral.begin(begin, sight.lateral, sight.drift, noise)
         x, z = self._lateral.velocity
         origin = self._vertical.position[0]
-        self._last = Sight(
+        self._last = ObservedState(
             sight.height + origin - sight.origin_height, origin, self._lateral.position,
             np.stack((x, self._vertical.velocity[0], z)),
             np.where(noise > 0, self._body.up, sight.up), sight.spin)

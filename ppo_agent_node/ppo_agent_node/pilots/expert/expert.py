@@ -20,7 +20,7 @@ from ppo_agent_node.pilots.expert.descent import DescentProfile
 from ppo_agent_node.pilots.expert.descent import TimeToGo
 from ppo_agent_node.pilots.expert.lateral import LateralLaw
 from ppo_agent_node.pilots.expert.lateral import Pull
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from ppo_agent_node.pilots.expert.observed_state import look
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import setting
@@ -134,7 +134,7 @@ class ExpertPilot:
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
-    def _look(self, observation: F32) -> Sight:
+    def _look(self, observation: F32) -> ObservedState:
         """Return what is seen."""
         return look(observation, self._world)
 
@@ -144,15 +144,15 @@ class ExpertPilot:
         return DescentProfile(
             gain.braking_share * net, gain.flare_rate, gain.flare_speed, self.vehicle.gravity)
 
-    def _throttle(self, profile: Descent, sight: Sight, throttle: F64) -> F64:
+    def _throttle(self, profile: Descent, sight: ObservedState, throttle: F64) -> F64:
         """Return the throttle `(N,)` to command where this much thrust is wanted."""
         return throttle
 
-    def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
+    def _to_go(self, profile: Descent, sight: ObservedState) -> TimeToGo:
         """Return the time until touchdown."""
         return profile.time_to_go(sight.height, sight.speed)
 
-    def _mass(self, sight: Sight) -> F64:
+    def _mass(self, sight: ObservedState) -> F64:
         """Return the estimated mass `(N,)` kg."""
         v = self.vehicle
         to_go = self.profile.time_to_go(sight.height, sight.speed)
@@ -160,7 +160,7 @@ class ExpertPilot:
         mass: F64 = np.maximum(v.dry_mass + v.fuel - self._flow * burnt, v.dry_mass)
         return mass
 
-    def _paced_profile(self, sight: Sight) -> Descent:
+    def _paced_profile(self, sight: ObservedState) -> Descent:
         """Return the fastest descent whose burn lasts as long as the way to the axis.
 
         Pace and way depend on each other, as a slower descent begins to burn earlier, at another
@@ -182,7 +182,7 @@ class ExpertPilot:
         return self.profile.paced(pace)
 
     def _lift(
-        self, profile: Descent, sight: Sight, mass: F64, to_go: TimeToGo,
+        self, profile: Descent, sight: ObservedState, mass: F64, to_go: TimeToGo,
     ) -> F64:
         """Return the vertical acceleration `(N,)` m/s^2 wanted of the engine, 0 or more."""
         v = self.vehicle
@@ -191,7 +191,7 @@ class ExpertPilot:
         lift: F64 = np.clip(v.gravity + brake - drag, 0.0, v.max_thrust / mass)
         return lift
 
-    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted."""
         dt, gain = self.vehicle.dt, self.settings
         wanted = np.maximum(profile.next_speed(sight.height, dt), 0.0)
@@ -199,7 +199,7 @@ class ExpertPilot:
         excess = sight.speed - wanted - planned * dt
         return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
 
-    def _pull(self, sight: Sight, push: F64, to_go: TimeToGo) -> Pull:
+    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
         """Return what thrust shall do sideways, where it pushes with `push` `(2, N)` m/s^2 now."""
         return self._lateral.pull(sight.lateral, sight.drift, push, to_go)
 

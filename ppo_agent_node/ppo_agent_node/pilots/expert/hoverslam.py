@@ -17,8 +17,8 @@ from ppo_agent_node.pilots.expert.braking import last_steps
 from ppo_agent_node.pilots.expert.descent import Descent
 from ppo_agent_node.pilots.expert.descent import TimeToGo
 from ppo_agent_node.pilots.expert.expert import ExpertSettings
-from ppo_agent_node.pilots.expert.observed_state import Sight
-from ppo_agent_node.pilots.expert.stateful import RememberingExpert
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
+from ppo_agent_node.pilots.expert.stateful import StatefulExpert
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
@@ -52,7 +52,7 @@ class HoverslamSettings(ExpertSettings):
         0.05, '', 'least planned deceleration, from the least (0) to the most (1)', 0.0, 1.0)
 
 
-class HoverslamPilot(RememberingExpert):
+class HoverslamPilot(StatefulExpert):
     """Lands rockets whose engine has a least throttle and may be lit once. A `Pilot`.
 
     An observation does not tell whether the engine burns. A rocket is lit when this pilot lit it,
@@ -80,13 +80,13 @@ class HoverslamPilot(RememberingExpert):
             gain.braking_share * net, self._least + gain.last_share * between, gain.last_speed,
             gain.flare_speed, v.gravity, self._least + gain.least_share * between)
 
-    def _look(self, observation: F32) -> Sight:
+    def _look(self, observation: F32) -> ObservedState:
         sight = super()._look(observation)
         self._memory.look(sight)
         self._memory.lit |= self._has_braked(sight)
         return sight
 
-    def _has_braked(self, sight: Sight) -> Bools:
+    def _has_braked(self, sight: ObservedState) -> Bools:
         """Return which rockets `(N,)` cannot have come here without thrust.
 
         A fall from rest in semi-implicit steps keeps v^2 / 2 + g v dt / 2 - g s exactly, but for
@@ -101,13 +101,13 @@ class HoverslamPilot(RememberingExpert):
         braked: Bools = energy < -1.1 * drag - _TOLERANCE
         return braked
 
-    def _mass(self, sight: Sight) -> F64:
+    def _mass(self, sight: ObservedState) -> F64:
         """Return the mass `(N,)` kg: spawn's less what was burnt, a standard flight's else."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
         return np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
 
-    def _paced_profile(self, sight: Sight) -> BrakingProfile:
+    def _paced_profile(self, sight: ObservedState) -> BrakingProfile:
         """Return the descent to follow; near the ground a lit rocket makes it no slower.
 
         One that brakes gently by then leads on as it is: pace and way to the axis depend on each
@@ -121,13 +121,13 @@ class HoverslamPilot(RememberingExpert):
         braking = np.where(gentle, on.braking, np.maximum(on.braking, paced.braking))
         return replace(paced, braking=np.where(settled, braking, paced.braking))
 
-    def _to_go(self, profile: Descent, sight: Sight) -> TimeToGo:
+    def _to_go(self, profile: Descent, sight: ObservedState) -> TimeToGo:
         to_go = super()._to_go(profile, sight)
         assert isinstance(profile, BrakingProfile)
         lit, burn = self._memory.lit, profile.burn_time(profile.speed(sight.height))
         return TimeToGo(np.where(lit, 0.0, to_go.coast), np.where(lit, burn, to_go.burn))
 
-    def _brake(self, profile: Descent, sight: Sight, to_go: TimeToGo) -> F64:
+    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted: on the curve, at the end step by step."""
         dt, touchdown_speed = self.vehicle.dt, self.settings.flare_speed
         # Half a step below the ground, so that the last one does not end just above it.
@@ -137,7 +137,7 @@ class HoverslamPilot(RememberingExpert):
             near, last_steps(below, sight.speed, touchdown_speed, dt),
             super()._brake(profile, sight, to_go))
 
-    def _throttle(self, profile: Descent, sight: Sight, wanted: F64) -> F64:
+    def _throttle(self, profile: Descent, sight: ObservedState, wanted: F64) -> F64:
         """Return the throttle `(N,)`: none while coasting, else the least or more.
 
         An engine that would stop the rocket above the ground is cut when the fall from there is

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
@@ -49,7 +49,7 @@ class FlightMemory:
         elif self._begun is not None:
             self._begun[rows] = True
 
-    def look(self, sight: Sight) -> Bools:
+    def look(self, sight: ObservedState) -> Bools:
         """Take note of where the rockets are; return which flights were not known, `(N,)`."""
         count = len(sight.origin_height)
         if len(self._height) != count:

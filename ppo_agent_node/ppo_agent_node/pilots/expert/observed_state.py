@@ -12,7 +12,7 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.planar.vehicle import foot_height
 
 
-class Sight(NamedTuple):
+class ObservedState(NamedTuple):
     """State of N rockets as observed, y up."""
 
     height: F64
@@ -47,7 +47,7 @@ class Sight(NamedTuple):
         return upright
 
 
-def look(observation: F32, settings: Mapping[str, float]) -> Sight:
+def look(observation: F32, settings: Mapping[str, float]) -> ObservedState:
     """Return what observations `(N, 15)` of a world of rockets say.
 
     :param settings: of that world.
@@ -59,6 +59,6 @@ def look(observation: F32, settings: Mapping[str, float]) -> Sight:
     if 'stance' in settings:
         origin = height + settings['touchdown_height']
         height = foot_height(origin, np.hypot(up[0], up[2]), up[1], settings)
-    return Sight(
+    return ObservedState(
         height, offset[1], offset[::2], seen[3:6] * settings['velocity_scale'], up,
         seen[9:12] * settings['spin_scale'])

@@ -11,7 +11,7 @@ from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import WorldSpec
 
 
-class RememberingExpert(ExpertPilot):
+class StatefulExpert(ExpertPilot):
     """Lands rockets, and remembers the flight of each row; see :class:`FlightMemory`.
 
     Subclasses look at the memory, and let it look at what they see.

@@ -20,7 +20,7 @@ from rerun.chunk import RrdReader
 from rocket_sim_node.recording.comparison import layout as layout
 from rocket_sim_node.recording.comparison import overlaid_plots
 from rocket_sim_node.recording.comparison.table import results
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.scene.conditions_log import log_style
 from rocket_sim_node.recording.scene.conditions_log import unusual
@@ -28,8 +28,8 @@ from rocket_sim_node.recording.sinks.rewrite import joined
 from rocket_sim_node.recording.sinks.rewrite import save
 from rocket_sim_node.recording.sinks.rrd_file import written
 from rocket_sim_node.recording.timeline import Settle
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
 
 APPLICATION = 'hoverslam_comparison'
@@ -47,7 +47,7 @@ class Side:
     key: str
     name: str
     title: str
-    flights: tuple[Flight, ...]
+    flights: tuple[Trajectory, ...]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def check(sides: Sequence[Side]) -> None:
 
 
 def log_comparison(
-    stream: rr.RecordingStream, sides: Sequence[Side], stage: Stage, settle: Settle,
+    stream: rr.RecordingStream, sides: Sequence[Side], stage: WorldInfo, settle: Settle,
     heading: str = '', remarks: Sequence[str] = (),
 ) -> Logged:
     """Log flights of several pilots, each start for all of them at once.
@@ -123,7 +123,7 @@ def log_comparison(
         longest, ends = 0, []
         for side, flight, settlings in zip(sides, flights, settled, strict=True):
             settling = settlings[number]
-            log_flight(_below(stream, side), flight, stage, Place(first), settling, look)
+            log_flight(_below(stream, side), flight, stage, Timepoint(first), settling, look)
             length = len(flight.followed_by(settling))
             ends.append(settling.verdict if settling is not None else '')
             longest, steps = max(longest, length), steps + length
@@ -140,7 +140,7 @@ def _below(stream: rr.RecordingStream, side: Side) -> rr.RecordingStream:
 
 
 def write(
-    path: Path, sides: Sequence[Side], stage: Stage, settle: Settle, heading: str = '',
+    path: Path, sides: Sequence[Side], stage: WorldInfo, settle: Settle, heading: str = '',
     remarks: Sequence[str] = (),
 ) -> Logged:
     """Write a comparison to a file, all of it or none.

@@ -16,7 +16,7 @@ from rocket_sim_node.recording.scene.blueprint import UntimedBlueprint
 from rocket_sim_node.recording.scene.blueprint import around_cursor
 from rocket_sim_node.recording.scene.blueprint import lines
 from rocket_sim_node.recording.scene.sceneries import scenery
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 RESULTS = '/results'
 
@@ -30,7 +30,7 @@ class Titled(Named, Protocol):
         ...
 
 
-def blueprint(sides: Sequence[Titled], stage: Stage) -> UntimedBlueprint:
+def blueprint(sides: Sequence[Titled], stage: WorldInfo) -> UntimedBlueprint:
     """Return the layout of a comparison."""
     phases = rrb.StateTimelineView(
         name='Phases', origin='/', contents=[f'/{side.key}{entities.PHASE}' for side in sides])
@@ -53,7 +53,7 @@ def blueprint(sides: Sequence[Titled], stage: Stage) -> UntimedBlueprint:
         rrb.TimePanel(state='collapsed', timeline='sim_time', play_state='playing'))
 
 
-def _view(side: Titled, stage: Stage) -> rrb.View:
+def _view(side: Titled, stage: WorldInfo) -> rrb.View:
     """Return the world's own view, moved to where the pilot's copy of the scene is."""
     view = scenery(stage.world).view()
     path = f'/{side.key}'

@@ -17,8 +17,8 @@ from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.plots import Plot
 from rocket_sim_node.recording.scene.sceneries import Scenery
 from rocket_sim_node.recording.scene.sceneries import scenery
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 F64 = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Named(Protocol):
         ...
 
 
-def _plot(title: str, name: str, values: Callable[[Flight, Stage], F64]) -> Plot:
+def _plot(title: str, name: str, values: Callable[[Trajectory, WorldInfo], F64]) -> Plot:
     """Return a plot of one line; the pilot gives it name and colour."""
     return Plot(title, name, (), (), lambda flight, stage: (values(flight, stage),))
 
@@ -57,12 +57,12 @@ RETURN = _plot(
     'Return so far', 'return', lambda f, _: np.cumsum(np.append(0.0, f.reward[1:])))
 
 
-def plots(stage: Stage) -> tuple[Plot, ...]:
+def plots(stage: WorldInfo) -> tuple[Plot, ...]:
     """Return what is plotted of a world, five quantities."""
     return HEIGHT, SPEED, TILT, THROTTLE, FUEL if stage.fuel > 0 else RETURN
 
 
-def look(stage: Stage) -> Scenery:
+def look(stage: WorldInfo) -> Scenery:
     """Return the scenery of a world, with these plots in place of its own."""
     return replace(scenery(stage.world), plots=plots(stage), unseen=())
 

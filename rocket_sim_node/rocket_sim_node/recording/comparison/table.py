@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from rocket_sim_node.recording.drawing.palette import words
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 
 class Flown(Protocol):
@@ -22,13 +22,13 @@ class Flown(Protocol):
         ...
 
     @property
-    def flights(self) -> tuple[Flight, ...]:
+    def flights(self) -> tuple[Trajectory, ...]:
         """Its flights."""
         ...
 
 
 def results(
-    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: Stage, heading: str = '',
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: WorldInfo, heading: str = '',
     remarks: Sequence[str] = (),
 ) -> str:
     """Return two tables: means of each pilot, and how each flight of each ended.
@@ -48,14 +48,14 @@ def results(
     return '\n\n'.join(part for part in parts if part) + '\n'
 
 
-def touchdown_speed(flight: Flight) -> float:
+def touchdown_speed(flight: Trajectory) -> float:
     """Return the speed when the ground was met, m/s; at the end where it was not, or ends all."""
     first = int(np.argmax(flight.touching)) if flight.touching.any() else len(flight)
     return float(flight.speed[max(first - 1, 0)])
 
 
 def _means(
-    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: Stage, *, stands: bool,
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: WorldInfo, *, stands: bool,
 ) -> str:
     fuel = stage.fuel > 0
     rows = []
@@ -78,7 +78,7 @@ def _means(
     return f'{table}\n\nTouchdown, tilt and offset: means of those that landed.'
 
 
-def _end(flight: Flight, verdict: str) -> str:
+def _end(flight: Trajectory, verdict: str) -> str:
     """Return how a flight ended, in a cell."""
     end = words(flight.outcome or 'unfinished')
     if verdict and verdict != 'stands':

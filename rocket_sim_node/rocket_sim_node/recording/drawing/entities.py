@@ -6,7 +6,7 @@ import rerun as rr
 
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.geometry import Mesh
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 WORLD = '/world'
 GROUND = '/world/ground'
@@ -37,7 +37,8 @@ _THRUST: palette.Colour = palette.ORANGE
 
 
 def log_styles(
-    stream: rr.RecordingStream, stage: Stage, *, unit: float, mark: float, in_front: float = 0.0,
+    stream: rr.RecordingStream, stage: WorldInfo, *, unit: float, mark: float,
+    in_front: float = 0.0,
     nose: float | None = None,
 ) -> None:
     """Log which world this is, and the styles of what will move.

@@ -17,10 +17,10 @@ from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.palette import Colour
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.views import histories
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 F64 = NDArray[np.float64]
 Corners = F64 | list[tuple[float, float]]
@@ -78,7 +78,7 @@ def polygon(corners: Corners, colour: Colour, behind: float = 0.0) -> Mesh:
 
 
 def log_terrain(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
 ) -> None:
     """Log the ground of a flight as a filled strip and its edge; it goes on level outside."""
     half = stage.field_half_width

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.palette import Colour
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.worlds.lunar.vehicle import SIDE_ENGINE_AWAY
 from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 
@@ -49,11 +49,13 @@ class Plot:
     name: str
     names: tuple[str, ...]
     colours: tuple[Colour, ...]
-    lines: Callable[[Flight, Stage], tuple[F64, ...]]
+    lines: Callable[[Trajectory, WorldInfo], tuple[F64, ...]]
     rough: bool = False
     records: str = SAMPLE
 
-    def table(self, flight: Flight, stage: Stage) -> NDArray[np.float32] | NDArray[np.float16]:
+    def table(
+        self, flight: Trajectory, stage: WorldInfo,
+    ) -> NDArray[np.float32] | NDArray[np.float16]:
         """Return the values of n samples as `(n + 1, lines)`; the last row is a gap."""
         lines = self.lines(flight, stage)
         table = np.full((len(flight) + 1, len(lines)), np.nan, np.float32)
@@ -66,34 +68,34 @@ class Plot:
         return f'.{self.name}[]'
 
 
-def weights(flight: Flight, stage: Stage) -> F64:
+def weights(flight: Trajectory, stage: WorldInfo) -> F64:
     """Return the force of the ground `(n, 3)`, in weights of the vehicle as it started."""
     gravity = stage.settings.get('gravity') or STANDARD_GRAVITY
     return flight.contact_force / max(float(flight.mass[0]) * gravity, 1e-9)
 
 
-def _motion(flight: Flight, stage: Stage) -> tuple[F64, ...]:
+def _motion(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
     return flight.position[:, 2] - stage.touchdown_height, flight.speed
 
 
-def _engine(flight: Flight, stage: Stage) -> tuple[F64, ...]:
+def _engine(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
     return 100.0 * flight.throttle, 100.0 * flight.fuel / max(stage.fuel, 1e-9)
 
 
-def _side_engines(flight: Flight, stage: Stage) -> tuple[F64, ...]:
+def _side_engines(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
     """Return main and side engines, %: those have no throttle of their own, only a force."""
     power = stage.settings.get('side_engine_power', LunarSettings.side_engine_power)
     most = max(power / stage.dt * SIDE_ENGINE_AWAY, 1e-9)
     return 100.0 * flight.throttle, 100.0 * flight.lateral_thrust / most
 
 
-def _reward(flight: Flight, stage: Stage) -> tuple[F64, ...]:
+def _reward(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
     # What stands at the first sample belongs to no step of this flight.
     reward = np.append(0.0, flight.reward[1:])
     return np.cumsum(reward), reward
 
 
-def _contact(flight: Flight, stage: Stage) -> tuple[F64, ...]:
+def _contact(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
     return (np.linalg.norm(weights(flight, stage), axis=1),)
 
 
@@ -132,7 +134,7 @@ def _records(fields: Mapping[str, tuple[pa.Array, int]]) -> pa.StructArray:
 
 
 def columns(
-    plots: tuple[Plot, ...], flight: Flight, stage: Stage,
+    plots: tuple[Plot, ...], flight: Trajectory, stage: WorldInfo,
 ) -> list[rr.ComponentColumn]:
     """Return n samples as a column of n + 1 rows; the last is a gap in the lines of the plots.
 

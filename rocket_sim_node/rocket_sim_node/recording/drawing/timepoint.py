@@ -9,19 +9,19 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 PAUSE = 2.0
 """s of standing still after a flight, for the eye, before the next one begins"""
 
 
-def pause_steps(stage: Stage) -> int:
+def pause_steps(stage: WorldInfo) -> int:
     """Return how many steps lie between the end of a flight and the start of the next."""
     return int(np.ceil(PAUSE / stage.dt))
 
 
 @dataclass(frozen=True)
-class Place:
+class Timepoint:
     """Where on the timelines something lies: its first step and the training iteration.
 
     Where no agent has reported there is no iteration, and nothing lies on that timeline.

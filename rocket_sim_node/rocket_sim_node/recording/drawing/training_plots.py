@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.palette import Colour
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import timelines
 
 LEARNING = ('demonstrate', 'clone', 'finetune')
@@ -124,24 +124,25 @@ class GatheredReports:
         """Return how many wait."""
         return len(self._places) // 2
 
-    def add(self, place: Place, values: Mapping[str, float]) -> None:
+    def add(self, place: Timepoint, values: Mapping[str, float]) -> None:
         """Add an iteration's; a number that is not there is a gap in its line."""
         row = array('d', [
             line.factor * values.get(line.value, math.nan) for line in LINES])
         self._places += array('q', (place.step, place.iteration or 0))
         self._values += row
 
-    def take(self) -> tuple[list[Place], NDArray[np.float64]]:
+    def take(self) -> tuple[list[Timepoint], NDArray[np.float64]]:
         """Return places and values `(k, lines)` of all that wait; none do, afterwards."""
         places, values = self._places, self._values
         self._places, self._values = array('q'), array('d')
         return (
-            [Place(*pair) for pair in zip(places[::2], places[1::2], strict=True)],
+            [Timepoint(*pair) for pair in zip(places[::2], places[1::2], strict=True)],
             np.array(values).reshape(-1, len(LINES)))
 
 
 def log_training(
-    stream: rr.RecordingStream, places: Sequence[Place], values: NDArray[np.float64], dt: float,
+    stream: rr.RecordingStream, places: Sequence[
+        Timepoint], values: NDArray[np.float64], dt: float,
 ) -> None:
     """Log iterations, several at once: a chunk for each would cost more than its data.
 
@@ -159,7 +160,7 @@ def log_training(
                 rr.Scalars.columns(scalars=table[kept]))
 
 
-def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
+def times(places: Sequence[Timepoint], dt: float) -> list[rr.TimeColumn]:
     """Return the time columns of rows that stand at `places`."""
     steps = np.array([place.step for place in places])
     return [
@@ -168,14 +169,14 @@ def times(places: Sequence[Place], dt: float) -> list[rr.TimeColumn]:
     ]
 
 
-def log_stage(stream: rr.RecordingStream, name: str, place: Place, dt: float) -> None:
+def log_stage(stream: rr.RecordingStream, name: str, place: Timepoint, dt: float) -> None:
     """Log that a stage of the run begins."""
     stream.send_columns(
         entities.TRAINING_STAGE, times([place], dt), rr.StateChange.columns(state=[name]))
 
 
 def log_text(
-    stream: rr.RecordingStream, rows: Sequence[tuple[Place, str, str]], dt: float,
+    stream: rr.RecordingStream, rows: Sequence[tuple[Timepoint, str, str]], dt: float,
 ) -> None:
     """Log lines of the run's log: place, text and level ('INFO', 'WARN') of each."""
     stream.send_columns(

@@ -10,11 +10,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.scene.camera import log_camera
 from rocket_sim_node.recording.scene.sceneries import scenery
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Layout
 
@@ -23,7 +23,7 @@ STANDING = Layout(legs=2)
 
 
 @dataclass(frozen=True)
-class _Head(Place):
+class _Head(Timepoint):
     """The head of one timeline and of no other: it is no step of any flight."""
 
     training: bool = False
@@ -40,12 +40,12 @@ BEFORE_FLIGHT = _Head(0)
 """What a live viewer shows until the first flight begins."""
 
 
-def log_backdrop(stream: rr.RecordingStream, stage: Stage, place: Place) -> None:
+def log_backdrop(stream: rr.RecordingStream, stage: WorldInfo, place: Timepoint) -> None:
     """Let the vehicle stand on its pad at a place of the recording."""
     values = np.zeros((1, STANDING.width))
     values[0, FIELDS['position'].stop - 1] = stage.touchdown_height
     values[0, FIELDS['orientation'].stop - 1] = 1.0
-    standing = Flight(0, 0, 0, '', values, STANDING)
+    standing = Trajectory(0, 0, 0, '', values, STANDING)
     look = scenery(stage.world)
     times = place.times(np.zeros(1), stage.dt)
     stream.send_columns(entities.ROCKET, times, rr.Transform3D.columns(

@@ -14,11 +14,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed
 from rocket_sim_node.recording.scene import rocket_model
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 F64 = NDArray[np.float64]
 
@@ -40,12 +40,12 @@ class Camera:
     makes of views `(k, 4)` what moves the camera's entity. One that `follows` has several shots.
     """
 
-    frame: Callable[[F64, Stage], F64]
+    frame: Callable[[F64, WorldInfo], F64]
     columns: Callable[[F64], rr.ComponentColumnList]
     follows: bool = True
 
 
-def follow(position: F64, stage: Stage) -> F64:
+def follow(position: F64, stage: WorldInfo) -> F64:
     """Return the shot that holds the pad and a rocket at `position` `(3,)`."""
     size = rocket_model.NOSE * stage.scale
     extent = position[2] + 0.8 * np.hypot(position[0], position[1]) + 1.5 * size
@@ -53,7 +53,7 @@ def follow(position: F64, stage: Stage) -> F64:
         0.5 * position[0], 0.5 * position[1], 0.5 * position[2] + 0.42 * size, extent))
 
 
-def lying(flight: Flight, stage: Stage) -> F64:
+def lying(flight: Trajectory, stage: WorldInfo) -> F64:
     """Return the shot that holds a rocket which lies where the flight ends, `(4,)`."""
     size = rocket_model.NOSE * stage.scale
     middle = flight.position[-1] + 0.5 * size * flight.up[-1]
@@ -70,7 +70,7 @@ def columns(views: F64) -> rr.ComponentColumnList:
 SPATIAL = Camera(follow, columns)
 
 
-def shots(flight: Flight, stage: Stage, camera: Camera = SPATIAL) -> F64:
+def shots(flight: Trajectory, stage: WorldInfo, camera: Camera = SPATIAL) -> F64:
     """Return the view of every sample, `(n, 4)`."""
     height = flight.position[:, 2] - stage.touchdown_height
     view = np.repeat(camera.frame(flight.position[0], stage)[None], len(flight), axis=0)
@@ -89,7 +89,7 @@ def shots(flight: Flight, stage: Stage, camera: Camera = SPATIAL) -> F64:
     return view
 
 
-def _move(view: F64, start: int, target: F64, stage: Stage) -> None:
+def _move(view: F64, start: int, target: F64, stage: WorldInfo) -> None:
     """Move views `(n, 4)` to `target` from row `start` on."""
     length = max(int(MOVE / stage.dt), 1)
     since = np.arange(len(view)) - start
@@ -99,7 +99,8 @@ def _move(view: F64, start: int, target: F64, stage: Stage) -> None:
 
 
 def log_camera(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, camera: Camera,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    camera: Camera,
 ) -> None:
     """Log the view's frame where it moves."""
     view = shots(flight, stage, camera)

@@ -15,11 +15,11 @@ from rocket_sim_node import settings
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import plots
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import rocket_model
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.worlds.rocket.conditions import LOW
@@ -53,7 +53,7 @@ def _default(info: SettingInfo) -> float:
     return info.default
 
 
-def unusual(values: F64, layout: Layout, stage: Stage) -> bool:
+def unusual(values: F64, layout: Layout, stage: WorldInfo) -> bool:
     """Tell whether samples are of flights whose conditions are not nominal.
 
     :param values: `(S, layout.width)`, as of :class:`Samples`.
@@ -70,7 +70,7 @@ def unusual(values: F64, layout: Layout, stage: Stage) -> bool:
     return bool((values[:, layout.place('conditions')][:, columns] != nominal).any())
 
 
-def drawn(flight: Flight, stage: Stage) -> dict[str, float]:
+def drawn(flight: Trajectory, stage: WorldInfo) -> dict[str, float]:
     """Return by name what was drawn for a flight, where that is not nominal."""
     first = flight.conditions[0].tolist() if stage.condition_names else []
     found = dict(zip(stage.condition_names, first, strict=True))
@@ -82,7 +82,7 @@ def drawn(flight: Flight, stage: Stage) -> dict[str, float]:
         if name in ranges and direction in found}}
 
 
-def text(flight: Flight, stage: Stage) -> str:
+def text(flight: Trajectory, stage: WorldInfo) -> str:
     """Return in Markdown what was drawn for a flight."""
     found = drawn(flight, stage)
     lines = [
@@ -99,7 +99,7 @@ def text(flight: Flight, stage: Stage) -> str:
     return '\n'.join([*lines, '', 'All else is nominal.'])
 
 
-def _towards(name: str, value: float, found: dict[str, float], stage: Stage) -> str:
+def _towards(name: str, value: float, found: dict[str, float], stage: WorldInfo) -> str:
     direction = found.get(_DIRECTIONS[name], 0.0)
     if stage.world == 'rocket_planar':  # which has no more of it
         return f', {value * np.cos(direction):.3g} along x'
@@ -107,7 +107,7 @@ def _towards(name: str, value: float, found: dict[str, float], stage: Stage) -> 
     return f', towards {-np.rad2deg(direction) % 360:.0f}° from x'
 
 
-def log_style(stream: rr.RecordingStream, stage: Stage, *, plotted: bool = True) -> None:
+def log_style(stream: rr.RecordingStream, stage: WorldInfo, *, plotted: bool = True) -> None:
     """Log what the arrow of the disturbance looks like, and the lines of the plots."""
     in_front = IN_FRONT if stage.world == 'rocket_planar' else 0.0
     stream.log(entities.DISTURBANCE, rr.Arrows3D.from_fields(
@@ -118,7 +118,7 @@ def log_style(stream: rr.RecordingStream, stage: Stage, *, plotted: bool = True)
 
 
 def log_conditions(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
 ) -> None:
     """Log what was drawn, and side acceleration and gusts as an arrow."""
     n = len(flight)

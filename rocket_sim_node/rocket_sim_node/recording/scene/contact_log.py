@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.plots import weights
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 F64 = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ GRAIN = 0.1
 """part of that height below which no change is stored"""
 
 
-def log_style(stream: rr.RecordingStream, stage: Stage) -> None:
+def log_style(stream: rr.RecordingStream, stage: WorldInfo) -> None:
     """Log what contact looks like."""
     unit = stage.unit
     stream.log(entities.CONTACT, rr.Points3D.from_fields(
@@ -34,7 +34,7 @@ def log_style(stream: rr.RecordingStream, stage: Stage) -> None:
 
 
 def log_contact(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
     feet: F64 | None = None, in_front: float = 0.0,
 ) -> None:
     """Light up the feet that touch, and draw the force of the ground; nothing while it flies.

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing.geometry import Mesh
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed
 from rocket_sim_node.recording.scene import rocket_model
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 FLAME_LENGTH = (5.0, 20.0)
 """m of flame when the engine is on, and more at full throttle"""
@@ -65,13 +65,16 @@ def every(step: int, n: int) -> NDArray[np.int64]:
     return np.unique(np.append(np.arange(0, n, step), n - 1))
 
 
-def log_flame(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+def log_flame(
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+) -> None:
     """Stretch the flame by the throttle."""
     stretch_flame(stream, flight, stage, place, FLAME_WIDTH, FLAME_LENGTH)
 
 
 def stretch_flame(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place, width: float,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    width: float,
     length: tuple[float, float],
 ) -> None:
     """Log a flame's size; it flickers a little, and vanishes at the end.
@@ -91,7 +94,9 @@ def stretch_flame(
         rr.Transform3D.columns(scale=(scale[keep] * stage.scale).astype(np.float32)))
 
 
-def log_puffs(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+def log_puffs(
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+) -> None:
     """Blow gas at the top of the body, away from where the torque pushes it."""
     rows = every(EFFECT_STEP, len(flight))
     torque = flight.torque[rows] / stage.max_torque

@@ -11,20 +11,20 @@ from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import ring
 from rocket_sim_node.recording.drawing.geometry import transform
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 _LIP: palette.Colour = (70, 76, 84)
 _LINE: palette.Colour = (84, 94, 106)
 
 
-def log_ground(stream: rr.RecordingStream, stage: Stage) -> None:
+def log_ground(stream: rr.RecordingStream, stage: WorldInfo) -> None:
     """Log ground, pad and rings."""
     stream.log(entities.GROUND, entities.archetype(
         join([_ground(stage), _pad(stage)]), shaded=False), static=True)
     stream.log(f'{entities.WORLD}/rings', _rings(stage), static=True)
 
 
-def _ground(stage: Stage) -> Mesh:
+def _ground(stage: WorldInfo) -> Mesh:
     """Return the ground, fading into the background at the horizon."""
     near, far = 1.2 * stage.range_limit, 5.0 * stage.range_limit
     return join([
@@ -32,7 +32,7 @@ def _ground(stage: Stage) -> Mesh:
         ring(near, far, -0.6, ((34, 41, 50), palette.BACKGROUND))])
 
 
-def _pad(stage: Stage) -> Mesh:
+def _pad(stage: WorldInfo) -> Mesh:
     """Return the pad: concrete, the circle within which a landing counts, and its centre."""
     limit = stage.landed_distance
     edge = 1.6 * limit
@@ -55,7 +55,7 @@ def _pad(stage: Stage) -> Mesh:
     return join(paint)
 
 
-def _rings(stage: Stage) -> rr.LineStrips3D:
+def _rings(stage: WorldInfo) -> rr.LineStrips3D:
     """Return rings of equal distance on the ground, every 50 m, and the axes."""
     angle = np.linspace(0, 2 * np.pi, 61)
     circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=1)

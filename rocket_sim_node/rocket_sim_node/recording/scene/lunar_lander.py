@@ -14,12 +14,12 @@ from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import revolve
 from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.planar_view import polygon
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed
 from rocket_sim_node.recording.scene import contact_log
 from rocket_sim_node.recording.scene import effects
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.worlds.lunar import vehicle
 
 F64 = NDArray[np.float64]
@@ -45,13 +45,13 @@ _MOON: Colour = (112, 116, 126)
 _RIM: Colour = (226, 230, 236)
 
 
-def frame(position: F64, stage: Stage) -> F64:
+def frame(position: F64, stage: WorldInfo) -> F64:
     """Return the view that holds the whole field, wherever the lander is."""
     height = 2.0 * stage.field_half_width / ASPECT
     return np.array((0.0, 0.0, 0.25 * height, height))
 
 
-def log_static(stream: rr.RecordingStream, stage: Stage) -> None:
+def log_static(stream: rr.RecordingStream, stage: WorldInfo) -> None:
     """Log flags and vehicle, and what the ground will look like."""
     planar_view.log_eye(stream)
     entities.log_styles(stream, stage, unit=0.05, mark=0.11, in_front=IN_FRONT)
@@ -108,7 +108,7 @@ def _puff() -> Mesh:
         cone.normal[:, [2, 0, 1]], cone.colour, cone.triangle)
 
 
-def _flags(stage: Stage) -> list[Mesh]:
+def _flags(stage: WorldInfo) -> list[Mesh]:
     """Return the flags at the ends of the pad and the strip between them."""
     limit = stage.landed_distance
     parts = [polygon(
@@ -121,12 +121,12 @@ def _flags(stage: Stage) -> list[Mesh]:
     return parts
 
 
-def turned(flight: Flight) -> F64:
+def turned(flight: Trajectory) -> F64:
     """Return by how much the legs are turned about the hull's origin, `(n, 2)` rad, outwards."""
     return np.asarray(vehicle.LEG_INNER + flight.leg_angle)
 
 
-def feet(flight: Flight) -> F64:
+def feet(flight: Trajectory) -> F64:
     """Return where the legs end in the world, `(n, 2, 3)`, left and right."""
     end = vehicle.LEG_DOWN + vehicle.LEG_HALF_LENGTH
     ends = []
@@ -137,7 +137,9 @@ def feet(flight: Flight) -> F64:
     return np.stack(ends, axis=1)
 
 
-def log_legs(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+def log_legs(
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+) -> None:
     """Turn the legs."""
     angles = vehicle.LEG_INNER + np.round(flight.leg_angle / TURN) * TURN
     for entity, side, angle in zip(entities.LEGS, (-1.0, 1.0), angles.T, strict=True):
@@ -146,14 +148,16 @@ def log_legs(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Pl
             quaternion=planar_view.turn(side * angle[rows]).astype(np.float32)))
 
 
-def log_flame(stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place) -> None:
+def log_flame(
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+) -> None:
     """Stretch the flame by the throttle."""
     width, *length = FLAME
     effects.stretch_flame(stream, flight, stage, place, width, (length[0], length[1]))
 
 
 def log_side_engines(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
 ) -> None:
     """Blow to the right what pushes to the left, and the other way round."""
     rows = effects.every(effects.EFFECT_STEP, len(flight))
@@ -167,7 +171,7 @@ def log_side_engines(
 
 
 def log_contact(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
 ) -> None:
     """Light up what touches."""
     contact_log.log_contact(stream, flight, stage, place, feet(flight), IN_FRONT)

@@ -13,12 +13,12 @@ from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import transform
 from rocket_sim_node.recording.drawing.planar_view import polygon
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.scene import contact_log
 from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import rocket_model
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 DEPTH = 3.0
 """m of concrete below the pad"""
@@ -28,7 +28,7 @@ IN_FRONT = 8.0
 """m by which arrows stand in front of the vehicle, which has a radius"""
 
 
-def log_static(stream: rr.RecordingStream, stage: Stage) -> None:
+def log_static(stream: rr.RecordingStream, stage: WorldInfo) -> None:
     """Log ground, pad and vehicle."""
     planar_view.log_eye(stream)
     entities.log_styles(
@@ -47,7 +47,7 @@ def _bar(x: tuple[float, float], z: tuple[float, float], colour: palette.Colour,
     return polygon([(x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])], colour, behind)
 
 
-def _ground(stage: Stage) -> list[Mesh]:
+def _ground(stage: WorldInfo) -> list[Mesh]:
     """Return the plain with marks of distance, and the pad within which a landing counts."""
     far, limit = 20.0 * stage.range_limit, stage.landed_distance
     parts = [
@@ -66,7 +66,7 @@ def _ground(stage: Stage) -> list[Mesh]:
     return parts
 
 
-def feet(flight: Flight, stage: Stage) -> NDArray[np.float64]:
+def feet(flight: Trajectory, stage: WorldInfo) -> NDArray[np.float64]:
     """Return where the feet are in the world, `(n, 2, 3)`, left and right."""
     return np.stack([
         flight.position + effects.to_world(flight.orientation, np.tile(
@@ -75,7 +75,7 @@ def feet(flight: Flight, stage: Stage) -> NDArray[np.float64]:
 
 
 def log_contact(
-    stream: rr.RecordingStream, flight: Flight, stage: Stage, place: Place,
+    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
 ) -> None:
     """Light up what touches."""
     if flight.layout.legs == 2:

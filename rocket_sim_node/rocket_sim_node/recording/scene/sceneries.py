@@ -16,7 +16,7 @@ from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.drawing import views
 from rocket_sim_node.recording.drawing.geometry import transform
 from rocket_sim_node.recording.drawing.plots import Plot
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.scene import camera
 from rocket_sim_node.recording.scene import contact_log
 from rocket_sim_node.recording.scene import effects
@@ -25,11 +25,11 @@ from rocket_sim_node.recording.scene import lunar_lander
 from rocket_sim_node.recording.scene import rocket_model
 from rocket_sim_node.recording.scene import rocket_planar
 from rocket_sim_node.recording.scene.camera import Camera
-from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import DRAWN_HEIGHT
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
-Effect: TypeAlias = Callable[[rr.RecordingStream, Flight, Stage, Place], None]
+Effect: TypeAlias = Callable[[rr.RecordingStream, Trajectory, WorldInfo, Timepoint], None]
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Scenery:
     view: Callable[[], rrb.View]
     plots: tuple[Plot, ...]
     camera: Camera
-    static: Callable[[rr.RecordingStream, Stage], None]
+    static: Callable[[rr.RecordingStream, WorldInfo], None]
     effects: tuple[Effect, ...]
     label: float
     velocity: float
@@ -65,7 +65,7 @@ class Scenery:
         return self.plots + self.unseen
 
 
-def _log_rocket(stream: rr.RecordingStream, stage: Stage) -> None:
+def _log_rocket(stream: rr.RecordingStream, stage: WorldInfo) -> None:
     """Log ground, pad and vehicle in three dimensions."""
     entities.log_styles(
         stream, stage, unit=0.35 * stage.scale, mark=0.8, nose=rocket_model.NOSE * stage.scale)

@@ -34,7 +34,7 @@ class _Rows:
         return self._rows
 
 
-class Unsent:
+class Increments:
     """Passes on those rows of an entity that come after all that it has passed of it before.
 
     Flights lie one after another on the timeline `step`, so for each entity the last step passed

@@ -20,7 +20,7 @@ from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
-from rocket_sim_node.recording.sinks.increments import Unsent
+from rocket_sim_node.recording.sinks.increments import Increments
 
 DEFAULT_PORT = 9876
 KEPT_FLIGHTS = 64
@@ -81,7 +81,7 @@ class LiveSink:
         self._flights: deque[_Item] = deque(maxlen=KEPT_FLIGHTS)
         self._reports: deque[_Item] = deque(maxlen=KEPT_REPORTS)
         self._stream: rr.RecordingStream | None = None
-        self._unsent: Unsent | None = None
+        self._unsent: Increments | None = None
         self._farewell: threading.Thread | None = None
         self._next_try = 0.0
         self._told_missing = False
@@ -184,7 +184,7 @@ class LiveSink:
         stream.set_log_time_enabled(False)
         stream.connect_grpc(self._url, default_blueprint=_layout(self._look))
         self._stream = stream
-        self._unsent = Unsent(stream)
+        self._unsent = Increments(stream)
         self._told_missing = False
         self._note('INFO', f'streaming to {self._url}')
         self._head(stream)

@@ -8,7 +8,7 @@ from rocket_sim_node.settings import setting
 
 
 @dataclass(frozen=True)
-class Choice:
+class RecordingFilter:
     """What is wanted of all that flies.
 
     While an agent learns, flights are alike for hours: then every n-th is enough, and half of

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Mapping
 
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 
 PERIOD = 0.05
 """s of wall clock between two looks at a flight"""
@@ -23,7 +23,9 @@ class Follower:
     that is under way can be seen, and what ends meanwhile waits until that one has ended.
     """
 
-    def __init__(self, buffers: Mapping[int, FlightBuffer], clock: Callable[[], float]) -> None:
+    def __init__(
+        self, buffers: Mapping[int, TrajectoryBuffer], clock: Callable[[], float],
+    ) -> None:
         """Begin with no flight.
 
         :param buffers: flights that are under way, by rocket.
@@ -31,7 +33,7 @@ class Follower:
         self._buffers = buffers
         self._clock = clock
         self._due = self._grown = 0.0
-        self.flight: Flight | None = None
+        self.flight: Trajectory | None = None
         """the flight followed, as it was last seen"""
 
     def follows(self, row: int, episode: int) -> bool:
@@ -56,11 +58,11 @@ class Follower:
         """Whether the flight does not go on: who flew it may have died."""
         return self.flight is not None and self._clock() - self._grown >= STALLED
 
-    def _continues(self, flight: Flight) -> bool:
+    def _continues(self, flight: Trajectory) -> bool:
         buffer = self._buffers[flight.row]
         return buffer.episode == flight.episode and buffer.first_step == flight.step
 
-    def look(self, wanted: Callable[[int], bool]) -> Flight | None:
+    def look(self, wanted: Callable[[int], bool]) -> Trajectory | None:
         """Return the flight as far as it has come, when it is time to show more of it.
 
         :param wanted: tells of an episode whether it will be recorded, however it ends.

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rocket_sim_node import frames
-from rocket_sim_node.recording.trajectories.trajectory import Flight
 from rocket_sim_node.recording.trajectories.trajectory import Settling
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import WIDTH
 from rocket_sim_node.worlds.planar.settling import settle
@@ -27,7 +27,7 @@ _LIGHTEST, _HEAVIEST, _STRONGEST = 0.1, 1e9, 10.0
 _GRAVITY = 'gravity_factor'
 
 
-def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+def follow(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
     """Return what becomes of rockets after their flights; None where that is not asked.
 
     They settle together, which takes little longer than the slowest of them alone.
@@ -41,7 +41,7 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
         and 0.0 <= _gravity_factor(flight, stage) <= _STRONGEST]
     if not chosen:
         return ends
-    last = Flight(0, 0, 0, '', np.stack([
+    last = Trajectory(0, 0, 0, '', np.stack([
         flights[place].values[-1, :WIDTH] for place in chosen]))
     settled = settle(
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
@@ -64,14 +64,14 @@ def follow(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
     return ends
 
 
-def _gravity_factor(flight: Flight, stage: Stage) -> float:
+def _gravity_factor(flight: Trajectory, stage: WorldInfo) -> float:
     """Return the factor of gravity that was drawn for a flight."""
     names = stage.condition_names
     known = _GRAVITY in names and flight.layout.conditions == len(names)
     return float(flight.conditions[-1, names.index(_GRAVITY)]) if known else 1.0
 
 
-def _may_be(flight: Flight) -> bool:
+def _may_be(flight: Trajectory) -> bool:
     """Return whether the contact model has an answer: anybody may say what a rocket ends with."""
     def last(name: str) -> float:
         return float(np.linalg.norm(flight.values[-1, FIELDS[name]]))

@@ -31,7 +31,7 @@ def tilt_of(orientation: F64) -> F64:
 
 
 @dataclass(frozen=True)
-class Flight:
+class Trajectory:
     """One episode of one rocket, from its first state to its last.
 
     `values` is `(n, layout.width)` as in :class:`Samples`; `outcome` is its name, empty when the
@@ -88,7 +88,7 @@ class Flight:
         """Undiscounted sum of rewards; the first sample belongs to no step."""
         return float(self.reward[1:].sum())
 
-    def followed_by(self, settling: Settling | None) -> Flight:
+    def followed_by(self, settling: Settling | None) -> Trajectory:
         """Return it with the samples after its touchdown, if there are any."""
         if settling is None:
             return self
@@ -131,7 +131,7 @@ class Settling:
         return cls(verdict, values)
 
 
-class FlightBuffer:
+class TrajectoryBuffer:
     """Collects the samples of one rocket in memory set aside beforehand.
 
     `episode` and `first_step`, in the simulator, are those of the flight; -1 and 0 when there is
@@ -185,13 +185,13 @@ class FlightBuffer:
         self._last_step = int(samples.step[-1])
         return True
 
-    def so_far(self, row: int, outcome: str = '') -> Flight:
+    def so_far(self, row: int, outcome: str = '') -> Trajectory:
         """Return the flight collected, as a copy."""
-        return Flight(
+        return Trajectory(
             row, self.episode, self.first_step, outcome, self._values[:self._count].copy(),
             self._layout)
 
-    def finish(self, row: int, outcome: str) -> Flight:
+    def finish(self, row: int, outcome: str) -> Trajectory:
         """Return the flight collected, and begin anew."""
         flight = self.so_far(row, outcome)
         self.clear()

@@ -19,7 +19,7 @@ UNSAID: Mapping[str, Mapping[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Stage:
+class WorldInfo:
     """A world as its recordings show it; SI units.
 
     `fuel` is 0 where none is burnt; `stance` is how far the feet stand from the axis, as seen in
@@ -45,7 +45,7 @@ class Stage:
     def build(
         cls, world: str, dt: float, outcomes: tuple[str, ...], settings: Mapping[str, float],
         condition_names: tuple[str, ...] = (),
-    ) -> Stage:
+    ) -> WorldInfo:
         """Take from a world's settings what is known here; the rest keeps its default."""
         known = {**UNSAID.get(world, {}), **settings}
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from rocket_sim_node.wire.client.connection import Link
-from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import Connection
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
@@ -37,7 +37,7 @@ class Client:
         self,
         node: Node,
         executor: Executor,
-        options: LinkOptions | None = None,
+        options: ConnectionOptions | None = None,
         agent: int | None = None,
     ) -> None:
         """Advertise; `connect`, `reset` or `restore` come next.
@@ -45,10 +45,10 @@ class Client:
         :param agent: identity, 1 to 2**64 - 1. One that comes back under the same identity may
             go on at once; None draws a new one.
         """
-        options = options or LinkOptions()
+        options = options or ConnectionOptions()
         self.node = node
         self.waiter = Waiter(node, executor, options.patience)
-        self.link = Link(node, options, agent or secrets.randbits(63) + 1)
+        self.link = Connection(node, options, agent or secrets.randbits(63) + 1)
 
     def __enter__(self) -> Client:
         """Use as a context that lets go of the simulator at the end."""

@@ -20,7 +20,7 @@ from rocket_sim_node.printable import printable
 from rocket_sim_node.wire.client.answers import Answers
 from rocket_sim_node.wire.client.answers import observation_of
 from rocket_sim_node.wire.client.latest_answers import LatestAnswers
-from rocket_sim_node.wire.client.service_call import Call
+from rocket_sim_node.wire.client.service_call import ServiceCall
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.messages.cdr import Codec
@@ -58,7 +58,7 @@ class SimulatorBusy(RuntimeError):
 
 
 @dataclass(frozen=True)
-class LinkOptions:
+class ConnectionOptions:
     """How long to wait for what."""
 
     resend_after: float = 0.2
@@ -69,14 +69,14 @@ class LinkOptions:
     """one of `qos.ACKNOWLEDGE`"""
 
 
-class Link:
+class Connection:
     """One simulator: `ask` for something, `poll` until it has come, `take` it.
 
     Somebody else spins the node; nothing here waits. A command is asked for at a time.
     """
 
     def __init__(
-        self, node: Node, options: LinkOptions, agent: int, namespace: str = '',
+        self, node: Node, options: ConnectionOptions, agent: int, namespace: str = '',
     ) -> None:
         """Advertise.
 
@@ -100,7 +100,7 @@ class Link:
         self._command: Command | None = None
         self._answer: Any = None
         self._silence: Silence | None = None
-        self._call: Call | None = None
+        self._call: ServiceCall | None = None
         self._asked = 0.0
         self._claimed = False
         """whether the simulator may believe that it is ours"""
@@ -336,7 +336,7 @@ class Link:
     # Services
 
     def _begin_call(self, command: Command, begin: float) -> None:
-        self._call = Call(
+        self._call = ServiceCall(
             self._node, self._clients[_name(command)], self._request(command),
             self._options.patience, self.topic, begin)
         self._next = begin

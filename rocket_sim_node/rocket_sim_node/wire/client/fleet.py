@@ -22,11 +22,11 @@ from rclpy.node import Node
 
 from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.wire.client.client import RELEASE_TIMEOUT
-from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.client.connection import WorldChanged
-from rocket_sim_node.wire.client.membership import Roster
-from rocket_sim_node.wire.client.worker import Member
+from rocket_sim_node.wire.client.membership import FleetMembership
+from rocket_sim_node.wire.client.worker import FleetWorker
 from rocket_sim_node.wire.client.worker import Task
 from rocket_sim_node.wire.messages.definitions import DefinitionsDiffer
 from rocket_sim_node.wire.node.inbox import Mailbox
@@ -35,7 +35,7 @@ from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.jobs import MAX_ATTEMPTS
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Restore
 
 T = TypeVar('T')
@@ -48,11 +48,12 @@ _SILENT = 2.0
 each time, as a step may just take long"""
 
 
-class Fleet:
+class SimulatorFleet:
     """Simulators as a `worlds.flight.Fleet`. It spins `executor` while it waits, nobody else."""
 
     def __init__(
-        self, node: Node, executor: Executor, options: LinkOptions, agent: int, pattern: str = '',
+        self, node: Node, executor: Executor, options: ConnectionOptions, agent: int,
+        pattern: str = '',
     ) -> None:
         """Advertise.
 
@@ -62,14 +63,14 @@ class Fleet:
         :raises ValueError: when the pattern is no namespace.
         """
         self._node = node
-        self._roster = Roster(node, options, agent, pattern)
+        self._roster = FleetMembership(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
         """since nobody flies"""
         self._idle_look = math.inf
         """when it is looked at next, s of the steady clock"""
 
-    def __enter__(self) -> Fleet:
+    def __enter__(self) -> SimulatorFleet:
         """Use as a context that lets go of the simulators at the end."""
         return self
 
@@ -107,7 +108,7 @@ class Fleet:
 
     def fly(
         self,
-        flights: Sequence[Callable[[], Flight[T]]],
+        flights: Sequence[Callable[[], Job[T]]],
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
@@ -168,7 +169,8 @@ class Fleet:
                 return
 
     def _lose(
-        self, member: Member, waiting: deque[Task[T]], why: str, report: Callable[[str], None],
+        self, member: FleetWorker, waiting: deque[
+            Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
         """Give a member's flight back, and expect nothing of it before it is heard again."""
         report(f'{member.link.name}: {why}; its flight begins anew')
@@ -177,7 +179,7 @@ class Fleet:
         member.lost_at = time.monotonic()
 
     @staticmethod
-    def _give_back(member: Member, waiting: deque[Task[T]]) -> None:
+    def _give_back(member: FleetWorker, waiting: deque[Task[T]]) -> None:
         """Put a member's flight before the others that wait, to begin anew."""
         task = member.task
         assert task is not None
@@ -186,11 +188,11 @@ class Fleet:
         task.begin()
         waiting.appendleft(task)
 
-    def _start(self, member: Member, task: Task[T], results: dict[int, T]) -> None:
+    def _start(self, member: FleetWorker, task: Task[T], results: dict[int, T]) -> None:
         member.task = task
         self._go_on(member, member.mooring.answer(task.command), results)
 
-    def _go_on(self, member: Member, answer: Any, results: dict[int, T]) -> None:
+    def _go_on(self, member: FleetWorker, answer: Any, results: dict[int, T]) -> None:
         """Hand a flight its answer, if there is one, and ask for what it wants next."""
         task = member.task
         assert task is not None
@@ -205,7 +207,7 @@ class Fleet:
         member.link.ask(task.command)
 
     def _attend(
-        self, member: Member, waiting: deque[Task[T]], results: dict[int, T],
+        self, member: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
         report: Callable[[str], None],
     ) -> None:
         """See whether an answer has come, and go on with it."""
@@ -232,7 +234,7 @@ class Fleet:
             member.mooring.note(task.command, answer)
             self._go_on(member, answer, results)
 
-    def _wait(self) -> list[Member]:
+    def _wait(self) -> list[FleetWorker]:
         """Return the members that may have to be attended to, once there are some.
 
         :raises WireTimeout: when nobody flies, for longer than the patience.

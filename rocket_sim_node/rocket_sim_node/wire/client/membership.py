@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 from rclpy.node import Node
 
-from rocket_sim_node.wire.client.connection import Link
-from rocket_sim_node.wire.client.connection import LinkOptions
+from rocket_sim_node.wire.client.connection import Connection
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import difference
-from rocket_sim_node.wire.client.worker import Member
+from rocket_sim_node.wire.client.worker import FleetWorker
 from rocket_sim_node.worlds.base import WorldSpec
 
 _LOOK_PERIOD = 1.0
@@ -31,27 +31,27 @@ def check_pattern(pattern: str) -> None:
             f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*')
 
 
-class Roster:
+class FleetMembership:
     """The simulators that may fly: all whose namespace matches, or the one of the node's own.
 
     The world of the first one is that of all.
     """
 
-    def __init__(self, node: Node, options: LinkOptions, agent: int, pattern: str) -> None:
+    def __init__(self, node: Node, options: ConnectionOptions, agent: int, pattern: str) -> None:
         """Begin with nobody, or with the one of the node's namespace when the pattern is empty.
 
         :raises ValueError: when the pattern is no namespace.
         """
         check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
-        self._members: dict[str, Member] = {}
+        self._members: dict[str, FleetWorker] = {}
         self.spec: WorldSpec | None = None
         """the world, once somebody was there"""
         self._looked = 0.0
         if not pattern:
-            self._members[''] = Member(Link(node, options, agent))
+            self._members[''] = FleetWorker(Connection(node, options, agent))
 
-    def __iter__(self) -> Iterator[Member]:
+    def __iter__(self) -> Iterator[FleetWorker]:
         """Give those that are there, and those that left while they flew."""
         return iter(list(self._members.values()))
 
@@ -83,8 +83,8 @@ class Roster:
             and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
             and self._node.count_publishers(topic)}
         for namespace in sorted(there - self._members.keys()):
-            self._members[namespace] = Member(
-                Link(self._node, self._options, self._agent, namespace))
+            self._members[namespace] = FleetWorker(
+                Connection(self._node, self._options, self._agent, namespace))
         for namespace, member in list(self._members.items()):
             member.gone = namespace not in there
             if member.task is None:
@@ -93,7 +93,7 @@ class Roster:
                 self._members.pop(namespace).link.destroy()
                 self._tell(f'{namespace} has left')
 
-    def _vet(self, member: Member) -> None:
+    def _vet(self, member: FleetWorker) -> None:
         """Take the world of the first simulator for that of all; refuse another one.
 
         On `world` anybody may speak: what one is that was taken in, its answers tell.

@@ -16,7 +16,7 @@ _READY_PERIOD = 0.05
 """s between two looks at whether the service is there"""
 
 
-class Call:
+class ServiceCall:
     """One request to one service: `poll` it until the response is there."""
 
     def __init__(

@@ -8,10 +8,10 @@ from typing import Any
 from typing import Generic
 from typing import TypeVar
 
-from rocket_sim_node.wire.client.connection import Link
+from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.worlds.jobs import Command
-from rocket_sim_node.worlds.jobs import Flight
-from rocket_sim_node.worlds.jobs import Mooring
+from rocket_sim_node.worlds.jobs import Job
+from rocket_sim_node.worlds.jobs import LastSnapshot
 
 T = TypeVar('T')
 _RETRY = 10.0
@@ -21,7 +21,7 @@ _RETRY = 10.0
 class Task(Generic[T]):
     """A flight, and how often it was begun."""
 
-    def __init__(self, number: int, begin: Callable[[], Flight[T]]) -> None:
+    def __init__(self, number: int, begin: Callable[[], Job[T]]) -> None:
         self.number, self._begin, self.attempts = number, begin, 0
         self.begin()
 
@@ -32,12 +32,12 @@ class Task(Generic[T]):
         self.command: Command = next(self.flight)
 
 
-class Member:
+class FleetWorker:
     """A simulator and what it is doing."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Connection) -> None:
         self.link = link
-        self.mooring = Mooring()
+        self.mooring = LastSnapshot()
         self.task: Task[Any] | None = None
         self.lost_at = 0.0
         self.vetted: Any = None

@@ -28,7 +28,7 @@ def shortened(text: str) -> str:
     return f'{text[:_LONGEST]} ... ({len(text)} characters)'
 
 
-class Health:
+class DiagnosticsPublisher:
     """Counts refusals and other events of a node and reports them once a second.
 
     The level is ERROR while an alarm stands, WARN when something was refused, or else went

@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from rocket_sim_node.wire.node.diagnostics import Health
+from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 
@@ -21,7 +21,7 @@ class RealTime:
 
     def __init__(
         self, period: float, timeout: float, idle: NDArray[Any], lease: ControlLease,
-        health: Health,
+        health: DiagnosticsPublisher,
     ) -> None:
         """Begin without an order.
 

@@ -18,7 +18,7 @@ from rocket_sim_node import free_memory
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node import stopping
-from rocket_sim_node.wire.node.diagnostics import Health
+from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.diagnostics import shortened
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
@@ -94,7 +94,7 @@ class Server:
         self._session = 0
         self._step = 0
         self._clipped = Clipped(world.spec)
-        self._health = Health(
+        self._health = DiagnosticsPublisher(
             node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
         period = world.spec.dt / options.realtime_factor
         self._realtime = RealTime(

@@ -25,7 +25,7 @@ _TERRAIN, _POSE, _VELOCITY, _WIND = slice(0, 11), slice(11, 20), slice(20, 29), 
 _EDGES = np.linspace(-vehicle.HALF_WIDTH, vehicle.HALF_WIDTH, 11).tolist()
 
 
-class Start(NamedTuple):
+class LanderStart(NamedTuple):
     """First states of K episodes."""
 
     terrain: F64
@@ -87,10 +87,10 @@ class Starts:
 
         self._drawn = random_streams.DrawnAhead(num_envs, make)
 
-    def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> Start:
+    def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> LanderStart:
         """Return the starts of rows' episodes: one step after the push."""
         key, flat = self._drawn.take(rows, episodes)
-        return Start(
+        return LanderStart(
             flat[:, _TERRAIN], flat[:, _POSE].reshape(-1, 3, 3),
             flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)
 

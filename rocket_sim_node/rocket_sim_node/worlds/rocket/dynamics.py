@@ -18,7 +18,7 @@ from rocket_sim_node.worlds.rocket.actuators import CommandLine
 from rocket_sim_node.worlds.rocket.actuators import Engines
 from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
 from rocket_sim_node.worlds.rocket.drawn_vehicle import DrawnVehicles
-from rocket_sim_node.worlds.rocket.episode_counters import FlightLog
+from rocket_sim_node.worlds.rocket.episode_counters import EpisodeCounters
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 OBSERVATION_NAMES = (
@@ -52,7 +52,7 @@ def observation_names(settings: RocketSettings) -> tuple[str, ...]:
           for axis in 'xyz'))
 
 
-class RocketFlight:
+class RocketDynamics:
     """State and motion of N rockets; row k of every array is rocket k.
 
     State is kept as structure of arrays: `position`, `velocity`, `spin` (angular velocity)
@@ -80,7 +80,7 @@ class RocketFlight:
         self.episode = np.zeros(num_envs, np.int64)
         self.gust = np.zeros((2, num_envs))
         self.engines = Engines(num_envs)
-        self.log = FlightLog(num_envs)
+        self.log = EpisodeCounters(num_envs)
         self.accelerations = np.zeros((_PAST_ACCELERATIONS * self.extended, 3, num_envs))
         # What the last step did, for telemetry only.
         self._torque = np.zeros((3, num_envs))

@@ -12,7 +12,7 @@ HOVER_SPEED = 2.0
 """m/s: slower than this, a burning engine hovers, be it a hand's breadth above touchdown height"""
 
 
-class FlightLog:
+class EpisodeCounters:
     """N rockets: `effort` `(N, 3)` sums by axis of the command; `hover` `(N,)` steps.
 
     `commanded` `(N,)` is the last throttle asked for, -1 to 1.

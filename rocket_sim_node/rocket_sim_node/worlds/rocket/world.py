@@ -25,7 +25,7 @@ from rocket_sim_node.worlds.rocket import spawn
 from rocket_sim_node.worlds.rocket.actuators import IDLE
 from rocket_sim_node.worlds.rocket.dynamics import ACTION_NAMES
 from rocket_sim_node.worlds.rocket.dynamics import OUTCOME
-from rocket_sim_node.worlds.rocket.dynamics import RocketFlight
+from rocket_sim_node.worlds.rocket.dynamics import RocketDynamics
 from rocket_sim_node.worlds.rocket.dynamics import observation_names
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
@@ -33,10 +33,10 @@ _UNIT = 1e-6
 """How far from length 1 an attitude may be."""
 
 
-class RocketWorld(RocketFlight):
+class RocketWorld(RocketDynamics):
     """N rockets that fall on a pad at the origin and have one burn to stop. A `VectorEnv`.
 
-    Their motion is that of :class:`RocketFlight`; here are the episodes. Worlds that differ in
+    Their motion is that of :class:`RocketDynamics`; here are the episodes. Worlds that differ in
     some of this derive from it.
     """
 

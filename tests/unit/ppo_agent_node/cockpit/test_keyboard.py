@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.cockpit.debrief import ExpertFlight
-from ppo_agent_node.cockpit.debrief import Flight
+from ppo_agent_node.cockpit.debrief import FlightSummary
 from ppo_agent_node.cockpit.debrief import Watch
 from ppo_agent_node.cockpit.instruments import Brake
 from ppo_agent_node.cockpit.instruments import Readings
@@ -241,7 +241,7 @@ def test_watch_tells_how_late_full_throttle_came() -> None:
     assert '16 m/s' in watch.verdict()
 
 
-def flown(world: SimulatedWorld, seed: int, **settings: float) -> Flight | None:
+def flown(world: SimulatedWorld, seed: int, **settings: float) -> FlightSummary | None:
     """Return how the expert does."""
     expert = ExpertFlight(world.spec, seed, **settings)
     while not expert.go_on(100):
@@ -258,7 +258,7 @@ def test_expert_flies_from_the_same_start() -> None:
         observation, _, _, _, info = many.step(pilot(observation))
         if 0 in info['final_rows']:
             row = int(np.flatnonzero(info['episodes'].row == 0)[0])
-            assert flight == Flight.of(info['episodes'], row, many.spec)
+            assert flight == FlightSummary.of(info['episodes'], row, many.spec)
             break
     assert flight.landed
     assert flight.episode_return > 290.0

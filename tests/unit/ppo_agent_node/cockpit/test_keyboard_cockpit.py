@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.text import Text
 
-from ppo_agent_node.cockpit.debrief import Flight
+from ppo_agent_node.cockpit.debrief import FlightSummary
 from ppo_agent_node.cockpit.debrief import Watch
 from ppo_agent_node.cockpit.debrief import debrief
 from ppo_agent_node.cockpit.display import Cockpit
@@ -94,8 +94,8 @@ def test_debrief_names_outcome_figures_and_why() -> None:
     watch = Watch(BRAKE)
     watch.see(3.0, Readings(44.0, -30.0, (0, 0), (0, 0), (0, 0), 0.0), 1.0, 0.0)
     watch.see(3.1, Readings(40.0, -31.0, (0, 0), (0, 0), (0, 0), 0.0), 1.0, 1.0)
-    crash = Flight('too_fast', -104.0, 6.2, 12.7, 1.0, 2.0, 700.0)
-    expert = Flight('landed', 294.9, 9.1, 0.01, 0.0, 0.1, 710.0)
+    crash = FlightSummary('too_fast', -104.0, 6.2, 12.7, 1.0, 2.0, 700.0)
+    expert = FlightSummary('landed', 294.9, 9.1, 0.01, 0.0, 0.1, 710.0)
     text = '\n'.join(line for _, line in debrief(crash, expert, watch))
     assert 'CRASHED: too fast   12.70 m/s, 1.0 °, 2.0 m off the centre' in text
     assert 'lit 0.10 s later' in text

@@ -19,7 +19,7 @@ from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.reporting.pages import figures_table
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
-from rocket_sim_node.worlds.rocket.episode_counters import FlightLog
+from rocket_sim_node.worlds.rocket.episode_counters import EpisodeCounters
 
 
 class Steady:
@@ -140,7 +140,7 @@ def test_failed_starts_take_the_outcomes_in_turn() -> None:
 
 
 def test_hovering_is_slow_flight_with_the_engine_on_however_low() -> None:
-    log = FlightLog(5)
+    log = EpisodeCounters(5)
     speed, height = np.array((1.9, 2.1, 0.1, 0.1, 0.1)), np.array((50.0, 50.0, 5.01, 5.0, 50.0))
     for _ in range(3):
         log.note_flight(speed, height, np.array((1.0, 1.0, 0.1, 1.0, 0.0)), 5.0)

@@ -24,7 +24,7 @@ from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 from ppo_agent_node.reporting.pictures.training_curves import cloning_figure
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import Journal
+from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.base import F32
@@ -51,7 +51,7 @@ def imitate(folder: Path, **changes: Any) -> tuple[Learner, list[dict[str, Any]]
     learner, run = Learner(env.spec, config), RunFolder(folder, resume=False)
     imitation = Imitation(
         env.spec, config, ExpertPilot(env.spec), SerialFleet(env).fly,
-        Journal(run, lambda status: None), lambda: None)
+        MetricsLogger(run, lambda status: None), lambda: None)
     imitation.teach(learner.policy)
     return learner, list(run.lines()), imitation.steps
 
@@ -162,7 +162,7 @@ def test_the_wide_level_has_the_headings_of_the_others(tmp_path: Path) -> None:
     run = RunFolder(tmp_path / 'run', resume=False)
     starts = Imitation(
         env.spec, config, ExpertPilot(env.spec), SerialFleet(env).fly,
-        Journal(run, lambda status: None), lambda: None).starts(1)
+        MetricsLogger(run, lambda status: None), lambda: None).starts(1)
     assert [(start['level'], start['spawn_heading']) for start in starts] == [(7, 180), (8, 180)]
     assert 'spawn_angle' in starts[0] and 'spawn_angle' not in starts[1]
 

@@ -31,7 +31,7 @@ from rocket_sim_node import settings
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.nodes import simulation
-from rocket_sim_node.recording.trajectories.filter import Choice
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.worlds.actions import Clipped
@@ -47,7 +47,8 @@ INFOS = [
     *training_config.describe(),
     *(info for name in worlds.names() for info in worlds.settings(name)),
     *(info for cls in (
-        simulation.SimulatorParameters, rerun_recorder.Destinations, Choice, modes.AgentParameters,
+        simulation.SimulatorParameters, rerun_recorder.Destinations, RecordingFilter,
+        modes.AgentParameters,
         training.TrainingParameters, inference.InferenceParameters,
         piloting.PilotParameters,
         keyboard_pilot.KeyboardParameters, keyboard.KeyboardSettings,

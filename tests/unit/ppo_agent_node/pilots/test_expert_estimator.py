@@ -14,7 +14,7 @@ from ppo_agent_node.pilots.estimator.kalman import AxisFilter
 from ppo_agent_node.pilots.estimator.kalman import turn
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.expert.lateral import drift_upright
-from ppo_agent_node.pilots.expert.observed_state import Sight
+from ppo_agent_node.pilots.expert.observed_state import ObservedState
 from ppo_agent_node.pilots.expert.observed_state import look
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
@@ -77,7 +77,7 @@ def test_finds_delay_lag_strength_turning_and_side_acceleration() -> None:
 class Foreseeing(ExpertEstimator):
     """Keeps what it foresees."""
 
-    def _look(self, observation: F32) -> Sight:
+    def _look(self, observation: F32) -> ObservedState:
         self.foreseen = super()._look(observation)
         return self.foreseen
 

@@ -17,8 +17,8 @@ from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
 from ppo_agent_node.terminal.sparkline import sparkline
 from ppo_agent_node.terminal.status_lines import NARROW
-from ppo_agent_node.terminal.status_lines import Picture
-from ppo_agent_node.training.stop_criterion import Ending
+from ppo_agent_node.terminal.status_lines import StatusLines
+from ppo_agent_node.training.stop_criterion import StopCriterion
 
 STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate')
 STATUS = Status(
@@ -31,14 +31,14 @@ STATUS = Status(
     best_landing_rate=1.0, best_return=290.0, saved='checkpoints/iteration_000002.safetensors')
 
 
-def picture(clock: list[float], *told: Status) -> Picture:
-    shown = Picture(clock=lambda: clock[0])
+def picture(clock: list[float], *told: Status) -> StatusLines:
+    shown = StatusLines(clock=lambda: clock[0])
     for status in told:
         shown.take(status)
     return shown
 
 
-def text(shown: Picture, width: int) -> str:
+def text(shown: StatusLines, width: int) -> str:
     return '\n'.join(line.plain for line in shown.lines(width))
 
 
@@ -161,14 +161,14 @@ def test_clocks_go_on_between_reports_and_news_leaves_the_figures() -> None:
 
 
 def test_fine_tuning_counts_what_ends_it() -> None:
-    ending = Ending(iterations=10_000, episodes=1000)
+    ending = StopCriterion(iterations=10_000, episodes=1000)
     assert ending.progress(0, 0) == (0, 1000, 'episodes')
     assert ending.progress(50, 400) == (400, 1000, 'episodes')
     assert ending.left(50, 400) == 75.0
     assert ending.progress(9000, 400) == (9000, 10_000, 'iterations')
     assert ending.reached(50, 1000)
     assert not ending.reached(9999, 999)
-    assert Ending(70, 0).progress(7, 400) == (7, 70, 'iterations')
+    assert StopCriterion(70, 0).progress(7, 400) == (7, 70, 'iterations')
     status = replace(STATUS, progress=400, goal=1000, unit='episodes')
     assert wording.line(status).startswith('[1:01] PPO 400/1000 episodes: ')
 

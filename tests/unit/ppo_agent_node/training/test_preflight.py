@@ -11,7 +11,7 @@ import pytest
 
 from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.training import preflight
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.rocket import conditions
 
@@ -26,7 +26,7 @@ class Simulators:
         """Begin with nothing asked."""
         self.refused, self.asked = refused, []
 
-    def fly(self, flights: Sequence[Callable[[], Flight[Any]]]) -> Iterator[None]:
+    def fly(self, flights: Sequence[Callable[[], Job[Any]]]) -> Iterator[None]:
         for begin in flights:
             command = next(begin())
             assert isinstance(command, Reset)

@@ -24,7 +24,7 @@ from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training import run_state
-from ppo_agent_node.training.interruptible_fleet import Crew
+from ppo_agent_node.training.interruptible_fleet import InterruptibleFleet
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import free_memory
@@ -379,7 +379,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
     given: list[tuple[str, int]] = []
     told: list[Status] = []
     flying = [False]
-    fly = Crew.fly
+    fly = InterruptibleFleet.fly
 
     def flown(*arguments: Any) -> Any:
         flying[0] = True
@@ -390,7 +390,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
         assert not flying[0]
         given.append((told[-1].stage, told[-1].iteration))
 
-    monkeypatch.setattr(Crew, 'fly', flown)
+    monkeypatch.setattr(InterruptibleFleet, 'fly', flown)
     monkeypatch.setattr(free_memory, 'PERIOD', 0.0)
     monkeypatch.setattr(free_memory, 'give_back', give_back)
     # A critic that learns alone in another thread may have done so before anyone looks.

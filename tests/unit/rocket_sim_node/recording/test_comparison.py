@@ -32,15 +32,15 @@ from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing.timepoint import PAUSE
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import WIDTH
 from rocket_sim_node.worlds.rocket import conditions
 
 POLICIES = Path(recorded_flights.__file__).parents[1] / 'policies'
 OUTCOMES = ('landed', 'too_fast')
-STAGE = Stage('rocket', 0.02, OUTCOMES)
+STAGE = WorldInfo('rocket', 0.02, OUTCOMES)
 
 
 def make_run(folder: Path, world: str, demonstrations: int, clone: bool) -> Path:
@@ -190,7 +190,7 @@ def test_a_run_of_before_clones_were_kept(tmp_path: Path) -> None:
     assert 0.001 < float(row.split('|')[4]) < 0.2
 
 
-def fall(speed: float, outcome: str = 'landed', contact: int = 0) -> Flight:
+def fall(speed: float, outcome: str = 'landed', contact: int = 0) -> Trajectory:
     """Return eleven samples of a fall at a constant speed; the last touch when asked."""
     values = np.zeros((11, WIDTH))
     values[:, FIELDS['position']] = np.stack(
@@ -200,7 +200,7 @@ def fall(speed: float, outcome: str = 'landed', contact: int = 0) -> Flight:
     if contact:
         values[contact:, FIELDS['contact_force']] = (0.0, 0.0, 1.0)
         values[contact:, FIELDS['linear_velocity']] = 0.0
-    return Flight(0, 0, 0, outcome, values)
+    return Trajectory(0, 0, 0, outcome, values)
 
 
 def test_touchdown_speed() -> None:
@@ -227,14 +227,14 @@ def test_the_end_is_that_of_the_recording() -> None:
     flights = [SimpleNamespace(start=start, time=np.array((0.0, long)), outcome='landed')
                for start, long in ((0.0, 5.0), (9.0, 8.0), (9.0, 6.0))]
     for flight in (-1, 0, 1):
-        picture = screenshot.Picture('a.rrd', at='end', flight=flight)
+        picture = screenshot.ScreenshotSettings('a.rrd', at='end', flight=flight)
         assert screenshot.moment(picture, flights) == 18.0  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('at', ['nan', 'inf', '-inf', 'soon'])
 def test_a_moment_is_a_number(at: str) -> None:
     with pytest.raises(ValueError, match=f"at: got '{at}', expected burn, touchdown, end or"):
-        screenshot.moment(screenshot.Picture('a.rrd', at=at), [])
+        screenshot.moment(screenshot.ScreenshotSettings('a.rrd', at=at), [])
 
 
 @pytest.mark.parametrize(('sides', 'complaint'), [
@@ -316,7 +316,7 @@ def test_two_worlds_in_one_file_are_read(tmp_path: Path) -> None:
         spec = world.spec
         parts.append(SimpleNamespace(
             samples=samples, end=recorded_flights.flights(samples, spec.outcomes)[0],
-            stage=Stage.build(name, spec.dt, spec.outcomes, spec.settings)))
+            stage=WorldInfo.build(name, spec.dt, spec.outcomes, spec.settings)))
     path = tmp_path / 'both.rrd'
     record(path, parts[0].stage, parts[0].samples, more=[(parts[1].stage, parts[1].samples)])
     rocket, lander = reader.trajectories(path)

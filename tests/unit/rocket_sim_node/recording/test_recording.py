@@ -27,13 +27,13 @@ from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import timepoint
 from rocket_sim_node.recording.drawing import training_plots
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.scene import camera
 from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import rocket_model
-from rocket_sim_node.recording.screenshot import Picture
+from rocket_sim_node.recording.screenshot import ScreenshotSettings
 from rocket_sim_node.recording.sinks import file_sink
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks import rewrite
@@ -45,10 +45,10 @@ from rocket_sim_node.recording.training_recorder import LONGEST_PERIOD
 from rocket_sim_node.recording.training_recorder import MOST_GATHERED
 from rocket_sim_node.recording.training_recorder import PERIOD
 from rocket_sim_node.recording.training_recorder import TrainingRecorder
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import WIDTH
@@ -56,7 +56,7 @@ from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
 
 OUTCOMES = ('landed', 'too_fast', 'tipped', 'off_pad', 'tilt_limit', 'timeout', 'out_of_bounds')
-STAGE = Stage('rocket', 0.02, OUTCOMES)
+STAGE = WorldInfo('rocket', 0.02, OUTCOMES)
 Notes = list[tuple[str, str]]
 
 
@@ -114,11 +114,13 @@ def feed(recorder: Recorder, samples: Samples, session: int = 1, piece: int = 10
         recorder.states(session, samples.take(slice(start, start + piece)))
 
 
-def record(path: Path, samples: Samples, choice: Choice | None = None) -> tuple[Recorder, Notes]:
+def record(
+    path: Path, samples: Samples, choice: RecordingFilter | None = None,
+) -> tuple[Recorder, Notes]:
     """Record samples to a file."""
     notes: Notes = []
     recorder = Recorder(
-        choice or Choice(), [FileSink(path, lambda *note: notes.append(note))],
+        choice or RecordingFilter(), [FileSink(path, lambda *note: notes.append(note))],
         lambda *note: notes.append(note))
     feed(recorder, samples)
     recorder.close()
@@ -222,7 +224,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
     sink = FileSink(path, lambda *note: None)
-    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
     feed(recorder, flown)
     assert sink._stream is not None
     sink._stream.flush()
@@ -296,7 +298,7 @@ def test_a_full_disk_ends_the_recording_whole(
     path = tmp_path / 'run.rrd'
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
-    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
     half = len(flown.step) // 2
     feed(recorder, flown.take(slice(0, half)))
     leave_free(monkeypatch, 20 * 2**20)
@@ -314,7 +316,7 @@ def test_where_there_is_no_room_for_a_copy_none_is_made(
     path = tmp_path / 'run.rrd'
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
-    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    feed(Recorder(RecordingFilter(), [sink], lambda *note: None), flown)
     leave_free(monkeypatch, 16 * 2**20)
     sink.close()
     assert [level for level, _ in notes] == ['WARN', 'INFO']
@@ -344,7 +346,7 @@ def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
     notes: Notes = []
     with largest_file(int(part * whole.stat().st_size)):
         sink = FileSink(path, lambda *note: notes.append(note))
-        recorder = Recorder(Choice(), [sink], lambda *note: None)
+        recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
         feed(recorder, flown)
         begun = time.monotonic()
         recorder.close()
@@ -369,7 +371,7 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
     record(whole, flown)
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
-    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    feed(Recorder(RecordingFilter(), [sink], lambda *note: None), flown)
     end = file_sink.end
     with ExitStack() as stack:
         def end_and_fill_the_disk(stream: rr.RecordingStream) -> None:
@@ -393,7 +395,7 @@ def test_a_writer_that_died_is_noticed_while_recording(
     monkeypatch.setattr(rrd_file, 'PATIENCE', 1.0)
     notes: Notes = []
     sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
-    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
     with largest_file(200_000):
         feed(recorder, flown)
     assert [level for level, _ in notes] == ['ERROR']
@@ -419,7 +421,7 @@ def test_a_disk_may_stand_still_for_a_while_but_not_for_two(
     monkeypatch.setattr(file_sink, 'flush', flush)
     notes: Notes = []
     sink = FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note))
-    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
     session = 1
     while stands:
         feed(recorder, flown, session=session)
@@ -494,11 +496,11 @@ def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples)
     path = tmp_path / 'run.rrd'
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
-    recorder = Recorder(Choice(), [sink], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None)
     feed(recorder, flown)
     partial_path(path).unlink()
     other = FileSink(path, lambda *note: None)
-    feed(Recorder(Choice(), [other], lambda *note: None), flown)
+    feed(Recorder(RecordingFilter(), [other], lambda *note: None), flown)
     recorder.close()
     assert [level for level, _ in notes] == ['ERROR']
     assert 'is lost' in notes[0][1]
@@ -529,7 +531,7 @@ def test_a_recording_has_no_table_of_contents_while_it_is_written(
 ) -> None:
     """Rerun would keep it in memory."""
     sink = FileSink(tmp_path / 'run.rrd', lambda *note: None)
-    feed(Recorder(Choice(), [sink], lambda *note: None), flown)
+    feed(Recorder(RecordingFilter(), [sink], lambda *note: None), flown)
     assert sink._stream is not None
     sink._stream.flush()
     sink._stream.disconnect()
@@ -537,13 +539,13 @@ def test_a_recording_has_no_table_of_contents_while_it_is_written(
     assert reader.trajectories(partial_path(tmp_path / 'run.rrd'))
 
 
-def buffer_feed(buffer: FlightBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:
+def buffer_feed(buffer: TrajectoryBuffer, samples: Samples, *spans: tuple[int, int]) -> list[bool]:
     return [buffer.extend(samples.take(slice(*span))) for span in spans]
 
 
 def test_a_flight_with_a_gap_is_dropped(flown: Samples) -> None:
     mine = flown.take(np.flatnonzero(flown.row == 0))
-    buffer = FlightBuffer(capacity=8)
+    buffer = TrajectoryBuffer(capacity=8)
     assert buffer_feed(buffer, mine, (0, 10), (10, 100)) == [True, True]
     assert len(buffer) == 100
     assert buffer_feed(buffer, mine, (101, 110), (110, 120)) == [False, False]
@@ -554,7 +556,7 @@ def test_a_flight_with_a_gap_is_dropped(flown: Samples) -> None:
 
 
 def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) -> None:
-    recorder = Recorder(Choice(rows=(0,)), [], lambda *note: None)
+    recorder = Recorder(RecordingFilter(rows=(0,)), [], lambda *note: None)
     first_end = int(np.flatnonzero((flown.row == 0) & (flown.outcome != FLYING))[0])
     feed(recorder, flown.take(slice(0, first_end - 20)), session=1)
     rest = flown.take(slice(first_end - 20, first_end + 1))
@@ -566,7 +568,7 @@ def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) 
 
 
 def test_samples_may_overtake_their_world(flown: Samples) -> None:
-    recorder = Recorder(Choice(), [], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [], lambda *note: None)
     recorder.states(1, flown)
     assert recorder.flights == 0
     recorder.world(STAGE)
@@ -574,14 +576,14 @@ def test_samples_may_overtake_their_world(flown: Samples) -> None:
 
 
 @pytest.mark.parametrize(('choice', 'learning', 'expected'), [
-    (Choice(rows=(0, 1), every_nth_episode=2), True, [(0, 0), (1, 0), (1, 2)]),
-    (Choice(rows=(0, 1), every_nth_episode=2, crashes=True), True,
+    (RecordingFilter(rows=(0, 1), every_nth_episode=2), True, [(0, 0), (1, 0), (1, 2)]),
+    (RecordingFilter(rows=(0, 1), every_nth_episode=2, crashes=True), True,
      [(0, 0), (1, 0), (1, 1), (1, 2), (1, 3)]),
-    (Choice(rows=(1,), every_nth_episode=2), False, [(1, 0), (1, 1), (1, 2), (1, 3)]),
-    (Choice(rows=(7,)), False, []),
+    (RecordingFilter(rows=(1,), every_nth_episode=2), False, [(1, 0), (1, 1), (1, 2), (1, 3)]),
+    (RecordingFilter(rows=(7,)), False, []),
 ])
 def test_choice(
-    tmp_path: Path, flown: Samples, choice: Choice, learning: bool,
+    tmp_path: Path, flown: Samples, choice: RecordingFilter, learning: bool,
     expected: list[tuple[int, int]],
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -604,7 +606,7 @@ def has_ended(samples: Samples, pair: tuple[int, int]) -> bool:
 
 def test_room(flown: Samples) -> None:
     notes: Notes = []
-    recorder = Recorder(Choice(max_steps=2000), [], lambda *note: notes.append(note))
+    recorder = Recorder(RecordingFilter(max_steps=2000), [], lambda *note: notes.append(note))
     recorder.training(Training('finetune', 1, {}))
     feed(recorder, flown)
     assert 0 < recorder.steps <= 1000
@@ -618,7 +620,8 @@ def test_room(flown: Samples) -> None:
 
 def test_training(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
-    recorder = Recorder(Choice(), [FileSink(path, lambda *note: None)], lambda *note: None)
+    recorder = Recorder(
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None)
     recorder.training(Training('clone', 1, {'clone_loss': 0.5, 'mean_return': float('nan')}))
     feed(recorder, flown)
     for k in range(1, 4):
@@ -645,7 +648,8 @@ def test_training(tmp_path: Path, flown: Samples) -> None:
 def test_flights_lie_on_the_training_timeline_from_its_first_report_on(
         tmp_path: Path, flown: Samples, trains: bool) -> None:
     path = tmp_path / 'run.rrd'
-    recorder = Recorder(Choice(), [FileSink(path, lambda *note: None)], lambda *note: None)
+    recorder = Recorder(
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None)
     if trains:
         recorder.training(Training('demonstrate', 0, {}))
     feed(recorder, flown)
@@ -664,13 +668,13 @@ def test_iterations_go_on_through_the_stages() -> None:
     assert again == [8, 9]
 
 
-def straight(height: np.ndarray, throttle: np.ndarray) -> Flight:
+def straight(height: np.ndarray, throttle: np.ndarray) -> Trajectory:
     """Return a flight straight down, upright."""
     values = np.zeros((len(height), WIDTH))
     values[:, FIELDS['position'].start + 2] = height
     values[:, FIELDS['orientation'].stop - 1] = 1.0
     values[:, FIELDS['throttle'].start] = throttle
-    return Flight(0, 0, 0, 'landed', values)
+    return Trajectory(0, 0, 0, 'landed', values)
 
 
 def test_phases_ignore_chatter() -> None:
@@ -728,7 +732,7 @@ def test_wrong_samples_are_named() -> None:
 ])
 def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint: str) -> None:
     with pytest.raises((ValueError, TypeError), match=complaint):
-        command_line.parse(Picture, arguments)
+        command_line.parse(ScreenshotSettings, arguments)
 
 
 def test_no_recording_is_named(tmp_path: Path) -> None:
@@ -784,15 +788,15 @@ def test_gathered_reports_are_what_was_reported() -> None:
     places, values = gathered.take()
     assert (len(gathered), places, values.shape) == (0, [], (0, len(training_plots.LINES)))
     reports = [
-        (Place(2**60 + 1, 7), {'mean_return': 1.5, 'landing_rate': 0.25, 'log_std': math.inf}),
-        (Place(2**60 + 2), {})]
+        (Timepoint(2**60 + 1, 7), {'mean_return': 1.5, 'landing_rate': 0.25, 'log_std': math.inf}),
+        (Timepoint(2**60 + 2), {})]
     for report in reports:
         gathered.add(*report)
     with pytest.raises((TypeError, OverflowError)):
-        gathered.add(Place(3, 8), {'log_std': 10**400})
+        gathered.add(Timepoint(3, 8), {'log_std': 10**400})
     assert len(gathered) == 2
     places, values = gathered.take()
-    assert places == [Place(2**60 + 1, 7), Place(2**60 + 2, 0)]
+    assert places == [Timepoint(2**60 + 1, 7), Timepoint(2**60 + 2, 0)]
     row = dict(zip((line.value for line in training_plots.LINES), values[0], strict=True))
     assert (row['mean_return'], row['landing_rate'], row['log_std']) == (1.5, 25.0, math.inf)
     assert np.isnan(values).sum() == 2 * len(training_plots.LINES) - 3

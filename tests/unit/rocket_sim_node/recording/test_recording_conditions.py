@@ -20,7 +20,7 @@ from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.scene import conditions_log
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.rewrite import rewrite
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
@@ -34,9 +34,9 @@ TOWARDS = {'rocket': 'towards 300° from x', 'rocket_planar': '0.25 along x'}
 """Half a m/s^2, drawn 60 deg from x towards z, y up: towards -y, z up, of which none is planar."""
 
 
-def stage(world: str = 'rocket', names: tuple[str, ...] = DRAWN_NAMES) -> Stage:
+def stage(world: str = 'rocket', names: tuple[str, ...] = DRAWN_NAMES) -> WorldInfo:
     """A world of rockets."""
-    return Stage(world, 0.02, ('landed', 'too_fast'), condition_names=names)
+    return WorldInfo(world, 0.02, ('landed', 'too_fast'), condition_names=names)
 
 
 def flight(episode: int = 0, width: int = len(DRAWN_NAMES), **drawn: float) -> Samples:

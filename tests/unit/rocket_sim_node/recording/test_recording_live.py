@@ -28,13 +28,13 @@ from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.sinks.increments import FOR_EVER
-from rocket_sim_node.recording.sinks.increments import Unsent
+from rocket_sim_node.recording.sinks.increments import Increments
 from rocket_sim_node.recording.sinks.live_sink import LiveSink
 from rocket_sim_node.recording.trajectories import follower
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Settling
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
@@ -69,13 +69,13 @@ SETTINGS: dict[str, dict[str, float]] = {
 
 
 @pytest.fixture(scope='module', params=[*PILOTS, 'rocket, disturbed'])
-def flown(request: pytest.FixtureRequest) -> tuple[Stage, Samples]:
+def flown(request: pytest.FixtureRequest) -> tuple[WorldInfo, Samples]:
     """Return a world and what two vehicles did in it for 700 steps."""
     name, _, disturbed = request.param.partition(', ')
     world, samples = fly(
         name, ROCKETS, 700, PILOTS[name], **SETTINGS[name], **(DISTURBED if disturbed else {}))
     spec = world.spec
-    return Stage.build(
+    return WorldInfo.build(
         spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names), samples
 
 
@@ -88,7 +88,7 @@ class Tape:
         self.stream = rr.RecordingStream('tape')
         self.stream.set_log_time_enabled(False)
         self.stream.save(path)
-        self.unsent = Unsent(self.stream)
+        self.unsent = Increments(self.stream)
         self.looks: list[Look] = []
         self.parts = 0
         self.flights = 0
@@ -134,7 +134,7 @@ class Clock:
 
 
 def feed(
-    recorder: Recorder, flown: tuple[Stage, Samples], session: int = 1, piece: int = 7,
+    recorder: Recorder, flown: tuple[WorldInfo, Samples], session: int = 1, piece: int = 7,
 ) -> None:
     stage, samples = flown
     recorder.world(stage)
@@ -158,12 +158,13 @@ def rows(path: Path) -> Rows:
 
 
 def test_what_was_seen_live_is_what_was_recorded(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Tape(tmp_path / 'live.rrd')
     file = FileSink(tmp_path / 'file.rrd', lambda *note: None)
     # A glance at each message: of two vehicles one is followed, the other waits for its end.
-    recorder = Recorder(Choice(), [tape, file], lambda *note: None, Clock(follower.PERIOD))
+    recorder = Recorder(
+        RecordingFilter(), [tape, file], lambda *note: None, Clock(follower.PERIOD))
     feed(recorder, flown)
     recorder.close()
     assert tape.flights == recorder.flights > 1
@@ -186,12 +187,14 @@ def test_what_was_seen_live_is_what_was_recorded(
                 np.testing.assert_equal(live[entity][step][name], value, f'{entity} {step}')
 
 
-def test_a_flight_is_seen_while_it_goes_on(tmp_path: Path, flown: tuple[Stage, Samples]) -> None:
+def test_a_flight_is_seen_while_it_goes_on(
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
+) -> None:
     stage, samples = flown
     begun = samples.take(samples.step < 50)
     path = tmp_path / 'live.rrd'
     tape = Tape(path)
-    recorder = Recorder(Choice(), [tape], lambda *note: None, Clock(follower.PERIOD))
+    recorder = Recorder(RecordingFilter(), [tape], lambda *note: None, Clock(follower.PERIOD))
     feed(recorder, (stage, begun), piece=2)
     assert recorder.flights == tape.flights == 0
     tape.close()
@@ -206,12 +209,12 @@ def test_a_flight_is_seen_while_it_goes_on(tmp_path: Path, flown: tuple[Stage, S
 
 
 def test_a_flight_that_breaks_off_leaves_room_for_the_next(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     path = tmp_path / 'live.rrd'
     tape = Tape(path)
     recorder = Recorder(
-        Choice(rows=(0,)), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
+        RecordingFilter(rows=(0,)), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
         lambda *note: None, Clock(2 * follower.DWELL))
     stage, samples = flown
     feed(recorder, (stage, samples.take(samples.step < 40)))
@@ -228,11 +231,12 @@ def test_a_flight_that_breaks_off_leaves_room_for_the_next(
 
 
 def test_nothing_is_followed_that_is_not_recorded(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Tape(tmp_path / 'live.rrd')
     recorder = Recorder(
-        Choice(every_nth_episode=1000), [tape], lambda *note: None, Clock(follower.PERIOD))
+        RecordingFilter(
+            every_nth_episode=1000), [tape], lambda *note: None, Clock(follower.PERIOD))
     recorder.training(Training('finetune', 1, {}))
     stage, samples = flown
     later = samples.take(samples.episode > 0)
@@ -246,7 +250,7 @@ def test_nothing_is_followed_that_is_not_recorded(
 
 @pytest.mark.parametrize('piece', [1, 200])
 def test_flights_come_in_the_order_in_which_they_ended(
-    tmp_path: Path, flown: tuple[Stage, Samples], piece: int,
+    tmp_path: Path, flown: tuple[WorldInfo, Samples], piece: int,
 ) -> None:
     """Without a viewer, however many steps come in a message; with one all of them come, too."""
     order = []
@@ -255,7 +259,7 @@ def test_flights_come_in_the_order_in_which_they_ended(
         tape = Blind(tmp_path / f'{live}_live.rrd')
         tape.live = live
         recorder = Recorder(
-            Choice(), [tape, FileSink(path, lambda *note: None)], lambda *note: None,
+            RecordingFilter(), [tape, FileSink(path, lambda *note: None)], lambda *note: None,
             Clock(follower.PERIOD))
         feed(recorder, flown, piece=piece)
         recorder.close()
@@ -267,12 +271,12 @@ def test_flights_come_in_the_order_in_which_they_ended(
 
 
 def test_viewers_go_on_when_the_file_is_full(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     notes: Notes = []
     tape = Tape(tmp_path / 'live.rrd')
     recorder = Recorder(
-        Choice(max_steps=20), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
+        RecordingFilter(max_steps=20), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
         lambda *note: notes.append(note), Clock(follower.PERIOD))
     feed(recorder, flown)
     recorder.close()
@@ -284,12 +288,13 @@ def test_viewers_go_on_when_the_file_is_full(
 
 
 def test_what_a_learner_flies_ends_with_the_room_for_it(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     path = tmp_path / 'file.rrd'
     tape = Tape(tmp_path / 'live.rrd')
     recorder = Recorder(
-        Choice(max_steps=100, every_nth_episode=1), [tape, FileSink(path, lambda *note: None)],
+        RecordingFilter(
+            max_steps=100, every_nth_episode=1), [tape, FileSink(path, lambda *note: None)],
         lambda *note: None, Clock(follower.PERIOD))
     recorder.training(Training('finetune', 1, {}))
     feed(recorder, flown)
@@ -304,10 +309,10 @@ def test_what_a_learner_flies_ends_with_the_room_for_it(
     assert tape.flights > 0
 
 
-def test_a_new_session_is_another_flight(tmp_path: Path, flown: tuple[Stage, Samples]) -> None:
+def test_a_new_session_is_another_flight(tmp_path: Path, flown: tuple[WorldInfo, Samples]) -> None:
     tape = Tape(tmp_path / 'live.rrd')
     recorder = Recorder(
-        Choice(rows=(0,)), [tape], lambda *note: None, Clock(2 * follower.DWELL))
+        RecordingFilter(rows=(0,)), [tape], lambda *note: None, Clock(2 * follower.DWELL))
     stage, samples = flown
     begun = samples.take(samples.step < 30)
     feed(recorder, (stage, begun), piece=10)
@@ -324,12 +329,12 @@ def test_a_new_session_is_another_flight(tmp_path: Path, flown: tuple[Stage, Sam
 
 
 def test_closed_in_the_first_flight_it_is_kept_once(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     stage, samples = flown
     tape = Tape(tmp_path / 'live.rrd')
     recorder = Recorder(
-        Choice(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
+        RecordingFilter(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
         lambda *note: None, Clock(follower.PERIOD))
     feed(recorder, (stage, samples.take(samples.step < 50)), piece=2)
     recorder.close()
@@ -339,12 +344,12 @@ def test_closed_in_the_first_flight_it_is_kept_once(
 
 
 def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go_on(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     """Who flew it has died, perhaps."""
     tape, clock = Tape(tmp_path / 'live.rrd'), Clock(0.0)
     recorder = Recorder(
-        Choice(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
+        RecordingFilter(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
         lambda *note: None, clock)
     stage, samples = flown
     first = int(samples.step[samples.outcome != FLYING][0])
@@ -361,13 +366,13 @@ def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go
 
 @pytest.mark.parametrize('reported', [True, False])
 def test_flights_before_and_after_learning_keep_to_their_kind(
-    tmp_path: Path, flown: tuple[Stage, Samples], reported: bool,
+    tmp_path: Path, flown: tuple[WorldInfo, Samples], reported: bool,
 ) -> None:
     """Also those that wait beside one that is followed; and if nobody said that it is over."""
     tape, clock = Tape(tmp_path / 'live.rrd'), Clock(0.0)
     clock.now = follower.PERIOD
     recorder = Recorder(
-        Choice(every_nth_episode=1_000_000), [tape], lambda *note: None, clock)
+        RecordingFilter(every_nth_episode=1_000_000), [tape], lambda *note: None, clock)
     stage, samples = flown
     first = int(samples.step[samples.outcome != FLYING][0])
     feed(recorder, (stage, samples.take(samples.step <= first)), piece=1)
@@ -387,13 +392,13 @@ def test_flights_before_and_after_learning_keep_to_their_kind(
 
 
 def test_the_end_of_a_flight_is_seen_before_others_follow(
-    tmp_path: Path, flown: tuple[Stage, Samples],
+    tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Blind(tmp_path / 'live.rrd')
     tape.flight = lambda put: order.append(clock.now)  # type: ignore[method-assign]
     order: list[float] = []
     clock = Clock(follower.PERIOD)
-    recorder = Recorder(Choice(), [tape], lambda *note: None, clock)
+    recorder = Recorder(RecordingFilter(), [tape], lambda *note: None, clock)
     feed(recorder, flown, piece=1)
     recorder.close()
     assert len(order) > 1
@@ -405,10 +410,10 @@ def test_the_end_of_a_flight_is_seen_before_others_follow(
 def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
     world, samples = fly('rocket', ROCKETS, 800, brake, **SETTINGS['rocket'])
     spec = world.spec
-    stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
+    stage = WorldInfo.build(spec.name, spec.dt, spec.outcomes, spec.settings)
     settled: list[int] = []
 
-    def settle(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+    def settle(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
         settled.extend(flight.episode for flight in flights if flight.outcome == 'landed')
         return [
             Settling('stands', np.repeat(flight.values[-1:], 10, axis=0))
@@ -417,7 +422,8 @@ def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
     tape = Tape(tmp_path / 'live.rrd')
     file = FileSink(tmp_path / 'file.rrd', lambda *note: None)
     recorder = Recorder(
-        Choice(rows=(0,)), [tape, file], lambda *note: None, Clock(follower.PERIOD), settle)
+        RecordingFilter(
+            rows=(0,)), [tape, file], lambda *note: None, Clock(follower.PERIOD), settle)
     feed(recorder, (stage, samples))
     recorder.close()
     assert settled
@@ -466,12 +472,13 @@ def url(port: int) -> str:
 
 
 def test_a_viewer_that_is_away_holds_up_nobody(
-    tmp_path: Path, port: int, flown: tuple[Stage, Samples],
+    tmp_path: Path, port: int, flown: tuple[WorldInfo, Samples],
 ) -> None:
     notes: Notes = []
     live = LiveSink(url(port), lambda *note: notes.append(note))
     path = tmp_path / 'run.rrd'
-    recorder = Recorder(Choice(), [live, FileSink(path, lambda *n: None)], lambda *n: None)
+    recorder = Recorder(
+        RecordingFilter(), [live, FileSink(path, lambda *n: None)], lambda *n: None)
     began = time.monotonic()
     feed(recorder, flown, piece=100)
     recorder.close()
@@ -482,13 +489,14 @@ def test_a_viewer_that_is_away_holds_up_nobody(
 
 
 def test_a_viewer_that_comes_late_gets_what_was_before(
-    tmp_path: Path, port: int, flown: tuple[Stage, Samples],
+    tmp_path: Path, port: int, flown: tuple[WorldInfo, Samples],
     start: Callable[..., rerun_program.Program],
 ) -> None:
     notes: Notes = []
     live = LiveSink(url(port), lambda *note: notes.append(note))
     whole = tmp_path / 'whole.rrd'
-    recorder = Recorder(Choice(), [live, FileSink(whole, lambda *n: None)], lambda *n: None)
+    recorder = Recorder(
+        RecordingFilter(), [live, FileSink(whole, lambda *n: None)], lambda *n: None)
     recorder.training(Training('finetune', 1, {'mean_return': 1.0}, 'checkpoint saved'))
     feed(recorder, flown, piece=100)
     # Nothing happens any more; the viewer comes.
@@ -512,11 +520,11 @@ def test_a_viewer_that_comes_late_gets_what_was_before(
 
 
 def test_a_viewer_may_go_and_come_back(
-    port: int, flown: tuple[Stage, Samples], start: Callable[..., rerun_program.Program],
+    port: int, flown: tuple[WorldInfo, Samples], start: Callable[..., rerun_program.Program],
 ) -> None:
     notes: Notes = []
     live = LiveSink(url(port), lambda *note: notes.append(note), patience=0.5)
-    recorder = Recorder(Choice(), [live], lambda *note: None)
+    recorder = Recorder(RecordingFilter(), [live], lambda *note: None)
     for number in (1, 2):
         server = start('--serve-grpc')
         feed(recorder, flown, session=2 * number, piece=100)
@@ -560,6 +568,6 @@ def test_a_wrong_url_is_refused(wrong: str) -> None:
 
 
 def test_an_entity_without_steps_is_refused() -> None:
-    stream = Unsent(cast('rr.RecordingStream', None))
+    stream = Increments(cast('rr.RecordingStream', None))
     with pytest.raises(ValueError, match=r'/x: timelines sim_time, expected step'):
         stream.send_columns('/x', [rr.TimeColumn('sim_time', duration=[0.0])], [])

@@ -24,13 +24,13 @@ from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import lunar_lander
 from rocket_sim_node.recording.scene import rocket_planar
 from rocket_sim_node.recording.scene.sceneries import SCENERIES
-from rocket_sim_node.recording.screenshot import Picture
+from rocket_sim_node.recording.screenshot import ScreenshotSettings
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.file_sink import FileSink
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.trajectory import FlightBuffer
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Layout
@@ -40,8 +40,8 @@ from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.lunar import vehicle
 
 OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
-LUNAR = Stage.build('lunar_lander', 0.02, OUTCOMES, {'field_half_width': 10.0})
-PLANAR = Stage.build('rocket_planar', 0.02, OUTCOMES, {'stance': 6.0, 'touchdown_height': 5.2})
+LUNAR = WorldInfo.build('lunar_lander', 0.02, OUTCOMES, {'field_half_width': 10.0})
+PLANAR = WorldInfo.build('rocket_planar', 0.02, OUTCOMES, {'stance': 6.0, 'touchdown_height': 5.2})
 LAYOUT = Layout(legs=2, heights=11)
 TERRAIN = np.array((3.0, 2.0, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0, 2.0, 4.0, 3.5))
 
@@ -80,8 +80,8 @@ def descend(episodes: int, n: int = 60, layout: Layout = LAYOUT, high: float = 9
         for name in ('step', 'row', 'episode', 'outcome', 'values')), layout)
 
 
-def one_flight(layout: Layout = LAYOUT) -> Flight:
-    return Flight(0, 0, 0, 'landed', descend(1, layout=layout).values, layout)
+def one_flight(layout: Layout = LAYOUT) -> Trajectory:
+    return Trajectory(0, 0, 0, 'landed', descend(1, layout=layout).values, layout)
 
 
 def test_own_fields_keep_their_places() -> None:
@@ -111,7 +111,7 @@ def test_wrong_samples_are_named(name: str, size: int, complaint: str) -> None:
 
 
 def test_a_buffer_takes_another_layout_from_its_start_only() -> None:
-    buffer = FlightBuffer(capacity=16)
+    buffer = TrajectoryBuffer(capacity=16)
     plain, legged = descend(1, layout=Layout()), descend(1)
     assert buffer.extend(plain.take(slice(0, 30)))
     assert not buffer.extend(legged.take(slice(30, 40)))
@@ -200,7 +200,8 @@ def test_no_contact_costs_nothing(tmp_path: Path) -> None:
 
 def test_a_lander_stands_where_training_is_shown(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
-    recorder = Recorder(Choice(), [FileSink(path, lambda *note: None)], lambda *note: None)
+    recorder = Recorder(
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None)
     # Before the world is known, as it may happen on the wire.
     recorder.training(Training('finetune', 1, {'mean_return': 1.0}))
     recorder.world(LUNAR)
@@ -218,7 +219,7 @@ def test_a_lander_stands_where_training_is_shown(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('stage', 'layout'), [(LUNAR, LAYOUT), (PLANAR, Layout(legs=2))])
-def test_flights_are_read_back(tmp_path: Path, stage: Stage, layout: Layout) -> None:
+def test_flights_are_read_back(tmp_path: Path, stage: WorldInfo, layout: Layout) -> None:
     path = tmp_path / 'run.rrd'
     samples = descend(2, layout=layout)
     record(path, stage, samples)
@@ -242,7 +243,7 @@ def test_each_world_has_its_view(tmp_path: Path) -> None:
             ('of_tomorrow', '3D')):
         path = tmp_path / f'{world}.rrd'
         layout = LAYOUT if world == 'lunar_lander' else Layout(legs=2)
-        record(path, Stage.build(world, 0.02, OUTCOMES, {}), descend(1, layout=layout))
+        record(path, WorldInfo.build(world, 0.02, OUTCOMES, {}), descend(1, layout=layout))
         assert {'2D', '3D'} & set(view_classes(path)) == {kind}
         plots = view_classes(path).count('TimeSeries')
         assert plots == len(SCENERIES.get(world, SCENERIES['rocket']).plots)
@@ -286,7 +287,7 @@ def test_the_picture_of_a_low_flight_is_taken_near_the_ground(tmp_path: Path) ->
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(1))
     flights = reader.trajectories(path)
-    when = screenshot.moment(Picture(str(path), at='burn'), flights)
+    when = screenshot.moment(ScreenshotSettings(str(path), at='burn'), flights)
     height = np.interp(when, flights[0].time, flights[0].position[:, 2])
     assert 0.6 < height < 0.6 + 0.3 * 8.4
 
@@ -325,7 +326,7 @@ def test_size(
     for name, count in (('few', 700), ('many', 3500)):
         simulated, samples = fly(world, 4, count, pilot, **settings)  # type: ignore[arg-type]
         spec = simulated.spec
-        stage = Stage.build(world, spec.dt, spec.outcomes, spec.settings)
+        stage = WorldInfo.build(world, spec.dt, spec.outcomes, spec.settings)
         recorder = record(tmp_path / f'{name}.rrd', stage, samples)
         sizes.append((tmp_path / f'{name}.rrd').stat().st_size)
         steps.append(recorder.steps)

@@ -19,23 +19,23 @@ from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.drawing.plots import Plot
 from rocket_sim_node.recording.scene.sceneries import SCENERIES
-from rocket_sim_node.recording.trajectories.trajectory import Flight
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.telemetry.samples import Samples
 
 
-def stage_of(name: str) -> Stage:
+def stage_of(name: str) -> WorldInfo:
     spec = worlds.make(name, 1).spec
-    return Stage.build(name, spec.dt, spec.outcomes, spec.settings)
+    return WorldInfo.build(name, spec.dt, spec.outcomes, spec.settings)
 
 
-def standing(rows: int = 3) -> Flight:
+def standing(rows: int = 3) -> Trajectory:
     layout = Layout(legs=2)
     values = np.zeros((rows, layout.width))
     values[:, FIELDS['orientation'].stop - 1] = 1.0
-    return Flight(0, 0, 0, '', values, layout)
+    return Trajectory(0, 0, 0, '', values, layout)
 
 
 def test_samples_have_the_same_fields_in_every_world() -> None:
@@ -83,7 +83,9 @@ def test_what_was_recorded_with_a_component_for_each_plot_is_read(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     flown = stage_of('rocket'), landing('rocket')
 
-    def columns(shown: tuple[Plot, ...], flight: Flight, stage: Stage) -> list[rr.ComponentColumn]:
+    def columns(
+        shown: tuple[Plot, ...], flight: Trajectory, stage: WorldInfo,
+    ) -> list[rr.ComponentColumn]:
         made: list[rr.ComponentColumn] = []
         for plot in shown:
             table = plot.table(flight, stage).astype(np.float32)

@@ -17,7 +17,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing import planar_view
-from rocket_sim_node.recording.drawing.timepoint import Place
+from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import HELD
@@ -28,10 +28,10 @@ from rocket_sim_node.recording.scene import rocket_model
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.filter import Choice
-from rocket_sim_node.recording.trajectories.trajectory import Flight
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Settling
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.trajectory import Trajectory
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import FLYING
@@ -40,7 +40,7 @@ from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.rocket.outcome import OUTCOMES
 
-STAGE = Stage('rocket', 0.02, ('landed', 'too_fast'), settings={'dry_mass': 22_000.0})
+STAGE = WorldInfo('rocket', 0.02, ('landed', 'too_fast'), settings={'dry_mass': 22_000.0})
 FLIGHT, AFTER = 100, 150
 
 
@@ -60,12 +60,12 @@ def two_flights() -> Samples:
         np.repeat((0, 1), FLIGHT), outcome, np.concatenate((values, values)))
 
 
-def topple(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+def topple(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
     """Tip rockets that landed over to the right, about a foot at 6.7 m; leave the others alone."""
     return [toppled(stage) if flight.outcome == 'landed' else None for flight in flights]
 
 
-def toppled(stage: Stage) -> Settling:
+def toppled(stage: WorldInfo) -> Settling:
     """Return a fall to the right about a foot at 6.7 m."""
     assert stage.settings['dry_mass'] == 22_000.0
     angle = np.linspace(0.0, 0.5 * np.pi, AFTER)
@@ -114,9 +114,9 @@ def test_the_vehicle_goes_on_moving(settled: Path) -> None:
 def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     """They settle together: when there are many, some seconds after the first, at the end."""
     asked: list[int] = []
-    worlds_asked: list[Stage] = []
+    worlds_asked: list[WorldInfo] = []
 
-    def settle(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+    def settle(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
         asked.append(len(flights))
         worlds_asked.append(stage)
         return topple(flights, stage)
@@ -128,7 +128,7 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     now = 0.0
     path = tmp_path / 'run.rrd'
     sink = FileSink(path, lambda *note: None)
-    recorder = Recorder(Choice(), [sink], lambda *note: None, lambda: now, settle)
+    recorder = Recorder(RecordingFilter(), [sink], lambda *note: None, lambda: now, settle)
     recorder.world(STAGE)
     fly(1)
     recorder.tick()
@@ -166,7 +166,7 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
 def test_what_is_reported_comes_after_the_flights_before_it(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(
-        Choice(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=topple)
+        RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=topple)
     recorder.world(STAGE)
     recorder.training(Training('evaluate', 1, {}))
     recorder.states(1, two_flights())
@@ -187,7 +187,7 @@ def test_what_is_reported_comes_after_the_flights_before_it(tmp_path: Path) -> N
 def test_room_that_ends_amid_flights_that_settle_together(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(
-        Choice(max_steps=3 * FLIGHT + AFTER), [FileSink(path, lambda *note: None)],
+        RecordingFilter(max_steps=3 * FLIGHT + AFTER), [FileSink(path, lambda *note: None)],
         lambda *note: None, settle=topple)
     recorder.world(STAGE)
     for session in range(1, 4):
@@ -221,7 +221,7 @@ def test_the_ground_pushes_until_the_next_flight(settled: Path) -> None:
 
 
 def test_nothing_is_added_where_nothing_settles(tmp_path: Path) -> None:
-    def nothing(flights: Sequence[Flight], stage: Stage) -> list[Settling | None]:
+    def nothing(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
         return [None] * len(flights)
 
     for name, settle in (('with', nothing), ('without', None)):
@@ -239,10 +239,10 @@ def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
         Settling.build('stands', *still, torque=np.zeros(4))
     with pytest.raises(ValueError, match="settling: unknown quantity 'colour'"):
         Settling.build('stands', *still, colour=np.zeros(4))
-    flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
+    flight = Trajectory(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
     wide = Settling.build('stands', *still, layout=Layout(legs=2))
     with pytest.raises(ValueError, match=r'settling: samples are \(34,\) wide, expected \(30,\)'):
-        log_flight(None, flight, STAGE, Place(0), wide)  # type: ignore[arg-type]
+        log_flight(None, flight, STAGE, Timepoint(0), wide)  # type: ignore[arg-type]
 
 
 def test_picture(settled: Path) -> None:
@@ -257,7 +257,7 @@ def test_picture(settled: Path) -> None:
 
 
 def test_the_view_holds_what_has_toppled() -> None:
-    flight = Flight(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
+    flight = Trajectory(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
     settling = toppled(STAGE)
     whole = flight.followed_by(settling)
     assert len(whole) == FLIGHT + AFTER
@@ -270,7 +270,7 @@ def test_the_view_holds_what_has_toppled() -> None:
     assert ends[1, 0] > standing[0] + standing[3] / 2, 'the shot of a landing would not do'
 
 
-def landing(lean: float, outcome: str = 'landed') -> Flight:
+def landing(lean: float, outcome: str = 'landed') -> Trajectory:
     """Return a flight that ends at the ground, leaning towards world y by `lean`, rad."""
     values = np.zeros((50, WIDTH))
     values[:, FIELDS['position']] = np.stack(
@@ -279,10 +279,10 @@ def landing(lean: float, outcome: str = 'landed') -> Flight:
     values[:, FIELDS['orientation']] = (-np.sin(lean / 2), 0, 0, np.cos(lean / 2))
     values[:, FIELDS['linear_velocity']] = (0, 0, -0.5)
     values[:, FIELDS['mass']], values[:, FIELDS['fuel']] = 23_000.0, 1_000.0
-    return Flight(0, 0, 0, outcome, values)
+    return Trajectory(0, 0, 0, outcome, values)
 
 
-REAL = Stage.build('rocket', 0.02, OUTCOMES, worlds.make('rocket').spec.settings)
+REAL = WorldInfo.build('rocket', 0.02, OUTCOMES, worlds.make('rocket').spec.settings)
 
 
 def test_a_landing_is_followed_by_the_contact_model() -> None:
@@ -291,7 +291,7 @@ def test_a_landing_is_followed_by_the_contact_model() -> None:
     settling, = touchdown.follow([flight], REAL)
     assert settling is not None
     assert settling.verdict in ('stands', 'bounces')
-    after = Flight(0, 0, 0, 'landed', settling.values)
+    after = Trajectory(0, 0, 0, 'landed', settling.values)
     assert after.position[0] == pytest.approx(flight.position[-1], abs=0.6)
     assert after.tilt[0] == pytest.approx(4.0, abs=0.3)
     assert after.up[0, 1] > 0.06
@@ -305,14 +305,14 @@ def test_a_landing_is_followed_by_the_contact_model() -> None:
 def test_mass_and_gravity_are_those_of_the_flight() -> None:
     """A third of the gravity lets it fall 9 times less before it touches, and rock longer."""
     names = ('mass_factor', 'gravity_factor')
-    stage = Stage.build('rocket', 0.02, OUTCOMES, REAL.settings, names)
+    stage = WorldInfo.build('rocket', 0.02, OUTCOMES, REAL.settings, names)
     layout = Layout(conditions=2)
 
     def drawn(gravity: float, mass: float = 23_000.0) -> Settling:
         plain = landing(np.deg2rad(6.0)).values
         values = np.concatenate((plain, np.tile((1.0, gravity), (len(plain), 1))), axis=1)
         values[:, FIELDS['mass']] = mass
-        settling, = touchdown.follow([Flight(0, 0, 0, 'landed', values, layout)], stage)
+        settling, = touchdown.follow([Trajectory(0, 0, 0, 'landed', values, layout)], stage)
         assert settling is not None
         return settling
 
@@ -329,7 +329,7 @@ def test_mass_and_gravity_are_those_of_the_flight() -> None:
 def test_only_landings_of_rocket_are_followed() -> None:
     others = [landing(0.0, 'timeout'), landing(0.0, 'too_fast')]
     assert touchdown.follow(others, REAL) == [None, None]
-    other = Stage.build('rocket_planar', 0.02, OUTCOMES, REAL.settings)
+    other = WorldInfo.build('rocket_planar', 0.02, OUTCOMES, REAL.settings)
     assert touchdown.follow([landing(0.0)], other) == [None]
     assert touchdown.follow([], REAL) == []
 
@@ -354,13 +354,14 @@ def test_landings_that_settle_together_do_so_as_each_alone() -> None:
 
 def test_nothing_is_followed_while_an_agent_learns(tmp_path: Path) -> None:
     """Training has no use for it, and the recorder should not take its time."""
-    asked: list[Flight] = []
+    asked: list[Trajectory] = []
 
-    def settle(flight: Flight, stage: Stage) -> Settling | None:
+    def settle(flight: Trajectory, stage: WorldInfo) -> Settling | None:
         asked.append(flight)
         return None
 
-    recorder = Recorder(Choice(every_nth_episode=1), [], lambda level, text: None, settle=settle)
+    recorder = Recorder(
+        RecordingFilter(every_nth_episode=1), [], lambda level, text: None, settle=settle)
     recorder.world(STAGE)
     recorder.training(Training('finetune', 1, {}))
     recorder.states(1, two_flights())

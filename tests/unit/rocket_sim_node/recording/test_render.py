@@ -25,17 +25,17 @@ from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.trajectories import touchdown
-from rocket_sim_node.recording.trajectories.world_info import Stage
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.samples import Samples
 
 SEED = 3
 
 
-def flown(world: str) -> tuple[Stage, Samples]:
+def flown(world: str) -> tuple[WorldInfo, Samples]:
     """Return a world and one flight of its scripted pilot that landed, as most do."""
     simulated = worlds.make(world, 1)
     spec = simulated.spec
-    stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
+    stage = WorldInfo.build(spec.name, spec.dt, spec.outcomes, spec.settings)
     for seed in range(SEED, SEED + 10):
         samples = recorded_flights.fly(simulated, scripted_pilot(spec), seed)
         if spec.outcomes.index('landed') in samples.outcome:
@@ -75,7 +75,7 @@ def test_training_is_drawn(tmp_path: Path) -> None:
     class Learning(Recorder):
         """Hears of an agent before it hears of flights."""
 
-        def world(self, stage: Stage) -> None:
+        def world(self, stage: WorldInfo) -> None:
             super().world(stage)
             for number in range(1, 40):
                 self.training(Training(
@@ -92,7 +92,7 @@ def test_a_comparison_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / 'comparison.rrd'
     simulated = worlds.make('rocket', 1)
     spec = simulated.spec
-    stage = Stage.build(spec.name, spec.dt, spec.outcomes, spec.settings)
+    stage = WorldInfo.build(spec.name, spec.dt, spec.outcomes, spec.settings)
     flights = recorded_flights.flights(
         recorded_flights.fly(simulated, scripted_pilot(spec), SEED), spec.outcomes)
     idle = recorded_flights.flights(recorded_flights.fly(

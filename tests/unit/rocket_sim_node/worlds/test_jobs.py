@@ -13,7 +13,7 @@ from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import MAX_ATTEMPTS
-from rocket_sim_node.worlds.jobs import Flight
+from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import SerialFleet
@@ -41,7 +41,7 @@ class Counting:
         return call
 
 
-def begin(seed: int) -> Flight[bytes]:
+def begin(seed: int) -> Job[bytes]:
     """Reset, step and return the state."""
     yield Reset(seed, {'level': 7})
     yield ACTION
@@ -49,7 +49,7 @@ def begin(seed: int) -> Flight[bytes]:
     return state
 
 
-def go_on(state: bytes) -> Flight[tuple[np.ndarray, bytes]]:
+def go_on(state: bytes) -> Job[tuple[np.ndarray, bytes]]:
     """Step from a state; return what was seen at first, and the state."""
     first = yield Restore(state)
     yield ACTION
@@ -92,7 +92,7 @@ def test_a_flight_that_was_lost_begins_anew_and_says_so() -> None:
 def test_a_poll_that_raises_ends_the_flight() -> None:
     ended = []
 
-    def watched() -> Flight[None]:
+    def watched() -> Job[None]:
         try:
             yield Reset(1)
             yield ACTION
@@ -111,7 +111,7 @@ def test_a_poll_that_raises_ends_the_flight() -> None:
 
 
 def test_what_is_no_command_is_refused() -> None:
-    def astray() -> Flight[None]:
+    def astray() -> Job[None]:
         yield Reset(1)
         yield [[0.0, 0.0, 0.0]] * 2  # type: ignore[misc]
 
