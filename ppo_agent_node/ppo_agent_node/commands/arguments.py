@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What people give train, land, evaluate and fly: checked, and sent where it belongs.
+"""The arguments of train, land, evaluate and fly: checked, and sent where they belong.
 
 An argument belongs to the launch file, else to the agent (for `fly`, to the pilot), else to the
 world that the simulator runs.
@@ -36,16 +36,13 @@ ALL = 'all'
 CHOICES = {
     'mode': ('lockstep', 'realtime'),
     'pilot': ('policy', 'expert', 'expert_estimator', 'random')}
-"""of launch arguments whose nodes cannot be asked without ROS"""
+"""of launch arguments that nodes declare, which need ROS to be imported"""
 _ARGUMENT = re.compile(r'([a-z_][a-z0-9_]*):=(.*)', re.DOTALL)
 _KEPT_BY_RUN = ('world', 'num_envs', 'conditions', 'observation')
-_PATHS = ('run_dir', 'output')
 SET_BY_AGENT = {
     'level': 'curriculum_start_level and curriculum_final_level', 'spawn_copies': 'start_copies',
     'spawn_reach': 'curriculum_start_reach', 'spawn_heading': 'curriculum_heading'}
-"""settings of worlds that a training changes itself, and what of it says how"""
-
-Groups = Mapping[str, Sequence[SettingInfo]]
+"""settings of worlds that a training changes itself, and the settings of it that say how"""
 
 
 @dataclass
@@ -56,13 +53,13 @@ class Arguments:
     declared: Mapping[str, LaunchArgument]
     world: str
     given: dict[str, str] = field(default_factory=dict)
-    """all of them as they were given, paths absolute"""
+    """all of them, in their order; paths are absolute"""
     launch: dict[str, str] = field(default_factory=dict)
-    """those of the launch file, without those given as nothing: they are as by default"""
+    """those of the launch file; an empty one means its default and is left out"""
     agent: dict[str, Any] = field(default_factory=dict)
     simulator: dict[str, Any] = field(default_factory=dict)
     saved: dict[str, str] = field(default_factory=dict)
-    """what shaped the world of the run that is resumed"""
+    """what shaped the world of the run that is to be resumed"""
 
     @property
     def preset(self) -> str:
@@ -102,15 +99,15 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
             raise ValueError(
                 f'mode: got {text!r}, but this trains; ./launch_scripts/land flies a policy')
         elif name in simulator:
-            info = simulator[name]
-            found.simulator[name] = settings.check(info, read_value(text, info.default))
+            found.simulator[name] = settings.check(
+                simulator[name], read_value(text, simulator[name].default))
         else:
             raise unknown(name, world, (*declared, *agent, *simulator))
     _check(found)
     return found
 
 
-def agent_settings(command: str) -> Groups:
+def agent_settings(command: str) -> dict[str, tuple[SettingInfo, ...]]:
     """Return what can be set of the agent or the pilot that a command starts, by group."""
     if command == 'train':
         return {
@@ -150,7 +147,7 @@ def _plain(name: str, value: str, declared: Mapping[str, LaunchArgument]) -> str
         return value.lower()
     if name == 'namespace':
         return value if not value or value.startswith('/') else f'/{value}'
-    if name in _PATHS or (name in declared and declared[name].is_path):
+    if name in ('run_dir', 'output') or (name in declared and declared[name].is_path):
         return _absolute(value)
     if name == 'policy':
         return _absolute_policy(value)
@@ -228,18 +225,18 @@ def _check(found: Arguments) -> None:
         for name in found.simulator.keys() & set(conditions.FLAT_NAMES):
             raise ValueError(
                 f'{name}: got {found.given[name]!r}, expected none beside conditions {drawn!r}, '
-                'which say it')
+                'which set it')
 
 
 def _check_training(found: Arguments) -> None:
-    """Check what a training is given, and give the agent what the launch knows, too.
+    """Check what a training is given, and tell the agent what it shares with the launch.
 
     :raises ValueError: naming an argument.
     """
     for name in found.simulator.keys() & SET_BY_AGENT.keys():
         raise ValueError(
-            f'{name}: got {found.given[name]!r}, expected {SET_BY_AGENT[name]} instead, as a '
-            'training sets it itself')
+            f'{name}: got {found.given[name]!r}, expected {SET_BY_AGENT[name]} instead: a '
+            'training changes it itself')
     # The agent resets its simulator to the conditions, and has to know what it is shown.
     for name in ('conditions', 'observation'):
         if name in found.launch:

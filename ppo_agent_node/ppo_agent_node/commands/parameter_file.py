@@ -2,9 +2,11 @@
 """Files of ROS parameters: read for what they say to a node, and written with more in them."""
 from __future__ import annotations
 
+from collections.abc import Iterator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from typing import cast
 
 import yaml
 
@@ -13,20 +15,36 @@ from ppo_agent_node.atomic_file import write_atomically
 _ALL, _KEY = '/**', 'ros__parameters'
 
 
-def _sections(path: Path, text: str, node: str) -> dict[str, dict[str, Any]]:
-    """Return the parameters of each section of a file that speaks to a node."""
+def _load(path: Path) -> dict[str, Any]:
+    """Return the content of a file of parameters.
+
+    :raises ValueError: naming the file, when it is none.
+    :raises OSError: when it cannot be read.
+    """
     try:
-        content = yaml.safe_load(text) or {}
-        found = {
-            name: section[_KEY] or {} for name, section in content.items()
-            if name.rpartition('/')[2] in ('**', '*', node)}
-        if not all(isinstance(values, dict) for values in found.values()):
-            raise TypeError('expected names and values')
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, RecursionError) as error:
+        content = yaml.safe_load(path.read_text('utf-8')) or {}
+        list(_sections(content, ''))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ValueError(
             f'{path}: got {" ".join(str(error).split())!r:.200}, expected a file of ROS parameters'
         ) from error
-    return found
+    return cast(dict[str, Any], content)
+
+
+def _sections(content: Any, node: str, name: str = '') -> Iterator[dict[str, Any]]:
+    """Yield the parameters, by name, of each section that speaks to a node.
+
+    :raises ValueError: for what is no section.
+    """
+    if not isinstance(content, dict):
+        raise ValueError(content)
+    for key, section in content.items():
+        if key != _KEY:
+            yield from _sections(section, node, str(key))
+        elif not isinstance(section, dict):
+            raise ValueError(section)
+        elif name.rpartition('/')[2] in ('**', '*', node):
+            yield section
 
 
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
@@ -36,7 +54,7 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     :raises OSError: when it cannot be read.
     """
     values: dict[str, Any] = {}
-    for section in _sections(path, path.read_text('utf-8'), node).values():
+    for section in _sections(_load(path), node):
         values.update(section)
     return values
 
@@ -50,14 +68,12 @@ def write_parameters(
     :raises ValueError: when that is no file of parameters.
     :raises OSError: when it cannot be read, or the other not be written.
     """
-    sections = _sections(base, base.read_text('utf-8'), node) if base else {}
-    sections = sections or {_ALL: {}}
-    plain = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in values.items()}
-    for section in sections.values():  # the most specific one would win
-        section.update(plain)
-    text = yaml.safe_dump(
-        {name: {_KEY: section} for name, section in sections.items()},
-        sort_keys=False, default_flow_style=None)
-    write_atomically(path, text.encode())
+    content = _load(base) if base else {}
+    if not any(True for _ in _sections(content, node)):
+        content[_ALL] = {_KEY: {}}
+    for section in _sections(content, node):  # the most specific one would win
+        section.update({
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()})
+    write_atomically(
+        path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode())
