@@ -6,8 +6,8 @@ file=$here/${0##*/}.launch.yaml
 scratch=$(mktemp -d -t hoverslam-XXXXXX)
 trap 'rm -rf "$scratch"' EXIT
 
-# read_arguments ARGUMENT...: sets `arguments`, those of the launch, and what else this command needs, see
-# ppo_agent_node/commands/launch.py; ends for --help, and for an error with status 2.
+# read_arguments ARGUMENT...: checks them and sets `arguments`, those of the launch, and what else this command
+# needs (ppo_agent_node/commands/launch.py); exits after --help, and with status 2 after an error.
 read_arguments() {
   python3 -m ppo_agent_node.commands.launch "$0" $$ "$scratch" "$@" || exit
   [[ -e $scratch/plan.sh ]] || exit 0
@@ -20,7 +20,7 @@ run_launch() {
   attend ros2 launch "$file" "${arguments[@]}"
 }
 
-# finish: ends as what was attended did, or as the signal that stopped it asks for.
+# finish: exits with the status of what was attended, or with that of the signal that stopped it.
 finish() {
   case $status-$stopped in
     0-*) ;;

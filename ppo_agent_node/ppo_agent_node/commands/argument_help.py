@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `--help` says of a command's arguments, with the defaults that would hold."""
+"""The text of `--help`: a command's arguments with the defaults that would apply."""
 from __future__ import annotations
 
 import textwrap
@@ -35,7 +35,7 @@ def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str,
 
     :param script: the command, as it was called.
     :param folder: of the launch files.
-    :param found: arguments given beside `--help`; the defaults are those that go with them.
+    :param found: arguments given beside `--help`, on which the defaults depend.
     :param decided: arguments of the launch that the command decides.
     """
     values = resolved(found.declared, {**decided, **found.launch}, folder)
@@ -51,7 +51,7 @@ def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str,
                      for info in infos),
             WIDTH, initial_indent='  ', subsequent_indent='  ', break_on_hyphens=False,
             break_long_words=False)
-    lines += ['', f'{script} --help NAME ... tells what these mean.']
+    lines += ['', f'{script} --help NAME ... explains them.']
     return '\n'.join(lines) + '\n'
 
 
@@ -106,7 +106,7 @@ def _shown(value: Any) -> str:
 def _groups(
     found: Arguments, values: Mapping[str, str],
 ) -> Iterable[tuple[str, list[SettingInfo], Mapping[str, Any]]]:
-    """Yield the settings that are no arguments of the launch: title, settings, values told."""
+    """Yield the settings that are no arguments of the launch: title, settings, values given."""
     told: dict[str, Any] = {}
     if found.command == 'train':
         told.update(presets.preset_values(found.preset, found.world))

@@ -68,8 +68,7 @@ class Arguments:
 
     def of_launch(self, name: str) -> str:
         """Return an argument of the launch: given, the run's or by default; empty: none."""
-        default = self.declared[name].default if name in self.declared else None
-        return self.launch.get(name) or self.saved.get(name) or default or ''
+        return self.launch.get(name) or self.saved.get(name) or self.declared[name].default or ''
 
 
 def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
@@ -122,14 +121,13 @@ def agent_settings(command: str) -> dict[str, tuple[SettingInfo, ...]]:
     return {}
 
 
-def one_of(name: str, value: str, choices: Iterable[str]) -> None:
+def one_of(name: str, value: str, choices: Sequence[str]) -> None:
     """Check a value that is one of a few.
 
     :raises ValueError: naming it and them.
     """
-    known = tuple(choices)
-    if value not in known:
-        raise ValueError(f'{name}: got {value!r}, expected one of {", ".join(known)}')
+    if value not in choices:
+        raise ValueError(f'{name}: got {value!r}, expected one of {", ".join(choices)}')
 
 
 def _pairs(texts: Iterable[str]) -> Iterable[tuple[str, str]]:
@@ -142,7 +140,7 @@ def _pairs(texts: Iterable[str]) -> Iterable[tuple[str, str]]:
 
 
 def _plain(name: str, value: str, declared: Mapping[str, LaunchArgument]) -> str:
-    """Return an argument as it means the same to every node: its path absolute."""
+    """Return a value that means the same to every node: paths are absolute."""
     if value.lower() in ('true', 'false'):
         return value.lower()
     if name == 'namespace':
@@ -196,7 +194,7 @@ def unknown(name: str, world: str, known: Sequence[str]) -> ValueError:
 
 
 def _check(found: Arguments) -> None:
-    """Check names of the launch and what contradicts each other.
+    """Check arguments that are names, and those that contradict each other.
 
     :raises ValueError: naming an argument.
     """
@@ -220,7 +218,7 @@ def _check(found: Arguments) -> None:
         drawn = found.launch.get('conditions', '')
         if not drawn and not found.saved:
             drawn = presets.preset_values(found.preset, world).get('conditions', '')
-    # Both reset the simulator to their conditions, whatever it was started with.
+    # These reset the simulator to their conditions, whatever it was started with.
     if drawn and found.command in ('train', 'evaluate'):
         for name in found.simulator.keys() & set(conditions.FLAT_NAMES):
             raise ValueError(
@@ -237,7 +235,7 @@ def _check_training(found: Arguments) -> None:
         raise ValueError(
             f'{name}: got {found.given[name]!r}, expected {SET_BY_AGENT[name]} instead: a '
             'training changes it itself')
-    # The agent resets its simulator to the conditions, and has to know what it is shown.
+    # The agent resets its simulator to the conditions, and has to know what it observes.
     for name in ('conditions', 'observation'):
         if name in found.launch:
             found.agent[name] = found.launch[name]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How train, land, evaluate and fly begin: from their arguments to those of their launch files.
+"""Turns the arguments of train, land, evaluate and fly into arguments of their launch files.
 
-The scripts of launch_scripts call it; what they need to go on it leaves in `plan.sh`, lines of
-bash that set variables.
+The scripts in launch_scripts call it. It makes the files and folders of a start and writes
+`plan.sh`, lines of bash that set the variables that the script needs.
 """
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from rocket_sim_node.command_line import interruptible
 PLAN = 'plan.sh'
 _OF_THE_START = ('run_dir', 'resume')
 _OF_EACH_START = ('record', 'namespace', 'connect', 'serve_web', 'web_port', 'web_host')
-"""arguments that a run does not keep"""
+"""arguments that a run does not store"""
 
 
 @dataclass
 class Start:
-    """One start of a command: what calls it, and what comes of it."""
+    """One start of a command: how it was called, and what its launch and its script need."""
 
     script: str
     pid: int
     """of the script"""
     scratch: Path
-    """folder that goes when the script ends"""
+    """temporary folder, which the script removes at its end"""
     arguments: Arguments
     launch: dict[str, str] = field(default_factory=dict)
-    """all arguments of the launch that are not as by default"""
+    """the arguments of the launch that differ from its defaults"""
     told: dict[str, str | list[str]] = field(default_factory=dict)
     """variables for the script"""
 
@@ -67,15 +67,15 @@ def decided(start: Start) -> dict[str, str]:
     found = dict(given.saved)
     if command == 'train':
         found.setdefault('num_envs', str(presets.preset_num_envs(given.preset, given.world)))
-        # The simulator shows what the preset wants to see.
+        # The simulator has to show what the policy of the preset observes.
         seen = presets.preset_values(given.preset, given.world).get('observation')
         if seen:
             found.setdefault('observation', seen)
     else:
-        # Apart from the nodes of a training that runs meanwhile.
+        # Keeps the nodes apart from those of a training that runs at the same time.
         if 'namespace' not in given.given:
             found['namespace'] = f'/{command}_{start.pid}'
-        # Pilots take from it what they know.
+        # Each pilot takes the columns that it knows.
         if 'observation' in given.declared and given.world.startswith('rocket'):
             found['observation'] = 'extended'
     if command == 'fly' and given.launch.get('connect'):
@@ -84,7 +84,7 @@ def decided(start: Start) -> dict[str, str]:
 
 
 def prepare(start: Start) -> None:
-    """Make the files and folders of a start, and find out what its launch and script need.
+    """Make the files and folders of a start, and set what its launch and its script need.
 
     :raises ValueError: naming an argument that does not fit.
     :raises OSError: when a file or folder cannot be made or read.
@@ -101,7 +101,7 @@ def prepare(start: Start) -> None:
 
 
 def _write_simulator(start: Start, path: Path) -> None:
-    """Write the settings of the world on top of the file of simulator parameters."""
+    """Write a file of simulator parameters: the one that was named, and the world's settings."""
     base = resolved(start.arguments.declared, start.launch, start.folder)['simulator_parameters']
     write_parameters(path, 'simulator', start.arguments.simulator, Path(base))
     start.launch['simulator_parameters'] = str(path)
@@ -138,7 +138,7 @@ def _train(start: Start) -> None:
         launch['agent_settings'] = str(start.scratch / 'agent.yaml')
         write_parameters(Path(launch['agent_settings']), 'ppo_agent', given.agent)
     start.told['run'] = str(run)
-    # What goes on with the run: as it was shown, and before it has kept its settings, with them.
+    # How to resume the run; until it has written its settings they have to be repeated.
     words = [os.environ.get('HOVERSLAM_SECURE', ''), start.script, f'run_dir:={run}']
     words = [word for word in (*words, 'resume:=true') if word]
     shown = [f'{name}:={value}' for name, value in given.given.items() if name in _OF_EACH_START]
@@ -160,7 +160,7 @@ def _land(start: Start) -> None:
 def _evaluate(start: Start) -> None:
     start.told['made'] = ''
     if start.launch.get('conditions') == ALL and 'output' not in start.launch:
-        # It takes minutes, too many for figures on the terminal alone.
+        # A table takes minutes to fly: its figures are kept in files.
         start.launch['output'] = str(new_folder(start.runs / f'conditions-{_now()}'))
         start.told['made'] = start.launch['output']
 
@@ -213,7 +213,7 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
 
 
 def _placeholders(start: Start) -> dict[str, str]:
-    """Return what stands in the help for what each start makes anew."""
+    """Return what the help shows for names that each start makes anew."""
     command, given = start.arguments.command, start.arguments.given
     shown = {
         'train': {'run_dir': f'runs/{start.arguments.world}-DATE'},

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a launch file declares: the names of its arguments, their defaults and what they mean."""
+"""The arguments that a launch file declares: names, defaults and descriptions."""
 from __future__ import annotations
 
 import math
@@ -65,7 +65,7 @@ def read_launch_file(path: Path) -> dict[str, LaunchArgument]:
 def resolved(
     declared: Mapping[str, LaunchArgument], given: Mapping[str, str], folder: Path,
 ) -> dict[str, str]:
-    """Return what each argument comes to: what is given, or else its default.
+    """Return the value of each argument: the one given, or else its default.
 
     :param folder: that the launch file lies in.
     """

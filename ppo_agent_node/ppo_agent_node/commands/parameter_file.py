@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of ROS parameters: read for what they say to a node, and written with more in them."""
+"""Files of ROS parameters: the values for a node are read, or more are added."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ def _load(path: Path) -> dict[str, Any]:
 
 
 def _sections(content: Any, node: str, name: str = '') -> Iterator[dict[str, Any]]:
-    """Yield the parameters, by name, of each section that speaks to a node.
+    """Yield the parameters, by name, of each section that applies to a node.
 
     :raises ValueError: for what is no section.
     """
@@ -64,7 +64,7 @@ def write_parameters(
 ) -> None:
     """Write a file of parameters of a node.
 
-    :param base: a file whose parameters hold beside `values`.
+    :param base: a file whose parameters are kept, except for those in `values`.
     :raises ValueError: when that is no file of parameters.
     :raises OSError: when it cannot be read, or the other not be written.
     """
