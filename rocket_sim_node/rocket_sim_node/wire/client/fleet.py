@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulators, one or many, that fly for one agent; they may join, leave and die while they do.
+"""Fleet of simulators that run jobs for one agent and may join, leave or fail at any time.
 
-Each flies a flight of its own, so that all of them and the agent work at once: while the agent
-thinks about one, the others move. What a flight comes to does not depend on who flies it, nor on
-how often it was begun, and results come in the order of the flights: the number of simulators
-decides how long it takes and nothing else.
+Each simulator runs its own job, so simulators and agent work in parallel: while the agent computes
+for one, the others step. A job's result does not depend on which simulator runs it or how often
+it was restarted, and results are returned in job order. The number of simulators therefore only
+affects the run time.
 """
 from __future__ import annotations
 
@@ -40,61 +40,61 @@ from rocket_sim_node.worlds.jobs import Restore
 
 T = TypeVar('T')
 _OTHER = (WorldChanged, DefinitionsDiffer)
-"""why a simulator is not one of the fleet"""
+"""Errors that exclude a simulator from the fleet."""
 _IDLE_PERIOD = 0.1
-"""s between two looks for somebody who flies"""
+"""Seconds between checks for a usable simulator."""
 _SILENT = 2.0
-"""s without an answer after which a flight is given to a simulator that has nothing to do; more
-each time, as a step may just take long"""
+"""Seconds without an answer before a job is moved to an idle simulator; increased with each
+attempt, because a step may simply take long."""
 
 
 class SimulatorFleet:
-    """Simulators as a `worlds.flight.Fleet`. It spins `executor` while it waits, nobody else."""
+    """Simulators as a `worlds.jobs.Fleet`. It alone spins `executor` while it waits."""
 
     def __init__(
         self, node: Node, executor: Executor, options: ConnectionOptions, agent: int,
         pattern: str = '',
     ) -> None:
-        """Advertise.
+        """Connect to simulators.
 
         :param agent: identity, 1 to 2**64 - 1.
-        :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
-            matches is taken in when it appears. Empty: the one of the node's own namespace.
-        :raises ValueError: when the pattern is no namespace.
+        :param pattern: namespaces, such as `/sim_*`, of the simulators to use; every match is
+            added when it appears. Empty: the simulator in the node's own namespace.
+        :raises ValueError: when the pattern is not a valid namespace.
         """
         self._node = node
         self._roster = FleetMembership(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
-        """since nobody flies"""
+        """Time since no simulator is running a job."""
         self._idle_look = math.inf
-        """when it is looked at next, s of the steady clock"""
+        """Steady-clock time, s, of the next check."""
 
     def __enter__(self) -> SimulatorFleet:
-        """Use as a context that lets go of the simulators at the end."""
+        """Use as a context that releases the simulators on exit."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go."""
+        """Release the simulators."""
         self.close()
 
     @property
     def spec(self) -> WorldSpec:
-        """The shape that the world of each has; waits for the first of them.
+        """The shape of each simulator's world; the first access waits for one.
 
-        :raises WireTimeout: when none shows up.
+        :raises WireTimeout: when none appears.
         """
         return self._roster.spec or self.connect()
 
     @property
     def realtime(self) -> bool:
-        """Whether a simulator goes by the clock."""
+        """Whether any simulator runs in real time."""
         return any(member.link.realtime for member in self._roster)
 
     def connect(self) -> WorldSpec:
-        """Wait for the first simulator and return what it is.
+        """Wait for the first simulator and return the shape of its world.
 
-        :raises WireTimeout: when none shows up.
+        :raises WireTimeout: when none appears.
         """
         def found() -> bool:
             self._roster.look()
@@ -104,7 +104,7 @@ class SimulatorFleet:
         assert self._roster.spec is not None
         return self._roster.spec
 
-    # Flying
+    # Running jobs
 
     def fly(
         self,
@@ -112,10 +112,10 @@ class SimulatorFleet:
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
-        """Fly them all and yield their results, in order; see `worlds.flight.Fleet`.
+        """Run all jobs and yield their results in order; see `worlds.jobs.Fleet`.
 
-        :raises WireTimeout: when nobody is there to fly, or answers.
-        :raises SimulatorBusy: when another agent keeps them all.
+        :raises WireTimeout: when no simulator is available, or none answers.
+        :raises SimulatorBusy: when another agent controls all of them.
         """
         waiting = deque(Task(number, begin) for number, begin in enumerate(flights))
         results: dict[int, T] = {}
@@ -141,7 +141,7 @@ class SimulatorFleet:
                 task.flight.close()
 
     def _assign(self, waiting: deque[Task[T]], results: dict[int, T]) -> None:
-        """Give flights to those that have none: first to whom they would begin where it is."""
+        """Assign jobs to free simulators, first those whose snapshot is already restored there."""
         free = [member for member in self._roster if member.free]
         for member in free:
             for task in waiting:
@@ -155,7 +155,7 @@ class SimulatorFleet:
                 self._start(member, waiting.popleft(), results)
 
     def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
-        """Take a flight from whom nothing is heard of, when somebody else is free to fly it."""
+        """Move a job from an unresponsive simulator when another one is free."""
         if not self._roster.anybody_free:
             return
         now = time.monotonic()
@@ -172,7 +172,7 @@ class SimulatorFleet:
         self, member: FleetWorker, waiting: deque[
             Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
-        """Give a member's flight back, and expect nothing of it before it is heard again."""
+        """Take back a worker's job and ignore the worker until it is heard from again."""
         report(f'{member.link.name}: {why}; its flight begins anew')
         self._give_back(member, waiting)
         member.link.let_go()
@@ -180,7 +180,7 @@ class SimulatorFleet:
 
     @staticmethod
     def _give_back(member: FleetWorker, waiting: deque[Task[T]]) -> None:
-        """Put a member's flight before the others that wait, to begin anew."""
+        """Put a worker's job at the head of the queue, restarted."""
         task = member.task
         assert task is not None
         member.drop()
@@ -193,7 +193,7 @@ class SimulatorFleet:
         self._go_on(member, member.mooring.answer(task.command), results)
 
     def _go_on(self, member: FleetWorker, answer: Any, results: dict[int, T]) -> None:
-        """Hand a flight its answer, if there is one, and ask for what it wants next."""
+        """Send a job its answer, if there is one, and issue its next command."""
         task = member.task
         assert task is not None
         try:
@@ -210,7 +210,7 @@ class SimulatorFleet:
         self, member: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
         report: Callable[[str], None],
     ) -> None:
-        """See whether an answer has come, and go on with it."""
+        """Check whether an answer has arrived, and continue the job with it."""
         task, link = member.task, member.link
         assert task is not None
         try:
@@ -235,9 +235,9 @@ class SimulatorFleet:
             self._go_on(member, answer, results)
 
     def _wait(self) -> list[FleetWorker]:
-        """Return the members that may have to be attended to, once there are some.
+        """Return the workers that may need attention, once there are any.
 
-        :raises WireTimeout: when nobody flies, for longer than the patience.
+        :raises WireTimeout: when no worker has a job for longer than the patience.
         """
         busy = [member for member in self._roster if member.task is not None]
         if not busy:
@@ -249,7 +249,7 @@ class SimulatorFleet:
             return []
         self._idle, self._idle_look = None, math.inf
         if not self._waiter.overdue and (ready := [m for m in busy if m.link.arrived]):
-            return ready  # while one was thought about, others have answered: no need to wait
+            return ready  # answers arrived while the agent computed: no need to wait
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
         for member in busy:
@@ -266,14 +266,14 @@ class SimulatorFleet:
         return [member for member in busy if member.link.mailbox in full]
 
     def keep(self) -> None:
-        """Remind the simulators of their agent while that one computes; call it often."""
+        """Send keep-alives to the simulators while the agent computes; call it often."""
         for member in self._roster:
             member.link.keep()
 
     def close(self) -> None:
-        """Let go of the simulators, so that another agent need not wait, and of their topics.
+        """Release the simulators for another agent, and close their connections.
 
-        It cannot be flown with after that.
+        The fleet cannot be used afterwards.
         """
         farewells = [member.link.release() for member in self._roster]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
