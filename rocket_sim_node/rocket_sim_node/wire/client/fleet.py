@@ -63,7 +63,7 @@ class SimulatorFleet:
         :raises ValueError: when the pattern is not a valid namespace.
         """
         self._node = node
-        self._roster = FleetMembership(node, options, agent, pattern)
+        self._membership = FleetMembership(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
         """Time since no simulator is running a job."""
@@ -84,12 +84,12 @@ class SimulatorFleet:
 
         :raises WireTimeout: when none appears.
         """
-        return self._roster.spec or self.connect()
+        return self._membership.spec or self.connect()
 
     @property
     def realtime(self) -> bool:
         """Whether any simulator runs in real time."""
-        return any(member.link.realtime for member in self._roster)
+        return any(worker.connection.realtime for worker in self._membership)
 
     def connect(self) -> WorldSpec:
         """Wait for the first simulator and return the shape of its world.
@@ -97,12 +97,12 @@ class SimulatorFleet:
         :raises WireTimeout: when none appears.
         """
         def found() -> bool:
-            self._roster.look()
-            return self._roster.anybody_free
+            self._membership.look()
+            return self._membership.anybody_free
 
-        self._waiter.wait(found, 'a description', self._roster.where)
-        assert self._roster.spec is not None
-        return self._roster.spec
+        self._waiter.wait(found, 'a description', self._membership.where)
+        assert self._membership.spec is not None
+        return self._membership.spec
 
     # Running jobs
 
@@ -123,158 +123,158 @@ class SimulatorFleet:
         try:
             while due < len(flights):
                 poll()
-                self._roster.look()
+                self._membership.look()
                 self._assign(waiting, results)
-                for member in self._wait():
-                    self._attend(member, waiting, results, report)
+                for worker in self._wait():
+                    self._attend(worker, waiting, results, report)
                 if not waiting:
                     self._relieve(waiting, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
         finally:
-            for member in self._roster:
-                if member.task is not None:
-                    member.task.flight.close()
-                    member.drop()
+            for worker in self._membership:
+                if worker.task is not None:
+                    worker.task.flight.close()
+                    worker.drop()
             for task in waiting:
                 task.flight.close()
 
     def _assign(self, waiting: deque[Task[T]], results: dict[int, T]) -> None:
         """Assign jobs to free simulators, first those whose snapshot is already restored there."""
-        free = [member for member in self._roster if member.free]
-        for member in free:
+        free = [worker for worker in self._membership if worker.free]
+        for worker in free:
             for task in waiting:
                 if isinstance(task.command, Restore) and (
-                        task.command.state == member.mooring.state):
+                        task.command.state == worker.last_snapshot.state):
                     waiting.remove(task)
-                    self._start(member, task, results)
+                    self._start(worker, task, results)
                     break
-        for member in free:
-            if waiting and member.free:
-                self._start(member, waiting.popleft(), results)
+        for worker in free:
+            if waiting and worker.free:
+                self._start(worker, waiting.popleft(), results)
 
     def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
         """Move a job from an unresponsive simulator when another one is free."""
-        if not self._roster.anybody_free:
+        if not self._membership.anybody_free:
             return
         now = time.monotonic()
-        for member in self._roster:
-            if member.task is None:
+        for worker in self._membership:
+            if worker.task is None:
                 continue
-            patience = _SILENT * member.task.attempts
-            if member.gone or member.link.waited(now) > patience:
-                why = 'gone' if member.gone else f'silent for {patience:g} s'
-                self._lose(member, waiting, why, report)
+            patience = _SILENT * worker.task.attempts
+            if worker.gone or worker.connection.waited(now) > patience:
+                why = 'gone' if worker.gone else f'silent for {patience:g} s'
+                self._lose(worker, waiting, why, report)
                 return
 
     def _lose(
-        self, member: FleetWorker, waiting: deque[
+        self, worker: FleetWorker, waiting: deque[
             Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
         """Take back a worker's job and ignore the worker until it is heard from again."""
-        report(f'{member.link.name}: {why}; its flight begins anew')
-        self._give_back(member, waiting)
-        member.link.let_go()
-        member.lost_at = time.monotonic()
+        report(f'{worker.connection.name}: {why}; its flight begins anew')
+        self._give_back(worker, waiting)
+        worker.connection.let_go()
+        worker.lost_at = time.monotonic()
 
     @staticmethod
-    def _give_back(member: FleetWorker, waiting: deque[Task[T]]) -> None:
+    def _give_back(worker: FleetWorker, waiting: deque[Task[T]]) -> None:
         """Put a worker's job at the head of the queue, restarted."""
-        task = member.task
+        task = worker.task
         assert task is not None
-        member.drop()
+        worker.drop()
         task.flight.close()
         task.begin()
         waiting.appendleft(task)
 
-    def _start(self, member: FleetWorker, task: Task[T], results: dict[int, T]) -> None:
-        member.task = task
-        self._go_on(member, member.mooring.answer(task.command), results)
+    def _start(self, worker: FleetWorker, task: Task[T], results: dict[int, T]) -> None:
+        worker.task = task
+        self._go_on(worker, worker.last_snapshot.answer(task.command), results)
 
-    def _go_on(self, member: FleetWorker, answer: Any, results: dict[int, T]) -> None:
+    def _go_on(self, worker: FleetWorker, answer: Any, results: dict[int, T]) -> None:
         """Send a job its answer, if there is one, and issue its next command."""
-        task = member.task
+        task = worker.task
         assert task is not None
         try:
             while answer is not None:
                 task.command = task.flight.send(answer)
-                answer = member.mooring.answer(task.command)
+                answer = worker.last_snapshot.answer(task.command)
         except StopIteration as end:
             results[task.number] = end.value
-            member.task = None
+            worker.task = None
             return
-        member.link.ask(task.command)
+        worker.connection.ask(task.command)
 
     def _attend(
-        self, member: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
+        self, worker: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
         report: Callable[[str], None],
     ) -> None:
         """Check whether an answer has arrived, and continue the job with it."""
-        task, link = member.task, member.link
+        task, connection = worker.task, worker.connection
         assert task is not None
         try:
-            if not link.poll():
+            if not connection.poll():
                 return
-            answer = link.take()
+            answer = connection.take()
         except EnvironmentRestarted as error:
             report(f'simulator restarted, work begins again: {error}')
             if task.attempts >= MAX_ATTEMPTS:
                 raise
-            self._give_back(member, waiting)
+            self._give_back(worker, waiting)
         except (WireTimeout, SimulatorBusy, *_OTHER) as error:
-            if not any(other.free or other.task for other in self._roster
-                       if other is not member):
+            if not any(other.free or other.task for other in self._membership
+                       if other is not worker):
                 raise
-            self._lose(member, waiting, str(error), report)
+            self._lose(worker, waiting, str(error), report)
             if isinstance(error, _OTHER):
-                member.fits = False
+                worker.fits = False
                 self._node.get_logger().error(f'{error}; it is not flown any more')
         else:
-            member.mooring.note(task.command, answer)
-            self._go_on(member, answer, results)
+            worker.last_snapshot.note(task.command, answer)
+            self._go_on(worker, answer, results)
 
     def _wait(self) -> list[FleetWorker]:
         """Return the workers that may need attention, once there are any.
 
         :raises WireTimeout: when no worker has a job for longer than the patience.
         """
-        busy = [member for member in self._roster if member.task is not None]
+        busy = [worker for worker in self._membership if worker.task is not None]
         if not busy:
             self._idle = self._idle or Silence(
-                self._node, 'somebody who flies', self._waiter.patience, self._roster.where)
+                self._node, 'somebody who flies', self._waiter.patience, self._membership.where)
             self._idle.check(self._idle_look)
             self._idle_look = time.monotonic() + _IDLE_PERIOD
             self._waiter.spin(_IDLE_PERIOD)
             return []
         self._idle, self._idle_look = None, math.inf
-        if not self._waiter.overdue and (ready := [m for m in busy if m.link.arrived]):
+        if not self._waiter.overdue and (ready := [m for m in busy if m.connection.arrived]):
             return ready  # answers arrived while the agent computed: no need to wait
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
-        for member in busy:
-            mailbox = member.link.mailbox
+        for worker in busy:
+            mailbox = worker.connection.mailbox
             if mailbox is not None:
                 mailboxes.append(mailbox)
                 continue
-            for kind, found in member.link.entities.items():
+            for kind, found in worker.connection.entities.items():
                 entities[kind] += found
-        due = min(member.link.deadline for member in busy)
+        due = min(worker.connection.deadline for worker in busy)
         full, others = self._waiter.attend(due - time.monotonic(), mailboxes, **entities)
         if others or time.monotonic() >= due:
             return busy
-        return [member for member in busy if member.link.mailbox in full]
+        return [worker for worker in busy if worker.connection.mailbox in full]
 
     def keep(self) -> None:
         """Send keep-alives to the simulators while the agent computes; call it often."""
-        for member in self._roster:
-            member.link.keep()
+        for worker in self._membership:
+            worker.connection.keep()
 
     def close(self) -> None:
         """Release the simulators for another agent, and close their connections.
 
         The fleet cannot be used afterwards.
         """
-        farewells = [member.link.release() for member in self._roster]
+        farewells = [worker.connection.release() for worker in self._membership]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
-        self._roster.close()
+        self._membership.close()

@@ -44,16 +44,16 @@ class FleetMembership:
         """
         check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
-        self._members: dict[str, FleetWorker] = {}
+        self._workers: dict[str, FleetWorker] = {}
         self.spec: WorldSpec | None = None
         """The fleet's world, once a simulator was found."""
         self._looked = 0.0
         if not pattern:
-            self._members[''] = FleetWorker(Connection(node, options, agent))
+            self._workers[''] = FleetWorker(Connection(node, options, agent))
 
     def __iter__(self) -> Iterator[FleetWorker]:
         """Iterate over present simulators, and departed ones that still have a job."""
-        return iter(list(self._members.values()))
+        return iter(list(self._workers.values()))
 
     @property
     def where(self) -> str:
@@ -63,13 +63,13 @@ class FleetMembership:
     @property
     def anybody_free(self) -> bool:
         """Whether a simulator is free to take a job."""
-        return any(member.free for member in self)
+        return any(worker.free for worker in self)
 
     def look(self) -> None:
         """Add simulators that have joined and remove those that have left, periodically."""
-        for member in self:
-            if member.link.world is not member.vetted:
-                self._vet(member)
+        for worker in self:
+            if worker.connection.world is not worker.vetted:
+                self._vet(worker)
         now = time.monotonic()
         period = _LOOK_PERIOD if self.spec else _FIRST_LOOK_PERIOD
         if not self._pattern or now - self._looked < period:
@@ -82,50 +82,50 @@ class FleetMembership:
             if topic.endswith(suffix) and _WORLD_TYPE in kinds
             and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
             and self._node.count_publishers(topic)}
-        for namespace in sorted(there - self._members.keys()):
-            self._members[namespace] = FleetWorker(
+        for namespace in sorted(there - self._workers.keys()):
+            self._workers[namespace] = FleetWorker(
                 Connection(self._node, self._options, self._agent, namespace))
-        for namespace, member in list(self._members.items()):
-            member.gone = namespace not in there
-            if member.task is None:
-                member.link.listen()
-            if member.gone and member.task is None:
-                self._members.pop(namespace).link.destroy()
+        for namespace, worker in list(self._workers.items()):
+            worker.gone = namespace not in there
+            if worker.task is None:
+                worker.connection.listen()
+            if worker.gone and worker.task is None:
+                self._workers.pop(namespace).connection.destroy()
                 self._tell(f'{namespace} has left')
 
-    def _vet(self, member: FleetWorker) -> None:
+    def _vet(self, worker: FleetWorker) -> None:
         """Adopt the first simulator's world as the reference; refuse any other world.
 
         Any node may publish on `world`; the world of an accepted simulator shows in its answers.
         """
-        member.vetted = member.link.world
-        if member.fits:
+        worker.vetted = worker.connection.world
+        if worker.fits:
             return
-        link, reason = member.link, ''
+        connection, reason = worker.connection, ''
         try:
-            spec = link.described()
+            spec = connection.described()
             if self.spec and spec != self.spec:
                 reason = f'its {difference(self.spec, spec)}'
-            elif self._pattern and link.described_realtime:
+            elif self._pattern and connection.described_realtime:
                 reason = 'its mode is realtime, expected lockstep'
             else:
-                self.spec = link.adopt_spec()
+                self.spec = connection.adopt_spec()
         except ValueError as error:
             if not self._pattern:
                 raise
             reason = str(error)
-        member.fits = not reason
+        worker.fits = not reason
         if reason:
-            self._node.get_logger().error(f'{link.name} is not flown: {reason}')
+            self._node.get_logger().error(f'{connection.name} is not flown: {reason}')
         elif self._pattern:
-            self._tell(f'{link.name} has joined')
+            self._tell(f'{connection.name} has joined')
 
     def _tell(self, text: str) -> None:
-        count = sum(member.fits for member in self._members.values())
+        count = sum(worker.fits for worker in self._workers.values())
         self._node.get_logger().info(f'{text}; simulators: {count}')
 
     def close(self) -> None:
         """Close all connections."""
-        for member in self:
-            member.link.destroy()
-        self._members.clear()
+        for worker in self:
+            worker.connection.destroy()
+        self._workers.clear()

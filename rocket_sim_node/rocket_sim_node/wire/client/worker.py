@@ -35,9 +35,9 @@ class Task(Generic[T]):
 class FleetWorker:
     """A simulator's connection, its restored snapshot and its current job."""
 
-    def __init__(self, link: Connection) -> None:
-        self.link = link
-        self.mooring = LastSnapshot()
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.last_snapshot = LastSnapshot()
         self.task: Task[Any] | None = None
         self.lost_at = 0.0
         self.vetted: Any = None
@@ -48,10 +48,10 @@ class FleetWorker:
     def free(self) -> bool:
         """Whether it can take a job: it matches, is idle, and was heard from since it was lost."""
         return self.task is None and self.fits and not self.gone and (
-            self.link.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
+            self.connection.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
 
     def drop(self) -> None:
         """Forget its job and its snapshot."""
-        self.link.drop()
-        self.mooring.cast_off()
+        self.connection.drop()
+        self.last_snapshot.forget()
         self.task = None

@@ -45,7 +45,7 @@ class RealTime:
         self._order: NDArray[Any] | None = None
         self._ordered, self._cut = self._lease.now(), False
         self.step = -1
-        """Step that the held action answers; actions for the same or an earlier step are ignored."""
+        """Step that the held action answers; actions for it or an earlier step are ignored."""
 
     def follow(self, order: NDArray[Any], step: int) -> None:
         """Hold a new action from the next step on."""
