@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of demonstrations and cloning; see config for how they are used."""
+"""Settings of demonstrations and cloning; see training_config for their use."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class DemonstrationConfig:
         UNSET, 50.0)
 
     def teacher_gains(self) -> dict[str, float]:
-        """Return the gains that the teacher flies with, by the expert's names."""
+        """Return the teacher's gains, by the expert's names."""
         return {
             name.removeprefix('teacher_'): value
             for name, value in settings_module.as_dict(self).items()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of a training run: one dataclass a concern, one flat namespace of names.
+"""Settings of a training run: one dataclass per concern, one flat namespace.
 
-The names become ROS parameters one to one, and the keys of the presets and of a run's
+Their names are also those of the ROS parameters, and the keys of presets and of a run's
 `config.yaml`.
 """
 from __future__ import annotations
@@ -106,7 +106,7 @@ class PPOConfig:
 
     @property
     def whole_episodes(self) -> bool:
-        """Whether a roll-out is of whole episodes, from fresh starts."""
+        """Whether a roll-out consists of whole episodes from new starts."""
         return self.start_copies > 1
 
 
@@ -172,16 +172,16 @@ _CONCERNS: dict[str, type] = {
 
 
 def describe() -> tuple[SettingInfo, ...]:
-    """Return what can be set in a run, in order of concern; names are unique."""
+    """Return the settings of a run, in order of concern; names are unique."""
     return tuple(
         info for concern in _CONCERNS.values() for info in settings_module.describe(concern))
 
 
 def make_config(values: Mapping[str, object]) -> Config:
-    """Make a run's settings from names and values, the rest by default.
+    """Create a run's settings from values by name; the rest have their defaults.
 
-    :raises ValueError: for an unknown name, a value out of range, or two that contradict.
-    :raises TypeError: for a value of another kind.
+    :raises ValueError: for an unknown name, a value out of range, or a contradiction.
+    :raises TypeError: for a value of the wrong type.
     """
     known = {info.name for info in describe()}
     unknown = sorted(set(values) - known)
@@ -222,13 +222,13 @@ def make_config(values: Mapping[str, object]) -> Config:
 
 
 def fit_copies(config: Config, num_envs: int) -> Config:
-    """Return the settings with no more copies of a start than divide a simulator's rockets."""
+    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets."""
     copies = math.gcd(config.ppo.start_copies, num_envs)
     return replace(config, ppo=replace(config.ppo, start_copies=copies))
 
 
 def check_world(config: Config, spec: WorldSpec) -> None:
-    """Check that levels and headings are asked of a world that has them, and of no other.
+    """Check that a world has the requested levels and headings.
 
     :raises ValueError: naming the setting.
     """

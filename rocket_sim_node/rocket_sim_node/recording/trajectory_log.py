@@ -196,7 +196,7 @@ def _landing(
     rows = np.unique(np.linspace(0, last, min(PATH_POINTS, last + 1)).astype(np.int64))
     text = (
         f'rocket {flight.row}, episode {flight.episode}: '
-        f'{ending(flight, settling)}, {describe(flight, stage)}')
+        f'{ending(flight, settling)}, {describe(flight, info)}')
     times = at.times(np.array([last]), info.dt)
     if at.iteration is not None:
         times.append(rr.TimeColumn('iteration', sequence=[at.iteration]))

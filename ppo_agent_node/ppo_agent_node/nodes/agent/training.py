@@ -76,19 +76,19 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
 
         if not folder.finished:  # a finished run stays one when it cannot be taken up
             folder.mark_unfinished()
-        teller = StatusPublisher(node, terminal, folder)
+        publisher = StatusPublisher(node, terminal, folder)
         try:
             config = _config(parameters, options.preset, fleet.connect().name, saved)
             require_lockstep(fleet)
             result = Trainer(
-                fleet, config, folder, teller.report, stop_requested=stop_requested,
+                fleet, config, folder, publisher.report, stop_requested=stop_requested,
                 say=terminal.say).run()
             if result.finished:
                 folder.mark_unfinished()
                 try:
-                    _evaluate(fleet, config, folder, teller, terminal, tick)
+                    _evaluate(fleet, config, folder, publisher, terminal, tick)
                 except EnvironmentClosed:
-                    teller.report_evaluation(Status(
+                    publisher.report_evaluation(Status(
                         stage='evaluate', message='stopped; a resumed run evaluates anew'))
                     raise
                 folder.mark_finished()
@@ -96,7 +96,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except EnvironmentClosed:
             pass
         except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
-            teller.advise(options.simulators)
+            publisher.advise(options.simulators)
             raise
         except NothingLanded:
             folder.mark_finished()  # a resumed run would come to the same
@@ -104,7 +104,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except (ValueError, OSError):
             folder.withdraw()
             raise
-        teller.advise(options.simulators)
+        publisher.advise(options.simulators)
     return 0
 
 
@@ -164,7 +164,7 @@ def _config(
 
 
 def _evaluate(
-    fleet: SimulatorFleet, config: Config, folder: RunFolder, teller: StatusPublisher,
+    fleet: SimulatorFleet, config: Config, folder: RunFolder, publisher: StatusPublisher,
     terminal: Terminal,
     tick: Callable[[], None],
 ) -> None:
@@ -172,11 +172,11 @@ def _evaluate(
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
-        config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
+        config.run.evaluation_seed, level, folder.path, publisher.report_evaluation, folder.name,
         tick, settings=config.curriculum.task_settings(level), training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
-    teller.report_evaluation(Status(
+    publisher.report_evaluation(Status(
         stage='done', level=level, landing_rate=summary['landing_rate'], landing_rate_low=low,
         landing_rate_high=high, mean_return=summary['mean_return'], saved='evaluation.json',
         message=f'everything is in {folder.path}'))

@@ -117,15 +117,15 @@ class ExpertEstimator(StatefulExpert):
 
     def _look(self, observation: F32) -> ObservedState:
         """Return what will be seen when the command arrives."""
-        v, gain, sight = self.vehicle, self.settings, super()._look(observation)
-        fresh = self._memory.look(sight)
-        mass = self._book_mass(sight)
+        v, gain, state = self.vehicle, self.settings, super()._look(observation)
+        fresh = self._memory.look(state)
+        mass = self._book_mass(state)
         self._identification.forget(fresh)
-        self._identification.learn(sight, mass, ~fresh, VELOCITY * self._filter.noise)
+        self._identification.learn(state, mass, ~fresh, VELOCITY * self._filter.noise)
         found = self._identification.estimate()
-        speed = np.sqrt((sight.velocity**2).sum(axis=0))
-        sight = self._filter.update(
-            sight, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
+        speed = np.sqrt((state.velocity**2).sum(axis=0))
+        state = self._filter.update(
+            state, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
         noisy = self._filter.noise > 0
         self._found = found = replace(
             found, strength=np.where(noisy, self._filter.strength, found.strength),
@@ -135,21 +135,21 @@ class ExpertEstimator(StatefulExpert):
         self.profile = self._flared(self._descent(self._full - v.gravity))
         self._lateral = replace(self._lateral, least_time=np.where(
             noisy, max(gain.lateral_time, gain.noisy_lateral_time), gain.lateral_time))
-        return self._predict(sight, mass, found)
+        return self._predict(state, mass, found)
 
-    def _predict(self, sight: ObservedState, mass: F64, found: Estimate) -> ObservedState:
+    def _predict(self, state: ObservedState, mass: F64, found: Estimate) -> ObservedState:
         """Return the state after the commands that are under way, step by step as the world."""
         v, commands = self.vehicle, self._identification.commands
         dt, rows = v.dt, np.arange(self._count)
         kept = self._kept(found.lag)
-        height, lateral, velocity = sight.height, sight.lateral, sight.velocity
-        up, spin, self._now = sight.up, sight.spin, found.throttle
+        height, lateral, velocity = state.height, state.lateral, state.velocity
+        up, spin, self._now = state.up, state.spin, found.throttle
         full = v.max_thrust * found.strength / mass
         for step in range(min(int(found.delay.max(initial=0)), DELAYS - 1)):
             flying = step < found.delay
             asked = commands[np.maximum(found.delay - 1 - step, 0), :, rows].T
             throttle = asked[0] + (self._now - asked[0]) * kept
-            now = ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
+            now = ObservedState(height, state.origin_height, lateral, velocity, up, spin)
             push = self._acceleration(now, throttle * full, mass)
             torque = np.stack((asked[1], np.zeros_like(height), asked[2])) * self._spin_up
             faster = velocity + push * dt
@@ -159,12 +159,12 @@ class ExpertEstimator(StatefulExpert):
             height = np.where(flying, height + velocity[1] * dt, height)
             lateral = np.where(flying, lateral + velocity[::2] * dt, lateral)
             up = np.where(flying, turn(up, spin, dt), up)
-        return ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
+        return ObservedState(height, state.origin_height, lateral, velocity, up, spin)
 
-    def _acceleration(self, sight: ObservedState, push: F64, mass: F64) -> F64:
+    def _acceleration(self, state: ObservedState, push: F64, mass: F64) -> F64:
         """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
-        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
-        acceleration: F64 = sight.up * push - drag * sight.velocity
+        drag = self._drag * np.sqrt((state.velocity**2).sum(axis=0)) / mass
+        acceleration: F64 = state.up * push - drag * state.velocity
         acceleration[1] += self._found.fall - self.vehicle.gravity
         acceleration[::2] += self._found.side
         return acceleration
@@ -174,11 +174,11 @@ class ExpertEstimator(StatefulExpert):
         kept: F64 = np.exp(-self.vehicle.dt / np.maximum(lag, 1e-9))
         return kept
 
-    def _book_mass(self, sight: ObservedState) -> F64:
+    def _book_mass(self, state: ObservedState) -> F64:
         """Return the mass `(N,)` kg by the book: that at spawn less the fuel commanded."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
-        mass: F64 = np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        mass: F64 = np.where(np.isnan(left), super()._mass(state), v.dry_mass + left)
         return mass
 
     def _flared(self, profile: Descent) -> Descent:
@@ -196,30 +196,30 @@ class ExpertEstimator(StatefulExpert):
             profile, flare_rate=rate,
             touchdown_speed=profile.touchdown_speed + gain.noise_margin * (rate * height + speed))
 
-    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
+    def _pull(self, state: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
         """Return what thrust shall do sideways, held against the side acceleration."""
         way = drift_upright(self._found.side, to_go.burn, self.settings.side_upright_time)
         pull = self._lateral.pull(
-            sight.lateral - way.x, sight.drift - way.drift, push + way.opposed, to_go)
+            state.lateral - way.x, state.drift - way.drift, push + way.opposed, to_go)
         rate = np.where(to_go.coast > 0, pull.rate, pull.rate - way.opposed_rate)
         return Pull(pull.acceleration - way.opposed, rate)
 
-    def _mass(self, sight: ObservedState) -> F64:
+    def _mass(self, state: ObservedState) -> F64:
         """Return the mass `(N,)` kg that the thrust by the book moves as it was seen to."""
-        mass: F64 = self._book_mass(sight) / self._found.strength
+        mass: F64 = self._book_mass(state) / self._found.strength
         return mass
 
-    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
+    def _brake(self, profile: Descent, state: ObservedState, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted; an engine that lags is lit earlier."""
         lead = np.where(self._memory.lit, 0.0, self._found.lag)
         fall = self.vehicle.gravity * lead
-        velocity = sight.velocity.copy()
+        velocity = state.velocity.copy()
         velocity[1] -= fall
-        later = sight._replace(
-            height=sight.height - (sight.speed + fall / 2) * lead, velocity=velocity)
+        later = state._replace(
+            height=state.height - (state.speed + fall / 2) * lead, velocity=velocity)
         return super()._brake(profile, later, to_go)
 
-    def _throttle(self, profile: Descent, sight: ObservedState, wanted: F64) -> F64:
+    def _throttle(self, profile: Descent, state: ObservedState, wanted: F64) -> F64:
         """Return the throttle `(N,)` to command so that the engine gives what is wanted."""
         kept = self._kept(self._found.lag * self.settings.lag_inverted)
         asked = (np.clip(wanted, 0.0, 1.0) - self._now * kept) / (1 - kept)

@@ -89,7 +89,7 @@ class Identification:
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, sight: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
+    def learn(self, state: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
         """Learn from the step that ended.
 
         :param mass: `(N,)` kg by the book, during the step.
@@ -97,17 +97,17 @@ class Identification:
         :param noise: `(N,)` m/s, standard deviation of the speeds seen.
         """
         v, before = self._vehicle, self._before
-        self._before = sight
+        self._before = state
         self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
         if before is None or not known.any():
             return
         # As a sum of squares of y, y u and u u for each model y = factor u.
-        turn = (sight.spin - before.spin)[::2] / v.dt
+        turn = (state.spin - before.spin)[::2] / v.dt
         asked = self.commands[:, 1:] * (v.rcs_torque / v.inertia)
         self._turned += np.stack((
             np.broadcast_to((turn**2).sum(axis=0), asked[:, 0].shape),
             (turn * asked).sum(axis=1), (asked**2).sum(axis=1))) * known
-        change = (sight.velocity - before.velocity) / v.dt
+        change = (state.velocity - before.velocity) / v.dt
         drag = self._drag * np.sqrt((before.velocity**2).sum(axis=0)) / mass
         change += drag * before.velocity
         change[1] += v.gravity

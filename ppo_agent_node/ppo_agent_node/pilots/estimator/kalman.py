@@ -84,14 +84,14 @@ class AxisFilter:
 
     def correct(self, position: F64, velocity: F64, noise: F64) -> None:
         """Learn from what is seen, `(A, N)`, with sensors of this noise `(N,)`: one by one."""
-        for place, seen, deviation in ((0, position, POSITION), (1, velocity, VELOCITY)):
+        for index, seen, deviation in ((0, position, POSITION), (1, velocity, VELOCITY)):
             p = self.covariance
-            missed = seen - (self.position if place == 0 else self.velocity)
-            gain = p[:, place] / np.maximum(p[place, place] + (deviation * noise)**2, _TINY)
+            missed = seen - (self.position if index == 0 else self.velocity)
+            gain = p[:, index] / np.maximum(p[index, index] + (deviation * noise)**2, _TINY)
             self.position = self.position + gain[0] * missed
             self.velocity = self.velocity + gain[1] * missed
             self.factor = self.factor + gain[2] * missed
-            self.covariance = p - gain[:, None] * p[place][None]
+            self.covariance = p - gain[:, None] * p[index][None]
 
 
 class AxisOfBody:
@@ -111,12 +111,12 @@ class AxisOfBody:
         noise = np.sqrt(self._squares / np.maximum(self.seen - 1, 1.0))
         return np.where(noise < _NONE, 0.0, noise)
 
-    def update(self, sight: ObservedState, fresh: Bools) -> None:
+    def update(self, state: ObservedState, fresh: Bools) -> None:
         """Take note of what is seen; `fresh` rows begin anew."""
         self.seen = np.where(fresh, 0.0, self.seen) + 1
-        before = np.where(fresh, sight.up, self.up)
-        turned = np.where(fresh, before, turn(before, sight.spin, self._dt))
-        surprise = sight.up - turned
+        before = np.where(fresh, state.up, self.up)
+        turned = np.where(fresh, before, turn(before, state.spin, self._dt))
+        surprise = state.up - turned
         # A mean of k - 1 axes is itself off by a share of the noise; two directions are free.
         expected = 2 * ANGLE**2 * (1 + 1 / np.maximum(self.seen - 1, 1.0))
         self._squares = np.where(

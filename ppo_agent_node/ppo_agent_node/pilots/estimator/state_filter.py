@@ -72,17 +72,17 @@ class StateFilter:
         height, speed = np.sqrt(variance)
         return height, speed
 
-    def update(self, sight: ObservedState, fresh: Bools, push: F64, damping: F64) -> ObservedState:
+    def update(self, state: ObservedState, fresh: Bools, push: F64, damping: F64) -> ObservedState:
         """Return the state after a step.
 
         :param fresh: `(N,)` rows whose flight was not known.
         :param push: `(N,)` m/s^2, acceleration that the engine was to give in the step.
         :param damping: `(N,)` 1/s, deceleration by drag for each m/s.
         """
-        known, last = self._expected, sight if self._last is None else self._last
-        self._body.update(sight, fresh)
+        known, last = self._expected, state if self._last is None else self._last
+        self._body.update(state, fresh)
         noise = self.noise
-        height, speed = sight.origin_height[None], sight.velocity[1:2]
+        height, speed = state.origin_height[None], state.velocity[1:2]
         self._vertical.predict(
             -(known.gravity + damping * last.velocity[1])[None], push * last.up[1],
             known.disturbance, 0.0)
@@ -90,14 +90,14 @@ class StateFilter:
             push * self.strength * last.up[::2] - damping * last.drift, np.ones_like(push),
             known.disturbance, known.side_wandering)
         self._vertical.correct(height, speed, noise)
-        self._lateral.correct(sight.lateral, sight.drift, noise)
+        self._lateral.correct(state.lateral, state.drift, noise)
         begin = fresh | (noise == 0) | (self._body.seen < _STEPS)
         self._vertical.begin(begin, height, speed, noise)
-        self._lateral.begin(begin, sight.lateral, sight.drift, noise)
+        self._lateral.begin(begin, state.lateral, state.drift, noise)
         x, z = self._lateral.velocity
         origin = self._vertical.position[0]
         self._last = ObservedState(
-            sight.height + origin - sight.origin_height, origin, self._lateral.position,
+            state.height + origin - state.origin_height, origin, self._lateral.position,
             np.stack((x, self._vertical.velocity[0], z)),
-            np.where(noise > 0, self._body.up, sight.up), sight.spin)
+            np.where(noise > 0, self._body.up, state.up), state.spin)
         return self._last

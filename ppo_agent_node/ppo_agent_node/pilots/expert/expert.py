@@ -118,19 +118,19 @@ class ExpertPilot:
         :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
         """
         v, gain = self.vehicle, self.settings
-        sight = self._look(observation)
-        profile = self._paced_profile(sight)
-        to_go = self._to_go(profile, sight)
-        mass = self._mass(sight)
-        lift = self._lift(profile, sight, mass, to_go)
+        state = self._look(observation)
+        profile = self._paced_profile(state)
+        to_go = self._to_go(profile, state)
+        mass = self._mass(state)
+        lift = self._lift(profile, state, mass, to_go)
         # The lift while braking, also in the flare: it ends too soon to be leant into.
         firing = np.maximum(v.gravity + profile.braking, np.where(to_go.coast > 0, 0.0, lift))
-        pull = self._pull(sight, firing * sight.up[::2] / sight.upright, to_go)
+        pull = self._pull(state, firing * state.up[::2] / state.upright, to_go)
         wanted, turning = self._wanted_up(pull, firing)
         torque = attitude_torque(
-            sight.up, sight.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
+            state.up, state.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
             gain.attitude_rate, gain.attitude_damping, gain.attitude_brake, turning)
-        throttle = self._throttle(profile, sight, lift * mass / (v.max_thrust * sight.upright))
+        throttle = self._throttle(profile, state, lift * mass / (v.max_thrust * state.upright))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
@@ -144,33 +144,33 @@ class ExpertPilot:
         return DescentProfile(
             gain.braking_share * net, gain.flare_rate, gain.flare_speed, self.vehicle.gravity)
 
-    def _throttle(self, profile: Descent, sight: ObservedState, throttle: F64) -> F64:
+    def _throttle(self, profile: Descent, state: ObservedState, throttle: F64) -> F64:
         """Return the throttle `(N,)` to command where this much thrust is wanted."""
         return throttle
 
-    def _to_go(self, profile: Descent, sight: ObservedState) -> TimeToGo:
+    def _to_go(self, profile: Descent, state: ObservedState) -> TimeToGo:
         """Return the time until touchdown."""
-        return profile.time_to_go(sight.height, sight.speed)
+        return profile.time_to_go(state.height, state.speed)
 
-    def _mass(self, sight: ObservedState) -> F64:
+    def _mass(self, state: ObservedState) -> F64:
         """Return the estimated mass `(N,)` kg."""
         v = self.vehicle
-        to_go = self.profile.time_to_go(sight.height, sight.speed)
+        to_go = self.profile.time_to_go(state.height, state.speed)
         burnt = np.maximum(self._standard_burn - to_go.burn, 0.0)
         mass: F64 = np.maximum(v.dry_mass + v.fuel - self._flow * burnt, v.dry_mass)
         return mass
 
-    def _paced_profile(self, sight: ObservedState) -> Descent:
+    def _paced_profile(self, state: ObservedState) -> Descent:
         """Return the fastest descent whose burn lasts as long as the way to the axis.
 
         Pace and way depend on each other, as a slower descent begins to burn earlier, at another
         place; a few damped steps of fixed-point iteration settle that.
         """
         v, gain = self.vehicle, self.settings
-        lateral, drift = sight.lateral, sight.drift
-        pace = np.ones_like(sight.height)
+        lateral, drift = state.lateral, state.drift
+        pace = np.ones_like(state.height)
         for _ in range(_PACE_ITERATIONS):
-            to_go = self._to_go(self.profile.paced(pace), sight)
+            to_go = self._to_go(self.profile.paced(pace), state)
             begin = lateral + drift * to_go.coast
             needed = (
                 gain.lateral_stretch * self._lateral.shortest(begin, drift) - gain.lateral_grace)
@@ -182,26 +182,26 @@ class ExpertPilot:
         return self.profile.paced(pace)
 
     def _lift(
-        self, profile: Descent, sight: ObservedState, mass: F64, to_go: TimeToGo,
+        self, profile: Descent, state: ObservedState, mass: F64, to_go: TimeToGo,
     ) -> F64:
         """Return the vertical acceleration `(N,)` m/s^2 wanted of the engine, 0 or more."""
         v = self.vehicle
-        brake = self._brake(profile, sight, to_go)
-        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) * sight.speed / mass
+        brake = self._brake(profile, state, to_go)
+        drag = self._drag * np.sqrt((state.velocity**2).sum(axis=0)) * state.speed / mass
         lift: F64 = np.clip(v.gravity + brake - drag, 0.0, v.max_thrust / mass)
         return lift
 
-    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
+    def _brake(self, profile: Descent, state: ObservedState, to_go: TimeToGo) -> F64:
         """Return the deceleration `(N,)` m/s^2 wanted."""
         dt, gain = self.vehicle.dt, self.settings
-        wanted = np.maximum(profile.next_speed(sight.height, dt), 0.0)
+        wanted = np.maximum(profile.next_speed(state.height, dt), 0.0)
         planned = profile.deceleration(wanted)
-        excess = sight.speed - wanted - planned * dt
+        excess = state.speed - wanted - planned * dt
         return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
 
-    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
+    def _pull(self, state: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
         """Return what thrust shall do sideways, where it pushes with `push` `(2, N)` m/s^2 now."""
-        return self._lateral.pull(sight.lateral, sight.drift, push, to_go)
+        return self._lateral.pull(state.lateral, state.drift, push, to_go)
 
     def _wanted_up(self, pull: Pull, lift: F64) -> tuple[F64, F64]:
         """Return the up vector `(3, N)` of a thrust with this lateral and vertical part.

@@ -49,22 +49,22 @@ class FlightMemory:
         elif self._begun is not None:
             self._begun[rows] = True
 
-    def look(self, sight: ObservedState) -> Bools:
+    def look(self, state: ObservedState) -> Bools:
         """Take note of where the rockets are; return which flights were not known, `(N,)`."""
-        count = len(sight.origin_height)
+        count = len(state.origin_height)
         if len(self._height) != count:
             self._height = np.full(count, np.inf)
             self.burnt, self.lit = np.zeros(count), np.zeros(count, np.bool_)
             self._begun = None if self._begun is None else np.zeros(count, np.bool_)
         begun = np.ones(count, np.bool_) if self._begun is None else self._begun
-        expected = self._height - sight.speed * self._vehicle.dt
+        expected = self._height - state.speed * self._vehicle.dt
         fresh = begun | ~np.isfinite(expected)
         if not self._told:
-            fresh |= np.abs(sight.origin_height - expected) > _JUMP
-        spawned = begun | (np.abs(sight.origin_height - self._start) < _JUMP)
+            fresh |= np.abs(state.origin_height - expected) > _JUMP
+        spawned = begun | (np.abs(state.origin_height - self._start) < _JUMP)
         self.burnt = np.where(fresh, np.where(spawned, 0.0, np.nan), self.burnt)
         self.lit = np.where(fresh, False, self.lit)
-        self._height, self._begun = sight.origin_height.copy(), np.zeros(count, np.bool_)
+        self._height, self._begun = state.origin_height.copy(), np.zeros(count, np.bool_)
         return fresh
 
     def command(self, throttle: F64) -> None:
