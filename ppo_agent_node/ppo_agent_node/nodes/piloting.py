@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that fly one pilot which does not learn, on the same topics as the agent."""
+"""Nodes that fly a pilot that does not learn, on the same topics as the agent."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ class PilotParameters:
 def run_pilot(name: str, make: Callable[[WorldSpec, int], Pilot]) -> int:
     """Run the node until enough episodes have ended or ROS shuts down; return the exit status.
 
-    :param make: makes the pilot for a world and a seed.
+    :param make: creates the pilot for a world and a seed.
     """
     def pilot(node: Node, executor: Executor) -> None:
         parameters = Parameters(node)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training run as a node: settings from parameters, reports to the terminal and `training`."""
+"""Mode `train`: a training run with settings from parameters and reports on `training`."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -54,7 +54,7 @@ class TrainingParameters:
 
 
 def train(node: Node, executor: Executor, parameters: Parameters) -> int:
-    """Train in the simulator of this namespace, evaluate, plot; return the exit status."""
+    """Train with the simulators of this namespace, evaluate, plot; return the exit status."""
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
@@ -74,7 +74,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             tick()
             return stopping.requested()
 
-        if not folder.finished:  # a finished run stays one when it cannot be taken up
+        if not folder.finished:  # a finished run stays finished if it cannot be opened
             folder.mark_unfinished()
         publisher = StatusPublisher(node, terminal, folder)
         try:
@@ -99,7 +99,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             publisher.advise(options.simulators)
             raise
         except NothingLanded:
-            folder.mark_finished()  # a resumed run would come to the same
+            folder.mark_finished()  # a resumed run would have the same result
             raise
         except (ValueError, OSError):
             folder.withdraw()
@@ -120,12 +120,12 @@ def _run_path(options: TrainingParameters) -> Path:
 
 
 def _check_given(node: Node, parameters: Parameters) -> None:
-    """Check the parameters of the run as far as can be without its world.
+    """Check the parameters of the run as far as possible without its world.
 
-    Which preset fills in the rest is known only when the simulator has said what world it is;
-    but nobody shall wait for one to be told of a misspelt name.
+    Which preset provides the other values is known only after the simulator has described its
+    world, but a misspelt name should be reported without waiting for one.
 
-    :raises ParameterError: for an unknown name, a value of another kind or out of range.
+    :raises ParameterError: for an unknown name, a value of the wrong type or out of range.
     """
     infos = {info.name: info for info in training_config.describe()}
     known = [*node.get_parameters_by_prefix(''), *infos]
@@ -141,7 +141,7 @@ def _check_given(node: Node, parameters: Parameters) -> None:
 
 
 def _saved_settings(folder: RunFolder) -> dict[str, Any]:
-    """Return the settings of the run that is resumed, by name."""
+    """Return the settings of the resumed run, by name."""
     saved = folder.read_config().get('training', {})
     if not isinstance(saved, dict):
         raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
@@ -151,10 +151,10 @@ def _saved_settings(folder: RunFolder) -> dict[str, Any]:
 def _config(
     parameters: Parameters, preset: str, world: str, saved: dict[str, Any],
 ) -> Config:
-    """Return the settings: those given, else those of the run resumed, else the preset's.
+    """Return the settings: given ones, else those of the resumed run, else the preset's.
 
-    A preset other than the default one that is named when a run is resumed has to be the one that
-    it was begun with; `default` says nothing, since launch files always name it.
+    When a run is resumed with a preset other than `default`, it must be the one that the run began
+    with; `default` means nothing, since launch files always pass it.
     """
     values = saved
     if not saved or preset != TrainingParameters.preset:
@@ -168,7 +168,7 @@ def _evaluate(
     terminal: Terminal,
     tick: Callable[[], None],
 ) -> None:
-    """Fly the best policy on fresh starts; write the figures and all plots."""
+    """Fly the best policy on new starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
