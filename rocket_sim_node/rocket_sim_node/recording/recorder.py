@@ -244,7 +244,7 @@ class Recorder:
             self._let_go()
 
     def _finish_all(self) -> None:
-        """Stop following the current flight and record waiting ones, before a change of world."""
+        """Stop following the current flight, and record all waiting ones."""
         self._let_go()
         self._record_held(now=True)
 

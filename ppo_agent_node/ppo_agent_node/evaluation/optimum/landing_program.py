@@ -3,8 +3,8 @@
 
 Lossless convexification (Acikmese and Ploen, 'Convex programming approach to powered descent
 guidance for Mars landing', Journal of Guidance, Control, and Dynamics 30, 2007): the acceleration
-u = T / m replaces the thrust T, a variable sigma >= |u| its magnitude, and the velocity w = v_e
-ln(m_0 / m) that the burned fuel could buy replaces the mass. Then the motion is linear, and
+u = T / m replaces the thrust T, a variable sigma >= |u| its magnitude, and the mass is replaced by
+the velocity that the burned fuel could buy, w = v_e ln(m_0 / m). Then the motion is linear, and
 
     sigma <= F_max / m_0 e^(w / v_e)
 

@@ -34,7 +34,7 @@ _SETTLED, _EXACT = 1e-3, 1e-7
 """m and m/s, tolerances of the corrections: during the search for the steps, and at its end."""
 _REPEATS = 6
 _GROWTH = 1.1
-"""Fraction by which the number of steps is increased while there is no plan."""
+"""Factor by which the number of steps is increased while there is no plan."""
 _FASTER = 1.15
 """Maximum factor between the highest speeds of a flight and of a straight drop."""
 

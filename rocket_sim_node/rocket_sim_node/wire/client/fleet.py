@@ -98,7 +98,7 @@ class SimulatorFleet:
         """
         def found() -> bool:
             self._membership.look()
-            return self._membership.anybody_free
+            return self._membership.has_free_worker
 
         self._waiter.wait(found, 'a description', self._membership.where)
         assert self._membership.spec is not None
@@ -156,7 +156,7 @@ class SimulatorFleet:
 
     def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
         """Move a job from an unresponsive simulator when another one is free."""
-        if not self._membership.anybody_free:
+        if not self._membership.has_free_worker:
             return
         now = time.monotonic()
         for worker in self._membership:

@@ -61,7 +61,7 @@ class FleetMembership:
         return f'{self._pattern}/world' if self._pattern else ''
 
     @property
-    def anybody_free(self) -> bool:
+    def has_free_worker(self) -> bool:
         """Whether a simulator is free to take a job."""
         return any(worker.free for worker in self)
 
