@@ -17,7 +17,7 @@ def level_setting(level: int) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """When the task gets harder."""
+    """Settings of the curriculum and of the task."""
 
     curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
     curriculum_final_level: int = setting(

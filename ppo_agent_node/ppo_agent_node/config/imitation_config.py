@@ -13,10 +13,10 @@ UNSET = -1
 
 @dataclass(frozen=True)
 class DemonstrationConfig:
-    """What the expert flies before the policy imitates it.
+    """Settings of the expert's demonstrations.
 
-    The teacher is the expert as it flies for itself, unless gentler gains are given: without
-    rounds of DAgger a clone lands more often after a teacher that is easier to imitate.
+    The teacher is the expert with its own gains, unless gentler gains are given: without rounds
+    of DAgger, a clone of a teacher that is easier to imitate lands more often.
     """
 
     demonstration_episodes: int = setting(
@@ -74,7 +74,7 @@ class DemonstrationConfig:
 
 @dataclass(frozen=True)
 class CloneConfig:
-    """Behavioural cloning of the demonstrations."""
+    """Settings of behavioural cloning."""
 
     clone_epochs: int = setting(
         12, '', 'passes over the demonstrations, at most; with DAgger those of the last round',

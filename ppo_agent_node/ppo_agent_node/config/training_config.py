@@ -28,7 +28,7 @@ from rocket_sim_node.worlds.rocket import conditions
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Shape and beginning of actor and critic."""
+    """Architecture and initialisation of actor and critic."""
 
     hidden_sizes: tuple[int, ...] = setting(
         (256, 256), '', 'units of the hidden layers, actor and critic alike', 1, 16_384)
@@ -56,7 +56,7 @@ class NetworkConfig:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Proximal policy optimisation."""
+    """Settings of proximal policy optimisation."""
 
     iterations: int = setting(70, '', 'roll-outs, each followed by an update', 0, 1_000_000)
     n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
@@ -112,7 +112,7 @@ class PPOConfig:
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Everything about a run that is not about learning."""
+    """Settings of a run that do not concern learning."""
 
     seed: int = setting(1, '', 'all randomness of the run starts here', 0, 2**31 - 1)
     threads: int = setting(2, '', 'threads of the tensor library', 1, 1024)

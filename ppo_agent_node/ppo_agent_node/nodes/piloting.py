@@ -22,7 +22,7 @@ from rocket_sim_node.worlds import WorldSpec
 
 @dataclass(frozen=True)
 class PilotParameters:
-    """Parameters of such a node, beside those of the connection."""
+    """Parameters of a pilot's node, beside those of the connection."""
 
     seed: int = setting(0, '', 'where the spawns start, and what a pilot draws', 0, 2**62)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)

@@ -18,7 +18,7 @@ _STATUS_FIELDS = frozenset(field.name for field in fields(Status))
 
 
 class Progress(NamedTuple):
-    """How much is done of what ends a stage."""
+    """Progress towards the end of a stage."""
 
     progress: int
     goal: int

@@ -31,17 +31,17 @@ class Descent(Protocol):
 
     @property
     def braking(self) -> float | F64:
-        """Deceleration far up, m/s^2."""
+        """Deceleration at great height, m/s^2."""
         ...
 
     @property
     def join_speed(self) -> float | F64:
-        """Speed at which the last piece of the curve begins, m/s."""
+        """Speed at which the last part of the curve begins, m/s."""
         ...
 
     @property
     def join_height(self) -> float | F64:
-        """Height at which the last piece of the curve begins, m."""
+        """Height at which the last part of the curve begins, m."""
         ...
 
     def paced(self, pace: F64) -> Descent:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The results of a comparison as tables, in Markdown."""
+"""Result tables of a comparison, in Markdown."""
 from __future__ import annotations
 
 from collections.abc import Iterable

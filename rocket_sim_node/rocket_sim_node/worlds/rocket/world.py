@@ -69,7 +69,7 @@ class RocketWorld(RocketDynamics):
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes of all rockets; see :class:`VectorEnv`.
 
-        Conditions may be given as `conditions.flatten` takes them.
+        Conditions may be given in any form that `conditions.flatten` takes.
         """
         settings = conditions.flatten(settings)
         unknown = sorted(set(settings) - set(self.reset_settings))
