@@ -66,7 +66,7 @@ class SimulatorFleet:
         self._membership = FleetMembership(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
-        """Time since no simulator is running a job."""
+        """Time-out that runs while no simulator has a job; None otherwise."""
         self._idle_look = math.inf
         """Steady-clock time, s, of the next check."""
 
