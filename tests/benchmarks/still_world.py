@@ -54,6 +54,8 @@ class StillWorld:
         """Do nothing."""
         return self._observation, self._reward, self._flags, self._flags, self._info
 
+    step_checked = step
+
     def snapshot(self) -> bytes:
         """Return nothing."""
         return b''

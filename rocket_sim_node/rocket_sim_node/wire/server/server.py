@@ -180,7 +180,7 @@ class Server:
         return ''
 
     def _advance(self, action: NDArray[Any]) -> None:
-        observation, reward, terminated, truncated, info = self._world.step(action)
+        observation, reward, terminated, truncated, info = self._world.step_checked(action)
         self._step += 1
         self._result.fill(
             self._session, self._step, observation, reward, terminated, truncated, info)

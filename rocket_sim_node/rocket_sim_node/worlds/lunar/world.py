@@ -109,7 +109,12 @@ class LunarLanderWorld:
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all landers by `dt`; see :class:`VectorEnv`."""
-        command = checked_action(self.spec, action)
+        return self.step_checked(checked_action(self.spec, action))
+
+    def step_checked(
+        self, command: NDArray[Any],
+    ) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
+        """Advance all landers by `dt`, with actions that `checked_action` has returned."""
         self._advance(command)
         observation, shaping = self._look(self._all)
         s = self.settings

@@ -99,7 +99,12 @@ class RocketWorld(RocketDynamics):
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all rockets by `dt`; see :class:`VectorEnv`."""
-        command = checked_action(self.spec, action)
+        return self.step_checked(checked_action(self.spec, action))
+
+    def step_checked(
+        self, command: NDArray[Any],
+    ) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
+        """Advance all rockets by `dt`, with actions that `checked_action` has returned."""
         self.log.note_command(command)
         before = self.velocity.copy() if self.extended else None
         self._advance(self.line.push(command, self.vehicles))

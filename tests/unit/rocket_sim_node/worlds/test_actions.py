@@ -78,3 +78,14 @@ def test_discrete_actions_are_whole_numbers_below_the_count() -> None:
     for wrong in (np.zeros(2), np.zeros((2, 1), int), np.zeros(2, bool), np.zeros(3, int)):
         with pytest.raises(ValueError, match=r'expected whole numbers of shape \(2,\)'):
             checked_action(DISCRETE, wrong)
+
+
+@pytest.mark.parametrize('name', worlds.names())
+def test_a_checked_step_is_a_step(name: str) -> None:
+    one, other = (worlds.make(name, num_envs=3, seed=1) for _ in range(2))
+    spec = one.spec
+    given: Any = (
+        np.full((3, spec.action_size), 2.0) if spec.continuous else np.array([0, 2, 1]))
+    one.step(given)
+    other.step_checked(checked_action(spec, given))
+    assert one.snapshot() == other.snapshot()
