@@ -21,7 +21,7 @@ _HEAD = """# Performance
 
 What the parts cost, beside their floors and beside peers. `./launch_scripts/bench performance`
 writes this page from the newest figures of each part, which `./launch_scripts/bench` (all parts)
-or `./launch_scripts/bench PART` measured. The figures of a part lie in `runs/bench-DATE/PART.json`.
+or `./launch_scripts/bench PART` measured. Figures lie in `runs/bench-DATE/PART.json`.
 
 Peers and ours are measured in turns, in one run. The machine is shared and its speed varies, so
 ratios are more reliable than seconds. A commit that ends in `-dirty` had uncommitted changes.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What docs/results/performance.md says of each part; every number in it comes from the figures."""
+"""The text of docs/results/performance.md; every number in it comes from the figures."""
 from __future__ import annotations
 
 from collections.abc import Callable

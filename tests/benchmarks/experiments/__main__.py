@@ -65,7 +65,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=FLIGHT_SEED, help='of these fresh starts')
     parser.add_argument('--runs', type=Path, help='folder of the runs; those there are taken')
     parser.add_argument('--quick', action='store_true', help='only to try the program')
-    parser.add_argument('--page', action='store_true', help='put it into docs/results/experiments.md')
+    parser.add_argument(
+        '--page', action='store_true', help='put it into docs/results/experiments.md')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON; plot beside it')
     return parser.parse_args()
 
