@@ -19,9 +19,11 @@ from support.pseudo_terminal import Cabin
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Know the nightly mode."""
+    """Add the options of `launch_scripts/test`."""
     parser.addoption(
         '--nightly', action='store_true', help='faults at least 50 times each, and long runs')
+    parser.addoption(
+        '--fast', action='store_true', help='leave out tests that are marked slow, and say so')
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,6 +38,22 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.register_profile('suite', suite)
     settings.register_profile('nightly', suite, derandomize=False, max_examples=5000)
     settings.load_profile('nightly' if config.getoption('--nightly') else 'suite')
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave slow tests out of a fast run."""
+    if config.getoption('--fast'):
+        slow = [item for item in items if item.get_closest_marker('slow')]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if not item.get_closest_marker('slow')]
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say what a fast run has left out."""
+    if config.getoption('--fast'):
+        terminalreporter.write_line(
+            'fast: left out are unit tests marked slow and all of tests/node and tests/system, '
+            'which need DDS; ./launch_scripts/test runs them')
 
 
 @pytest.fixture

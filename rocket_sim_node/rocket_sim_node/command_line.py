@@ -28,12 +28,15 @@ def parse(cls: type[S], arguments: Sequence[str]) -> S:
         name, found, text = argument.partition(':=')
         if not found:
             raise ValueError(f'got {argument!r}, expected NAME:=VALUE')
-        values[name] = _value(text, kinds.get(name))
+        values[name] = read_value(text, kinds.get(name))
     return settings.build(cls, values)
 
 
-def _value(text: str, like: object) -> object:
-    """Return a text as a value of the kind of `like`, or as it is when it is none."""
+def read_value(text: str, like: object) -> object:
+    """Return a text as a value of the kind of `like`, or as it is when it is none.
+
+    A list is written `[64,64]`, or without its brackets.
+    """
     if isinstance(like, bool):
         return {'true': True, 'false': False}.get(text.lower(), text)
     if isinstance(like, int | float):
@@ -42,6 +45,9 @@ def _value(text: str, like: object) -> object:
                 return kind(text)
             except ValueError:
                 continue
+    if isinstance(like, tuple):
+        items = text.removeprefix('[').removesuffix(']').split(',')
+        return tuple(read_value(item.strip(), 0) for item in items if item.strip())
     return text
 
 

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples/s of a PPO update beside Stable-Baselines3's, by network, batch and threads.
 
-Both learn from one fixed batch, with equal networks, weights, minibatches, epochs and settings, in
+All learn from one fixed batch, with equal networks, weights, minibatches, epochs and settings, in
 float32; neither stops early. Of Stable-Baselines3 with waiting threads that spin, torch's default,
 and that sleep, as ours do, the faster one counts. They are measured in turns, medians are
 reported. The floor is the time of the bare matrix products: by MKL in whole minibatches or pieces
-of 512 rows, or by oneDNN in pieces of 1024, whichever is fastest.
+of 512 rows, or by oneDNN in pieces of 1024, whichever is fastest. `autograd` is our update without
+written-out gradients: the networks are the same, torch differentiates, its fused Adam steps.
 """
 from __future__ import annotations
 
@@ -48,6 +49,8 @@ def measure(options: Options, rounds: int) -> dict[str, Any]:
         'floor': floor, 'part_of_floor': {
             'ours': found['ours'] / floor, **({'SB3': found[theirs] / floor} if theirs else {})},
         'floor_gflops': 1e-9 * told['floor']['flops'] * floor / served['floor'].samples}
+    figures['autograd_ratio'] = statistics.median(
+        a / b for a, b in zip(rates['ours'], rates['autograd'], strict=True))
     if theirs:
         figures['SB3'] = found[theirs]
         figures['ratio'] = statistics.median(
@@ -60,7 +63,8 @@ def line(figures: dict[str, Any]) -> str:
     rates, part = figures['samples_per_second'], figures['part_of_floor']
     theirs = (f'{figures["SB3"]:>10,.0f}{figures["ratio"]:>7.2f}' if 'SB3' in figures
               else f'{"":>17}')
-    return (f'{figures["threads"]:>8}{rates["ours"]:>10,.0f}{theirs}{figures["floor"]:>10,.0f}'
+    return (f'{figures["threads"]:>8}{rates["ours"]:>10,.0f}{rates["autograd"]:>10,.0f}'
+            f'{figures["autograd_ratio"]:>7.2f}{theirs}{figures["floor"]:>10,.0f}'
             f'{figures["floor_gflops"]:>9.0f}{part["ours"]:>7.0%}'
             + (f'{part["SB3"]:>6.0%}' if 'SB3' in part else ''))
 
@@ -84,7 +88,8 @@ def main() -> None:
           f'device {options.device}')
     for case in (CASES[k] for k in options.cases):
         print(case.name)
-        print(f'{"threads":>8}{"ours":>10}{"SB3":>10}{"ratio":>7}{"floor":>10}{"GFLOP/s":>9}'
+        print(f'{"threads":>8}{"ours":>10}{"autograd":>10}{"ratio":>7}{"SB3":>10}{"ratio":>7}'
+              f'{"floor":>10}{"GFLOP/s":>9}'
               f'{"ours":>7}{"SB3":>6} of floor')
         for threads in options.threads:
             results.append(measure(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One PPO update by us, one by Stable-Baselines3, and the matrix products that both need.
+"""One PPO update by us, by autograd, by Stable-Baselines3, and the matrix products of all.
 
 Each side is served by a process of its own, so that it has the threads and the environment
 variables that it would have alone.
@@ -73,6 +73,7 @@ class Ours:
         self.spec = worlds.make(case.world, num_envs=case.rockets).spec
         self.config = load_preset('default', case.world, **{
             'batch_size': case.batch_size, 'target_kl': 0.0, 'critic_warmup_iterations': 0,
+            'start_copies': 1,  # the other sides train a critic, too
             'threads': options.threads, 'device': options.device, **changes})
         self.learner = Learner(self.spec, self.config)
         count = options.samples or self.config.ppo.n_steps * case.rockets
@@ -93,6 +94,31 @@ class Ours:
 
     def update(self) -> dict[str, float]:
         told = self.learner.improve(1, self.batch, lambda: None)[0]
+        return {'policy_loss': told.policy_loss, 'value_loss': told.value_loss}
+
+
+class Autograd(Ours):
+    """The same update by autograd and torch's fused Adam: what writing gradients out buys."""
+
+    def reset(self) -> None:
+        """Put weights and optimisers back."""
+        from support import ppo_reference
+
+        super().reset()
+        ppo = self.config.ppo
+        self._adams = ppo_reference.optimisers(
+            self.learner.policy, self.learner.critic,
+            (ppo.actor_learning_rate, ppo.log_std_learning_rate, ppo.critic_learning_rate),
+            fused=True)
+
+    def update(self) -> dict[str, float]:
+        """Learn from the batch as a textbook does."""
+        import torch
+        from support import ppo_reference
+
+        told = ppo_reference.update(
+            self.learner.policy, self.learner.critic, self._adams, self.batch, self.config.ppo,
+            torch.Generator().manual_seed(1))
         return {'policy_loss': told.policy_loss, 'value_loss': told.value_loss}
 
 
@@ -227,7 +253,8 @@ class Floor:
 
 
 SIDES: dict[str, Callable[[Options], Side]] = {
-    'ours': Ours, 'SB3': StableBaselines3, 'SB3, threads sleep': StableBaselines3, 'floor': Floor,
+    'ours': Ours, 'autograd': Autograd, 'SB3': StableBaselines3,
+    'SB3, threads sleep': StableBaselines3, 'floor': Floor,
     'floor, 512 rows': lambda options: Floor(options, 512),
     'floor, oneDNN': lambda options: Floor(options, 1024, one_dnn=True)}
 

@@ -20,13 +20,15 @@ from ppo_agent_node.ppo.update import Diagnostics
 from ppo_agent_node.ppo.update import explained_variance
 
 
-def optimisers(policy: Policy, critic: Critic, rates: Sequence[float]) -> tuple[Adam, Adam]:
+def optimisers(
+    policy: Policy, critic: Critic, rates: Sequence[float], fused: bool = False,
+) -> tuple[Adam, Adam]:
     """Return those of policy and critic; rates of policy, noise and critic."""
     noise = policy.noise_parameters()
     others = [p for p in policy.parameters() if all(p is not q for q in noise)]
     groups = [{'params': others, 'lr': rates[0]}, {'params': noise, 'lr': rates[1]}]
-    return (Adam(groups if noise else groups[:1], eps=1e-5),
-            Adam(critic.parameters(), lr=rates[2], eps=1e-5))
+    return (Adam(groups if noise else groups[:1], eps=1e-5, fused=fused),
+            Adam(critic.parameters(), lr=rates[2], eps=1e-5, fused=fused))
 
 
 def update(

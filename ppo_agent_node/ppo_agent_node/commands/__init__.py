@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that fly in this process and write files: compare, failures, pictures, report."""
+"""Commands: how train, land, evaluate and fly begin; compare, failures, pictures and report."""

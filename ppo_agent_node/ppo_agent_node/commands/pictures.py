@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -40,10 +41,15 @@ SEED = 20_000_000
 WINDOW = (1600, 968)
 TALL = (1600, 1168)
 """pixels of the viewer's window; its bars are cut off"""
+FRAME_RATE = 5
+"""frames for each second of a film"""
+SCENE_PART, SCENE_TOP = 0.6, 30
+"""part of a picture's width that shows the scene, and pixels of the bar above it"""
+FILM_WIDTH = 480
 COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
 """What a run has when it has ended."""
-Maker = Callable[[Path, Path], Image.Image]
-"""Makes a picture of a run's folder, with a folder for what it needs on the way."""
+Maker = Callable[[Path, Path], Image.Image | list[Image.Image]]
+"""Makes a picture, or the frames of a film, of a run's folder; the second folder is scratch."""
 
 
 def fly_and_record(world: str, path: Path) -> None:
@@ -80,6 +86,20 @@ def landing(run: Path, scratch: Path) -> Image.Image:
     return shot(path, 'burn')
 
 
+def landing_animation(run: Path, scratch: Path) -> list[Image.Image]:
+    """Return a landing as the frames of a film, in real time, the scene alone."""
+    path = scratch / 'landing.rrd'
+    fly_and_record('rocket', path)
+    flown = trajectories(path)[-1]
+    count = round((flown.time[-1] - flown.time[0]) * FRAME_RATE) + 1
+    times = list(flown.time[0] + np.arange(count) / FRAME_RATE)
+    frames = render(path, [*times, *[flown.time[-1]] * FRAME_RATE], size=WINDOW)
+    scenes = [frame.crop((0, SCENE_TOP, round(SCENE_PART * frame.width), frame.height))
+              for frame in frames]
+    size = FILM_WIDTH, round(FILM_WIDTH * scenes[0].height / scenes[0].width)
+    return [scene.resize(size, Image.Resampling.LANCZOS) for scene in scenes]
+
+
 def lunar_lander(run: Path, scratch: Path) -> Image.Image:
     """Return a lander on its pad."""
     path = scratch / 'lunar_lander.rrd'
@@ -114,8 +134,8 @@ def _plot(
 
 
 MAKERS: Mapping[str, Maker] = {
-    'landing': landing, 'lunar_lander': lunar_lander, 'comparison': comparison,
-    'cloning': cloning, 'training': training}
+    'landing': landing, 'landing_animation': landing_animation, 'lunar_lander': lunar_lander,
+    'comparison': comparison, 'cloning': cloning, 'training': training}
 
 
 @dataclass(frozen=True)
@@ -145,6 +165,23 @@ def newest_run(runs: Path) -> Path:
     return max(ended, key=lambda run: (run / 'evaluation.json').stat().st_mtime)
 
 
+def save(made: Image.Image | list[Image.Image], stem: Path) -> Path:
+    """Write a picture as PNG, or the frames of a film as an animated GIF; return its path.
+
+    :raises OSError: when it cannot be written.
+    """
+    if not isinstance(made, list):
+        path = stem.with_suffix('.png')
+        made.save(path, optimize=True)
+        return path
+    path = stem.with_suffix('.gif')
+    first, *others = [frame.quantize(256, dither=Image.Dither.NONE) for frame in made]
+    first.save(
+        path, save_all=True, append_images=others, duration=round(1000 / FRAME_RATE), loop=0,
+        optimize=True)
+    return path
+
+
 def make(wanted: Pictures) -> str:
     """Make the pictures and name each; return '', as all is said then.
 
@@ -161,9 +198,10 @@ def make(wanted: Pictures) -> str:
     output.mkdir(parents=True, exist_ok=True)
     for name in chosen:
         with tempfile.TemporaryDirectory() as scratch:
-            picture = MAKERS[name](run, Path(scratch))
-        picture.save(output / f'{name}.png', optimize=True)
-        sys.stdout.write(f'{output / name}.png, {picture.width} x {picture.height}\n')
+            made = MAKERS[name](run, Path(scratch))
+        path = save(made, output / name)
+        first = made[0] if isinstance(made, list) else made
+        sys.stdout.write(f'{path}, {first.width} x {first.height}\n')
         sys.stdout.flush()
     return ''
 

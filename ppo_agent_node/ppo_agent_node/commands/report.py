@@ -2,7 +2,6 @@
 """Command `report`: pictures and a page of a run, or of several and how they compare."""
 from __future__ import annotations
 
-import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from ppo_agent_node.reporting.pictures import learning_curves
 from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.run_files import Run
 from ppo_agent_node.reporting.run_files import load
+from ppo_agent_node.runs.new_paths import new_folder
 from rocket_sim_node import command_line
 from rocket_sim_node.settings import setting
 
@@ -67,18 +67,6 @@ def write_comparison(runs: Sequence[Run], folder: Path) -> Path:
     return path
 
 
-def _new_folder(path: Path) -> Path:
-    """Make a folder, numbered where there is one of its name: a clock may be set back."""
-    for number in itertools.count(1):
-        folder = path if number == 1 else path.with_name(f'{path.name}-{number}')
-        try:
-            folder.mkdir()
-        except FileExistsError:
-            continue
-        return folder
-    raise AssertionError
-
-
 def _report(arguments: Sequence[str]) -> None:
     """Draw and write what is asked for.
 
@@ -94,7 +82,7 @@ def _report(arguments: Sequence[str]) -> None:
     for run in runs:
         sys.stdout.write(f'{_write(run)}\n')
     if len(runs) > 1:
-        output = Path(options.output) if options.output else _new_folder(
+        output = Path(options.output) if options.output else new_folder(
             runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
         sys.stdout.write(f'{write_comparison(runs, output)}\n')
 

@@ -18,7 +18,6 @@ from ppo_agent_node.config.curriculum_config import CurriculumConfig
 from ppo_agent_node.config.imitation_config import UNSET
 from ppo_agent_node.config.imitation_config import CloneConfig
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
-from ppo_agent_node.ppo.networks.features import KINDS
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
@@ -46,7 +45,7 @@ class NetworkConfig:
         'none', '', 'what actor and critic see beside the observation; descent: needed '
         'deceleration, time to go, flare rate and what guidance weighs; miss: also where it would '
         'come down if nobody steered; worlds of rockets only',
-        choices=KINDS)
+        choices=('none', 'descent', 'miss'))
     log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
     log_std_final: float = setting(
         -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '

@@ -21,6 +21,7 @@ from ppo_agent_node.nodes.flights.hand_flying import EpisodeStart
 from ppo_agent_node.nodes.flights.hand_flying import HandFlying
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from ppo_agent_node.pilots.keyboard import KeyboardSettings
+from ppo_agent_node.pilots.keyboard import StartSettings
 from ppo_agent_node.pilots.keys import EXACT_OFF
 from ppo_agent_node.pilots.keys import EXACT_ON
 from rocket_sim_node.settings import setting
@@ -38,12 +39,9 @@ _NOTICE = 3.0
 
 
 @dataclass(frozen=True)
-class KeyboardParameters:
+class KeyboardParameters(StartSettings):
     """Parameters of the node, beside those of the keys and the connection."""
 
-    seed: int = setting(0, '', 'the first start; each next flight has the next one', 0, 2**62)
-    level: int = setting(
-        1, '', "curriculum level of the starts, rockets only; 0: the simulator's own", 0, 8)
     watch: str = setting('', '', 'where the flights can be watched, to be told on the screen')
 
 

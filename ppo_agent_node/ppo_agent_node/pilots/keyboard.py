@@ -38,6 +38,15 @@ _TURN_WANTED, _TURN_NEEDED = 0.05, 0.15
 
 
 @dataclass(frozen=True)
+class StartSettings:
+    """Where flights by hand begin."""
+
+    seed: int = setting(0, '', 'the first start; each next flight has the next one', 0, 2**62)
+    level: int = setting(
+        1, '', "curriculum level of the starts, rockets only; 0: the simulator's own", 0, 8)
+
+
+@dataclass(frozen=True)
 class KeyboardSettings:
     """How keys are taken."""
 

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from ppo_agent_node.config import presets
 from ppo_agent_node.config import training_config
+from ppo_agent_node.config.connection_config import simulators_setting
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.imitation.cloning import NothingLanded
@@ -45,9 +46,7 @@ class TrainingParameters:
 
     run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001, or the next number')
     resume: bool = setting(False, '', 'go on with the run in run_dir')
-    simulators: str = setting(
-        '', '', "namespaces of the simulators to train in, such as /sim_*: those that are there "
-        "and those that come; empty: the one in the agent's own namespace")
+    simulators: str = simulators_setting()
     preset: str = setting(
         'default', '', 'where the settings of the run begin',
         choices=presets.preset_names())

@@ -11,12 +11,11 @@ from pathlib import Path
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from rocket_sim_node.settings import setting
+from ppo_agent_node.config.connection_config import ConnectionConfig
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
-from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -27,17 +26,8 @@ EXPECTED_ERRORS = (
 
 
 @dataclass(frozen=True)
-class ConnectionParameters:
+class ConnectionParameters(ConnectionConfig):
     """How long to wait for the simulator."""
-
-    resend_after: float = setting(
-        0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
-    patience: float = setting(
-        60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
-    acknowledge: str = setting(
-        'auto', '', 'whether each observation and reward is acknowledged, so that DDS repeats '
-        'what was lost; auto: when the discovery range goes beyond this machine',
-        choices=qos.ACKNOWLEDGE)
 
     def link_options(self) -> ConnectionOptions:
         """Return them as the wire takes them."""

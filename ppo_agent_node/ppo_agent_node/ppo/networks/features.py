@@ -17,8 +17,6 @@ import torch
 from torch import Tensor
 from torch import nn
 
-KINDS = ('none', 'descent', 'miss')
-
 _NEEDED = (
     'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
     'spin_x', 'spin_z', 'pad_y',

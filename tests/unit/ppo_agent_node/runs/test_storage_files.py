@@ -7,6 +7,7 @@ import math
 import os
 import random
 import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
@@ -18,16 +19,15 @@ from support.disks import writers
 from support.line_world import LineWorld
 from support.processes import wait_until
 
-from ppo_agent_node.commands import report
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
+from ppo_agent_node.runs.new_paths import new_folder
 from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node.worlds.jobs import SerialFleet
 
-ARGUMENTS = Path(__file__).parents[4] / 'launch_scripts' / 'arguments.sh'
 SEED = 6
 
 
@@ -147,10 +147,9 @@ def test_folders_named_after_the_time_are_never_taken_twice(tmp_path: Path) -> N
     wanted = tmp_path / 'runs' / 'rocket-20261121-120000'
 
     def ask(_: int) -> str:
-        command = f'. {ARGUMENTS}; new_folder {wanted}'
         return subprocess.run(
-            ['bash', '-c', command], capture_output=True, text=True, timeout=20,
-            check=True).stdout.strip()
+            [sys.executable, '-m', 'ppo_agent_node.runs.new_paths', wanted], capture_output=True,
+            text=True, timeout=20, check=True).stdout.strip()
 
     with ThreadPoolExecutor(8) as pool:
         given = sorted(pool.map(ask, range(8)))
@@ -158,5 +157,5 @@ def test_folders_named_after_the_time_are_never_taken_twice(tmp_path: Path) -> N
     assert given[0] == str(wanted)
     assert all(Path(name).is_dir() for name in given)
     name = tmp_path / f'report-{datetime(2026, 1, 1):%Y}'
-    assert [report._new_folder(name).name for _ in range(3)] == [
+    assert [new_folder(name).name for _ in range(3)] == [
         'report-2026', 'report-2026-2', 'report-2026-3']

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The text of `--help`: a command's arguments with the defaults that would apply."""
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ppo_agent_node.commands.arguments import SET_BY_AGENT
+from ppo_agent_node.commands.arguments import Arguments
+from ppo_agent_node.commands.arguments import agent_settings
+from ppo_agent_node.commands.arguments import unknown
+from ppo_agent_node.commands.launch_file import resolved
+from ppo_agent_node.commands.parameter_file import read_parameters
+from ppo_agent_node.config import presets
+from rocket_sim_node import worlds
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds.rocket import conditions
+
+WIDTH = 99
+_COLUMN = 24
+_WHAT = {
+    'train': 'Trains a policy, evaluates it and records its flights.',
+    'land': 'Flies a trained policy and records the flights.',
+    'evaluate': 'Evaluates a policy: a table, evaluation.json and plots.',
+    'fly': 'Lets you fly by the keys of this terminal, with the flight live in Rerun.'}
+_WHOSE = {'train': 'agent', 'fly': 'pilot'}
+_FILES = {'agent_parameters', 'agent_overrides', 'agent_settings'}
+
+
+def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str, str]) -> str:
+    """Return how to call a command.
+
+    :param script: the command, as it was called.
+    :param folder: of the launch files.
+    :param found: arguments given beside `--help`, on which the defaults depend.
+    :param decided: arguments of the launch that the command decides.
+    """
+    values = resolved(found.declared, {**decided, **found.launch}, folder)
+    root = f'{folder.parent}/'
+    lines = [f'Usage: {script} [NAME:=VALUE ...]', '', _WHAT[found.command], '', 'Arguments:']
+    for name, argument in found.declared.items():
+        default = values[name].removeprefix(root)
+        lines += _entry(name, argument.description, default)
+    for title, infos, told in _groups(found, values):
+        lines += ['', *textwrap.wrap(title, WIDTH)]
+        lines += textwrap.wrap(
+            ' '.join(f'{info.name}:={_shown(told.get(info.name, info.default))}'
+                     for info in infos),
+            WIDTH, initial_indent='  ', subsequent_indent='  ', break_on_hyphens=False,
+            break_long_words=False)
+    lines += ['', f'{script} --help NAME ... explains them.']
+    return '\n'.join(lines) + '\n'
+
+
+def explanation(
+    names: Iterable[str], folder: Path, found: Arguments, decided: Mapping[str, str],
+) -> str:
+    """Return what arguments mean, and their defaults.
+
+    :raises ValueError: for a name that the command does not know.
+    """
+    values = resolved(found.declared, {**decided, **found.launch}, folder)
+    lines: list[str] = []
+    groups = [(info, told) for _, infos, told in _groups(found, values) for info in infos]
+    known = {info.name: (info, told) for info, told in groups}
+    for name in names:
+        if name in found.declared:
+            lines += _entry(name, found.declared[name].description, values[name])
+        elif name in known:
+            info, told = known[name]
+            lines += _entry(
+                name, f'{info.description}{_range(info)}',
+                _shown(told.get(name, info.default)))
+        else:
+            raise unknown(name, found.world, (*found.declared, *known))
+    return '\n'.join(lines) + '\n'
+
+
+def _entry(name: str, description: str, default: str) -> list[str]:
+    return textwrap.wrap(
+        f'{description} [{default}]' if default else description, WIDTH,
+        initial_indent=f'  {name:<{_COLUMN - 3}} ', subsequent_indent=' ' * _COLUMN,
+        break_on_hyphens=False, break_long_words=False)
+
+
+def _range(info: SettingInfo) -> str:
+    unit = f' {info.unit}' if info.unit else ''
+    if info.choices:
+        return f'; one of {", ".join(choice or "none" for choice in info.choices)}'
+    if isinstance(info.default, bool | str):
+        return ''
+    return f'; {info.low:g} to {info.high:g}{unit}'
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple | list):
+        return f'[{",".join(map(str, value))}]'
+    return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def _groups(
+    found: Arguments, values: Mapping[str, str],
+) -> Iterable[tuple[str, list[SettingInfo], Mapping[str, Any]]]:
+    """Yield the settings that are no arguments of the launch: title, settings, values given."""
+    told: dict[str, Any] = {}
+    if found.command == 'train':
+        told.update(presets.preset_values(found.preset, found.world))
+        for name in _FILES & values.keys():
+            told.update(read_parameters(Path(values[name]), 'ppo_agent'))
+    agent = agent_settings(found.command)
+    for group, infos in agent.items():
+        yield (
+            f'Settings of the {_WHOSE[found.command]}, {group}:',
+            [info for info in infos if info.name not in found.declared],
+            {**told, **found.agent})
+    taken = {info.name for infos in agent.values() for info in infos} | found.declared.keys()
+    taken |= SET_BY_AGENT.keys() if found.command == 'train' else set()
+    own = [info for info in worlds.settings(found.world) if info.name not in taken]
+    told = {**read_parameters(Path(values['simulator_parameters']), 'simulator'),
+            **found.simulator}
+    drawn = values['conditions'] or told.get('conditions', '')
+    if drawn in conditions.NAMES and drawn != 'nominal':
+        told = {**conditions.settings(drawn), **told}
+    ranges = [info for info in own if info.name in conditions.FLAT_NAMES]
+    yield f"Settings of world '{found.world}':", [i for i in own if i not in ranges], told
+    if ranges:
+        yield 'Ranges of its conditions:', ranges, told

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How an agent reaches its simulators: the settings, without ROS."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rocket_sim_node.settings import setting
+
+
+def simulators_setting() -> Any:
+    """Declare the setting that names the simulators of a training."""
+    return setting(
+        '', '', "namespaces of the simulators to train in, such as /sim_*: those that are there "
+        "and those that come; empty: the one in the agent's own namespace")
+
+
+@dataclass(frozen=True)
+class ConnectionConfig:
+    """How long to wait for the simulator."""
+
+    resend_after: float = setting(
+        0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
+    patience: float = setting(
+        60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
+    acknowledge: str = setting(
+        'auto', '', 'whether each observation and reward is acknowledged, so that DDS repeats '
+        'what was lost; auto: when the discovery range goes beyond this machine',
+        choices=('auto', 'always', 'never'))
+
+
+@dataclass(frozen=True)
+class FleetConfig(ConnectionConfig):
+    """What a training is told of its simulators."""
+
+    simulators: str = simulators_setting()

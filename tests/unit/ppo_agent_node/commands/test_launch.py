@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How commands begin: what their launch is given, which files are made, and what help says."""
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ppo_agent_node.commands import launch
+
+SCRIPTS = Path(__file__).parents[4] / 'launch_scripts'
+
+
+class Project:
+    """A copy of the launch files, and a folder that scripts call their own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.root, self.scratch = folder / 'project', folder / 'scratch'
+        self.scripts = self.root / 'launch_scripts'
+        self.scratch.mkdir()
+        self.scripts.mkdir(parents=True)
+        for file in SCRIPTS.glob('*.launch.yaml'):
+            shutil.copy(file, self.scripts)
+        shutil.copytree(SCRIPTS / 'parameters', self.scripts / 'parameters')
+
+    def run(self, command: str, *texts: str) -> str:
+        """Return what is printed."""
+        return launch.run(str(self.scripts / command), 42, self.scratch, texts)
+
+    def begin(self, command: str, *texts: str) -> dict[str, str]:
+        """Return the arguments of the launch by name."""
+        assert self.run(command, *texts) == ''
+        return dict(text.split(':=', 1) for text in self.variable('arguments[@]'))
+
+    def variable(self, name: str) -> list[str]:
+        """Return what bash makes of a variable, word by word."""
+        done = subprocess.run(
+            ['bash', '-euc', f'. "$1/plan.sh"; printf "%s\\0" "${{{name}}}"', 'x', self.scratch],
+            capture_output=True, text=True, check=True, timeout=20)
+        return done.stdout.split('\0')[:-1]
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    return Project(tmp_path)
+
+
+def parameters(path: str | Path) -> dict[str, object]:
+    return yaml.safe_load(Path(path).read_text())['/**']['ros__parameters']
+
+
+@pytest.mark.parametrize(('given', 'num_envs'), [
+    ([], '256'), (['world:=rocket_planar'], '256'), (['world:=lunar_lander'], '256'),
+    (['world:=lunar_lander', 'preset:=original'], '8'), (['preset:=original'], '256'),
+    (['world:=lunar_lander', 'preset:=quick'], '128'), (['num_envs:=3'], '3')])
+def test_world_and_preset_decide_how_many_train(
+        project: Project, given: list[str], num_envs: str) -> None:
+    assert project.begin('train', *given)['num_envs'] == num_envs
+
+
+@pytest.mark.parametrize(('given', 'seen'), [
+    ([], None), (['preset:=robust'], 'extended'), (['preset:=hoverslam'], 'extended'),
+    (['preset:=robust', 'observation:=standard'], 'standard'), (['world:=lunar_lander'], None)])
+def test_a_preset_decides_what_is_observed(
+        project: Project, given: list[str], seen: str | None) -> None:
+    assert project.begin('train', *given).get('observation') == seen
+
+
+@pytest.mark.parametrize('command', ['land', 'evaluate'])
+@pytest.mark.parametrize(('given', 'seen'), [
+    (['world:=rocket_planar'], 'extended'), ([], 'extended'), (['world:=lunar_lander'], None),
+    (['observation:=standard'], 'standard')])
+def test_rockets_are_seen_with_the_extended_observation(
+        project: Project, command: str, given: list[str], seen: str | None) -> None:
+    begun = project.begin(command, *given)
+    assert begun.get('observation') == seen
+    assert begun['namespace'] == f'/{command}_42'
+
+
+def test_a_namespace_that_is_given_stays(project: Project) -> None:
+    assert project.begin('land', 'namespace:=x')['namespace'] == '/x'
+    assert 'namespace' not in project.begin('land', 'namespace:=')
+    assert 'namespace' not in project.begin('train')
+
+
+def test_a_training_keeps_its_vehicle_and_goes_on_with_it(project: Project) -> None:
+    run, mine = project.root / 'a run', project.root / 'mine.yaml'
+    mine.write_text('/**:\n  ros__parameters: {dry_mass: 2.1e4, fuel: 1500}\n')
+    texts = (f'run_dir:={run}', 'max_thrust:=500000', 'fuel:=1200', 'seed:=3')
+    begun = project.begin('train', f'simulator_parameters:={mine}', *texts)
+    kept = run / 'simulator.yaml'
+    assert begun['simulator_parameters'] == str(kept)
+    told = parameters(kept)
+    assert (told['fuel'], told['max_thrust']) == (1200.0, 500_000.0)
+    assert 'dry_mass: 2.1e4,' in kept.read_text(), 'a number for ROS, if not for YAML 1.1'
+    assert parameters(begun['agent_settings']) == {'seed': 3}
+    assert project.variable('made') == [str(kept)]
+    first, again = project.variable('begin_again')[0], project.variable('resume')[0]
+    script = str(project.scripts / 'train')
+    assert shlex.split(again) == [script, f'run_dir:={run}', 'resume:=true']
+    assert shlex.split(first) == [
+        *shlex.split(again), f'simulator_parameters:={mine}', *texts[1:]]
+    (run / 'config.yaml').write_text('world: rocket\nnum_envs: 8\n')
+    resumed = project.begin('train', f'run_dir:={run}', 'resume:=true')
+    assert (resumed['simulator_parameters'], resumed['num_envs']) == (str(kept), '8')
+    with pytest.raises(ValueError, match='run_dir: there is a run already in'):
+        project.begin('train', *texts)
+    assert project.variable('made') == [''], 'what was there stays when nothing begins'
+
+
+def test_a_vehicle_from_a_file_is_kept_as_it_is(project: Project) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text('# of mine\n/**:\n  ros__parameters: {fuel: 1500}\n')
+    begun = project.begin('train', f'simulator_parameters:={mine}')
+    assert (Path(begun['run_dir']) / 'simulator.yaml').read_text() == mine.read_text()
+    with pytest.raises(ValueError, match='simulator_parameters: no file /no/where'):
+        project.begin('train', 'simulator_parameters:=/no/where')
+
+
+def test_a_file_may_speak_to_the_node_by_its_name(project: Project) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text('/ns: {simulator: {ros__parameters: {fuel: 1500, seed: 3}}}\n'
+                    'other: {ros__parameters: {fuel: 1}}\n')
+    begun = project.begin('land', f'simulator_parameters:={mine}', 'fuel:=1200')
+    told = yaml.safe_load(Path(begun['simulator_parameters']).read_text())
+    assert told == {
+        '/ns': {'simulator': {'ros__parameters': {'fuel': 1200.0, 'seed': 3}}},
+        'other': {'ros__parameters': {'fuel': 1}}}
+
+
+@pytest.mark.parametrize('text', ['[1, 2]', '{', 'a: 3', '/**: {ros__parameters: 3}'])
+def test_a_file_that_is_none_of_parameters_is_named(project: Project, text: str) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text(text)
+    with pytest.raises(ValueError, match=r'mine\.yaml: .*expected a file of ROS parameters'):
+        project.begin('land', f'simulator_parameters:={mine}', 'fuel:=1200')
+
+
+@pytest.mark.parametrize('text', [
+    '', 'auto', 'a: b', 'a #b', 'ends:', '*x', "it's: x", '- x', '{a', '~/x', '!x', '5', 'true'])
+def test_a_text_stays_what_it_is_in_a_file(project: Project, text: str) -> None:
+    begun = project.begin('train', f'fine_observations:={text}')
+    assert parameters(begun['agent_settings']) == {'fine_observations': text}
+
+
+def test_recordings_and_folders_get_names_of_their_own(project: Project) -> None:
+    first, second = (project.begin('land')['output'] for _ in range(2))
+    assert first != second
+    partial = Path(project.variable('partial')[0])
+    assert partial.read_bytes() == b'' and partial.name.endswith('.partial.rrd')
+    table = project.begin('evaluate', 'conditions:=all')['output']
+    assert Path(table).is_dir() and project.variable('made') == [table]
+    assert 'output' not in project.begin('evaluate')
+    Path(second).touch()
+    with pytest.raises(ValueError, match=r'output: .* exists already'):
+        project.begin('land', f'output:={second}')
+
+
+def test_the_pilot_of_fly_gets_its_parameters(
+        project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match='standard input: got no terminal'):
+        project.begin('fly')
+    for stream in (sys.stdin, sys.stdout):
+        monkeypatch.setattr(stream, 'isatty', lambda: True, raising=False)
+    begun = project.begin('fly', 'assist:=false', 'level:=3', 'lean:=12', 'connect:=rerun://x')
+    assert project.variable('pilot[@]') == [
+        '-p', 'assist:=false', '-p', 'level:=3', '-p', 'lean:=12.0']
+    assert (begun['serve_web'], project.variable('namespace')) == ('false', ['/fly_42'])
+
+
+@pytest.mark.parametrize('command', ['train', 'land', 'evaluate', 'fly'])
+def test_help_names_each_argument_with_its_default(project: Project, command: str) -> None:
+    told = project.run(command, '--help')
+    declared = yaml.safe_load((SCRIPTS / f'{command}.launch.yaml').read_text())['launch']
+    for entry in declared:
+        if 'arg' in entry:
+            assert f'\n  {entry["arg"]["name"]} ' in told
+    assert '$(' not in told and "['" not in told
+    assert '[launch_scripts/parameters/simulator.yaml]' in told
+    assert 'max_thrust:=470880' in told
+    assert max(map(len, told.splitlines()[1:-1])) <= 99
+    assert not (project.root / 'runs').exists() and not list(project.scratch.iterdir())
+
+
+def test_help_has_the_defaults_that_go_with_what_is_given(project: Project) -> None:
+    told = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
+    assert 'one batch; the script train chooses by world and preset [128]' in ' '.join(
+        told.split())
+    assert 'hidden_sizes:=[64,64]' in told and 'runs/lunar_lander-DATE' in told
+    assert 'engine_lag' not in told
+    (project.scripts / 'parameters' / 'agent.yaml').write_text(
+        '/**:\n  ros__parameters: {clip_range: 0.125}\n')
+    assert 'clip_range:=0.125' in project.run('train', '-h')
+
+
+def test_help_tells_what_a_name_means(project: Project) -> None:
+    told = project.run('train', '--help', 'max_thrust', 'clip_range', 'num_envs')
+    assert [line.split()[0] for line in told.splitlines() if line[:3].strip()] == [
+        'max_thrust', 'clip_range', 'num_envs']
+    assert 'thrust at full throttle; 0 to 1e+09 N [470880]' in told
+    with pytest.raises(ValueError, match="did you mean 'max_thrust'"):
+        project.run('train', '--help', 'max_trust')
+
+
+def test_an_error_is_one_line_with_status_2(project: Project) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'ppo_agent_node.commands.launch', project.scripts / 'train', '42',
+         project.scratch, 'world:=mars'], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        2, '', "train: world: got 'mars', expected one of rocket, rocket_planar, lunar_lander\n")
