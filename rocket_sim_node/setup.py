@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Package rocket_sim_node: worlds, wire, recording and their nodes."""
+"""Package rocket_sim_node: worlds, client and server, recording, and their nodes."""
 from setuptools import find_packages
 from setuptools import setup
 

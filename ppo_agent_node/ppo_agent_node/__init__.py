@@ -2,9 +2,9 @@
 """Pilots, learning, evaluation and their nodes."""
 import os
 
-# Threads of the tensor library that wait must sleep. By default (libgomp's) they spin, and with
-# as many threads as cores and a simulator beside them the whole line runs 4 to 80 times slower.
-# It is read once, when torch is first imported, which modules of this package do.
+# Waiting threads of the tensor library must sleep. By default (libgomp's) they spin, and with as
+# many threads as cores and a simulator beside them, everything runs 4 to 80 times slower.
+# The variable is read once, when torch is first imported, by modules of this package.
 os.environ.setdefault('OMP_WAIT_POLICY', 'PASSIVE')
-# What is not said otherwise, see `threads`.
+# The default, unless `threads` says otherwise.
 os.environ.setdefault('OMP_NUM_THREADS', '1')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are there as a whole or not at all."""
+"""Atomic writing of files: complete or not at all."""
 from __future__ import annotations
 
 import contextlib
@@ -8,13 +8,13 @@ import re
 from pathlib import Path
 
 _SCRATCH = re.compile(r'\..+\.(\d+)\.part')
-"""name of what is being written, with the id of the process that does"""
+"""Name of a temporary file, with the id of the writing process."""
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Put `data` into a file, all of it or none, and see it onto the disk.
+    """Write `data` to a file atomically, and sync it to disk.
 
-    :raises OSError: naming the path; there is what was before, or all of `data`.
+    :raises OSError: naming the path; the file has its old content, or all of `data`.
     """
     scratch = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:
@@ -33,14 +33,14 @@ def write_atomically(path: Path, data: bytes) -> None:
             scratch.unlink(missing_ok=True)
         raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
     except BaseException:
-        # A signal that abandons the work, see rocket_sim_node.wire.node.stopping.
+        # E.g. a signal that abandons the work, see rocket_sim_node.wire.node.stopping.
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
         raise
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what processes that died while they wrote left in a folder.
+    """Remove temporary files that processes left in a folder when they died.
 
     :raises OSError: naming the path.
     """

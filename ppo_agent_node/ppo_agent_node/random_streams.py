@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Random numbers of a training run: one stream for each purpose, derived from the run's seed.
+"""Random streams of a training run: one for each purpose, derived from the run's seed.
 
-A stream is a pure function of the seed and of what it is for ('roll-out', iteration 12), so that
-no generator state has to be saved, and a piece of work that is begun again, after a restart of
-the simulator or of the learner, draws the same numbers.
+A stream is a pure function of the seed and its purpose ('roll-out', iteration 12). So no generator
+state has to be saved, and work that is repeated, after a restart of the simulator or of the
+learner, draws the same numbers.
 """
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def derived_seed(seed: int, purpose: str, *index: int) -> int:
 def generator(seed: int, purpose: str, *index: int) -> torch.Generator:
     """Return a torch generator at the start of one purpose's stream.
 
-    It takes the lower 32 bits of the seed: of 20 000 streams two are alike in one run of twenty.
+    It uses the lower 32 bits of the seed: with 20 000 streams, one run in twenty has two equal
+    ones.
     """
     made = torch.Generator()
     made.manual_seed(derived_seed(seed, purpose, *index))

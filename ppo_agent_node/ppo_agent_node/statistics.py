@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How sure a figure from a finite number of episodes is."""
+"""Confidence intervals of rates and means over a finite number of episodes."""
 from __future__ import annotations
 
 from statistics import NormalDist
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 Interval = tuple[float, float]
 
 BOOTSTRAPPED = 20_000
-"""values up to which an interval is bootstrapped; the mean of more is as good as normal"""
+"""Maximum number of values for a bootstrap; with more, the mean is practically normal."""
 _CHUNK = 2_000_000
 
 
 def wilson(successes: int, trials: int, confidence: float = 0.95) -> Interval:
     """Return the Wilson score interval of a proportion.
 
-    Unlike the one from the normal distribution it stays within 0 and 1 and does not vanish at
-    0 or all successes (Wilson, 'Probable inference, the law of succession, and statistical
-    inference', JASA 22, 1927; Brown, Cai and DasGupta, Statistical Science 16, 2001).
+    Unlike the normal approximation it stays within 0 and 1 and does not vanish at 0 or all
+    successes (Wilson, 'Probable inference, the law of succession, and statistical inference',
+    JASA 22, 1927; Brown, Cai and DasGupta, Statistical Science 16, 2001).
 
     :raises ValueError: unless 0 <= successes <= trials, 1 <= trials, 0 < confidence < 1.
     """
@@ -44,9 +44,9 @@ def bootstrap_mean(
 ) -> Interval:
     """Return the percentile bootstrap interval of a mean.
 
-    Makes no assumption about the shape, which with a few crashes at -100 among landings near 290
-    is far from normal (Efron and Tibshirani, 'An introduction to the bootstrap', 1993, chapter
-    13). Equal arguments give equal answers.
+    It assumes nothing about the distribution, which with a few crashes at -100 among landings near
+    290 is far from normal (Efron and Tibshirani, 'An introduction to the bootstrap', 1993, chapter
+    13). Equal arguments give equal results.
 
     :param values: `(K,)`.
     :raises ValueError: for no values, or ones that are not finite.

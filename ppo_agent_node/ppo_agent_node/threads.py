@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How many threads the tensor library uses: one in flight, several to learn.
+"""Number of threads of the tensor library: one in flight, several for learning.
 
-A batch of 256 observations is so little work that two threads wait for each other longer than
-they compute.
+A batch of 256 observations is so little work that two threads would wait for each other longer
+than they compute.
 """
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 
 @contextmanager
 def tensor_threads(count: int) -> Iterator[None]:
-    """Use so many threads within."""
+    """Use `count` threads within the context."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

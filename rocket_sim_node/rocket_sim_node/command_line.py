@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of commands that are no nodes, written as those of launch files: NAME:=VALUE."""
+"""Argument parsing of plain commands, with the NAME:=VALUE syntax of launch files."""
 from __future__ import annotations
 
 import signal
@@ -16,11 +16,11 @@ S = TypeVar('S')
 
 
 def parse(cls: type[S], arguments: Sequence[str]) -> S:
-    """Return settings from `NAME:=VALUE …`, the rest by default.
+    """Return settings from `NAME:=VALUE …` arguments; the rest have their defaults.
 
     :param cls: a settings dataclass; see `rocket_sim_node.settings`.
     :raises ValueError: for an unknown name, a value out of range or an argument without `:=`.
-    :raises TypeError: for a value of another kind.
+    :raises TypeError: for a value of the wrong type.
     """
     kinds = {info.name: info.default for info in settings.describe(cls)}
     values: dict[str, object] = {}
@@ -33,7 +33,7 @@ def parse(cls: type[S], arguments: Sequence[str]) -> S:
 
 
 def read_value(text: str, like: object) -> object:
-    """Return a text as a value of the kind of `like`, or as it is when it is none.
+    """Return a text converted to the type of `like`, or unchanged if that fails.
 
     A list is written `[64,64]`, or without its brackets.
     """
@@ -52,7 +52,7 @@ def read_value(text: str, like: object) -> object:
 
 
 def usage(name: str, synopsis: str, what: str, cls: type) -> str:
-    """Return how to call a command.
+    """Return the usage text of a command.
 
     :param synopsis: its arguments in short.
     :param what: what it does, a sentence or two.
@@ -67,7 +67,7 @@ def usage(name: str, synopsis: str, what: str, cls: type) -> str:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: it tidies up, and says nothing."""
+    """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: with clean-up and without output."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
@@ -81,12 +81,12 @@ def run(
     name: str, synopsis: str, what: str, cls: type[S], do: Callable[[S], str], *,
     expected: tuple[type[Exception], ...] = (), bare: bool = False,
 ) -> None:
-    """Run a command as this process is called; `do` returns what to say at its end.
+    """Run a command with this process's arguments; `do` returns the text to print at the end.
 
-    What can go wrong from outside is told in one line, with status 2.
+    Expected errors are reported in one line, with status 2.
 
-    :param expected: errors of that kind, besides ValueError, TypeError and OSError.
-    :param bare: whether it does something without arguments; else it tells how to call it.
+    :param expected: expected errors besides ValueError, TypeError and OSError.
+    :param bare: whether the command runs without arguments; if not, its usage is printed.
     """
     arguments = sys.argv[1:]
     caught: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *expected)

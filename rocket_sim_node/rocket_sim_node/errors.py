@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What breaks off work in an environment. Imports nothing: a node knows it before all else."""
+"""Errors that interrupt work in an environment; imports nothing, as a node needs it first."""
 from __future__ import annotations
 
 
 class EnvironmentRestarted(RuntimeError):
-    """The simulator came back with a new session: what was not finished is lost.
+    """The simulator is in a new session: unfinished work is lost.
 
-    Whoever catches it puts the environment back with `restore` or `reset` and begins the
-    unfinished piece of work again.
+    The caller puts the environment back with `restore` or `reset` and starts the unfinished work
+    again.
     """
 
 
 class EnvironmentClosed(RuntimeError):
-    """The environment is being shut down by whoever started this process: save and end."""
+    """This process was asked to stop, and its environment is closing: save and exit."""

@@ -1,37 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Memory that is free goes back to the system, also what lies in pieces."""
+"""Return of free, fragmented heap memory to the operating system."""
 from __future__ import annotations
 
 import ctypes
 import time
 
 PERIOD = 10.0
-"""s; how often who runs for days may do that: a call takes a millisecond or a few"""
+"""Seconds between calls in long-running processes: a call takes a few milliseconds."""
 
 _TRIM = getattr(ctypes.CDLL(None), 'malloc_trim', None)
-"""of glibc; other C libraries have none"""
+"""A function of glibc; other C libraries lack it."""
 
 
 def give_back() -> None:
-    """Give the free memory of this process back to the system, where that can be done.
+    """Return free memory of this process to the operating system, where that is supported.
 
-    Roll-outs and updates allocate arrays of many sizes anew, and DDS what it knows of its peers.
-    What they leave free lies in pieces in the heap, into which the next ones do not quite fit, and
-    the C library keeps it.
+    Roll-outs and updates allocate arrays of many sizes, and DDS allocates records of its peers.
+    The memory they free is fragmented: later arrays do not quite fit, and the C library keeps it.
     """
     if _TRIM is not None:
         _TRIM(0)
 
 
 class PeriodicTrim:
-    """Gives free memory back when called, if PERIOD has passed since it last did."""
+    """Returns free memory when called, at most once per PERIOD."""
 
     def __init__(self) -> None:
-        """Begin: the first time is a period from now at the earliest."""
+        """Start the first period."""
         self._last = time.monotonic()
 
     def __call__(self) -> None:
-        """Give back what is free, if it is time."""
+        """Return free memory if the period has passed."""
         now = time.monotonic()
         if now - self._last >= PERIOD:
             self._last = now

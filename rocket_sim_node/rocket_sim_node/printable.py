@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texts that others wrote, made fit for a terminal or a log."""
+"""Sanitizing of external text for terminals and logs."""
 from __future__ import annotations
 
 
 def printable(text: str, spared: str = '') -> str:
-    """Return a text that moves no cursor: a space for each sign that is not printable.
+    """Return a text with each non-printable character replaced by a space.
 
-    :param spared: signs that stay all the same.
+    :param spared: characters to keep regardless.
     """
     return ''.join(sign if sign.isprintable() or sign in spared else ' ' for sign in text)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings: frozen dataclasses whose fields know their unit, range and meaning.
+"""Settings: frozen dataclasses whose fields declare unit, range and description.
 
-One declaration serves the core, the ROS parameters (with description and range) and the docs.
+One declaration serves the core, the ROS parameters and the documentation.
 """
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Value = bool | int | float | str | tuple[int, ...]
 
 @dataclass(frozen=True)
 class SettingInfo:
-    """What there is to know about one setting; its kind is that of `default`.
+    """Description of one setting; its type is that of `default`.
 
-    `low` and `high` are inclusive and bound numbers (and each number of a list); `choices`, when
-    not empty, are the strings allowed.
+    `low` and `high` are inclusive bounds of numbers, or of each number in a list. `choices`, if
+    not empty, are the allowed strings.
     """
 
     name: str
@@ -43,7 +43,7 @@ def setting(
     high: float = math.inf,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """Declare a dataclass field that is a setting with a unit, a range and a description."""
+    """Declare a dataclass field as a setting with unit, range and description."""
     return dataclasses.field(default=default, metadata={
         'unit': unit, 'description': description, 'low': low, 'high': high, 'choices': choices,
     })
@@ -58,9 +58,9 @@ def describe(cls: type) -> tuple[SettingInfo, ...]:
 
 
 def check(info: SettingInfo, value: object) -> Value:
-    """Return `value` as what the setting `info` holds.
+    """Return `value` converted to the type of the setting `info`.
 
-    :raises TypeError: when it is of another kind.
+    :raises TypeError: when it is of the wrong type.
     :raises ValueError: when it is not finite, outside the range or not one of the choices.
     """
     if isinstance(info.default, tuple):
@@ -82,7 +82,7 @@ def check(info: SettingInfo, value: object) -> Value:
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     if isinstance(value, bool | str) or not hasattr(value, '__float__'):
         raise TypeError(f'{info.name}: got {value!r}, expected a number')
-    # A float would round whole numbers above 2**53.
+    # Not via float, which would round whole numbers above 2**53.
     number = int(value) if whole and isinstance(value, Integral) else _float(value)
     finite = isinstance(number, int) or math.isfinite(number)
     if not (finite and info.low <= number <= info.high):
@@ -98,15 +98,15 @@ def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
 def _float(value: Any) -> float:
     try:
         return float(value)
-    except OverflowError:  # a whole number that no float can hold
+    except OverflowError:  # an integer too large for a float
         return math.inf
 
 
 def build(cls: type[S], values: Mapping[str, object]) -> S:
-    """Make a settings dataclass from names and values, the rest by default.
+    """Create a settings dataclass from values by name; the rest have their defaults.
 
     :raises ValueError: for an unknown name or a value out of range.
-    :raises TypeError: for a value of another kind.
+    :raises TypeError: for a value of the wrong type.
     """
     infos = {info.name: info for info in describe(cls)}
     unknown = sorted(set(values) - set(infos))
@@ -122,7 +122,7 @@ def as_dict(settings: object) -> dict[str, Any]:
 
 
 def as_numbers(settings: object) -> dict[str, float]:
-    """Return all settings by name as numbers: of a choice, its place among the choices."""
+    """Return all settings by name as numbers; a choice becomes its index."""
     choices = {info.name: info.choices for info in describe(type(settings))}
     return {
         name: choices[name].index(value) if choices[name] else value
@@ -130,7 +130,7 @@ def as_numbers(settings: object) -> dict[str, float]:
 
 
 def from_number(info: SettingInfo, value: Any) -> Any:
-    """Return what a number of `as_numbers` stands for; anything else as it is."""
+    """Return the value that a number of `as_numbers` represents; anything else unchanged."""
     if isinstance(info.default, bool) and value in (0, 1):
         return bool(value)
     if info.choices and not isinstance(value, str) and value in range(len(info.choices)):

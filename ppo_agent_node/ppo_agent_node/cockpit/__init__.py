@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person needs who flies: keys, instruments, a display, a debriefing."""
+"""Cockpit for hand flying: keys, instruments, display, debriefing."""

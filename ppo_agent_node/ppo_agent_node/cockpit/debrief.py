@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What there is to say after a flight: how it went, why, and how the expert would have done."""
+"""Debriefing after a flight: result, timing of the burn, and comparison with the expert."""
 from __future__ import annotations
 
 import math
@@ -14,31 +14,31 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 
 _AT_MOST = 60.0
-"""s, the longest flight of an expert that is waited for"""
+"""Maximum length, s, of an expert's flight."""
 WORDS = {
     'landed': 'LANDED', 'too_fast': 'CRASHED: too fast', 'tipped': 'TIPPED OVER',
     'off_pad': 'MISSED the pad', 'tilt_limit': 'LOST: tilted too far',
     'timeout': 'LOST: out of time', 'out_of_bounds': 'LOST: left the field',
     'crashed': 'CRASHED: the hull touched',
 }
-"""Outcomes as a pilot hears them"""
+"""Outcomes in words."""
 
 
 class Watch:
-    """Looks for the moment at which full throttle was due, and when it came."""
+    """Records when full throttle was due, and when it was applied."""
 
     def __init__(self, brake: Brake) -> None:
-        """Begin with a flight."""
+        """Begin a flight."""
         self._brake = brake
         self.last_chance: float | None = None
-        """s into the flight, after which full throttle could not stop the fall in time"""
+        """s into the flight, after which full throttle could not stop the fall in time."""
         self.lit: float | None = None
-        """s, when the engine was first lit after that"""
+        """s, when the engine was first lit after that."""
         self.hit = 0.0
-        """m/s at the ground, had full throttle begun when it was lit"""
+        """m/s at the ground, had full throttle begun at that ignition."""
 
     def see(self, time: float, readings: Readings, mass: float, throttle: float) -> None:
-        """Look at a step."""
+        """Process a step."""
         speed = -readings.climb
         if self.last_chance is None:
             if speed <= 0 or readings.height <= 0:
@@ -51,7 +51,7 @@ class Watch:
             self.hit = self._brake.touchdown_speed(readings.height, speed, mass)
 
     def verdict(self) -> str:
-        """Return what was late, in a line; empty when nothing was."""
+        """Return a line on what was late; empty if nothing was."""
         if self.last_chance is None:
             return ''
         told = f'the last chance for full throttle was at {self.last_chance:.2f} s'
@@ -65,21 +65,21 @@ class Watch:
 
 @dataclass(frozen=True)
 class FlightSummary:
-    """How a flight ended."""
+    """Results of a flight."""
 
     outcome: str
     episode_return: float
     seconds: float
     speed: float
-    """m/s at touchdown, as `tilt` in deg and `distance` in m from the pad's centre"""
+    """m/s at touchdown, like `tilt` in deg and `distance` in m from the pad's centre."""
     tilt: float
     distance: float
     fuel: float
-    """kg used"""
+    """kg used."""
 
     @classmethod
     def of(cls, episodes: Episodes, index: int, spec: WorldSpec) -> FlightSummary:
-        """Return one of the episodes that ended."""
+        """Return the summary of one of the ended episodes."""
         return cls(
             spec.outcomes[int(episodes.outcome[index])], float(episodes.episode_return[index]),
             float(episodes.length[index]) * spec.dt, float(episodes.touchdown_speed[index]),
@@ -92,21 +92,21 @@ class FlightSummary:
         return self.outcome == 'landed'
 
     def figures(self) -> str:
-        """Return speed, tilt and distance in words."""
+        """Return speed, tilt and distance as text."""
         return f'{self.speed:.2f} m/s, {self.tilt:.1f} °, {self.distance:.1f} m off the centre'
 
 
 class ExpertFlight:
-    """How the scripted pilot of a world does from the start of a reset; flown bit by bit."""
+    """The scripted pilot's flight from the start of a reset, flown in small portions."""
 
     def __init__(self, spec: WorldSpec, seed: int, **chosen: float) -> None:
-        """Begin it.
+        """Begin the flight.
 
-        :param spec: of the simulator; its first vehicle is meant.
+        :param spec: of the simulator, whose first vehicle is flown.
         :param chosen: settings of the reset.
         """
         self.flight: FlightSummary | None = None
-        """How it ended; None before, or when no expert flies this vehicle"""
+        """Its result; None before its end, or if no expert supports the vehicle."""
         settings = worlds.settings_from(spec.name, {**spec.settings, **chosen})
         self._left = math.ceil(_AT_MOST / spec.dt)
         try:
@@ -118,7 +118,7 @@ class ExpertFlight:
             self._left = 0
 
     def go_on(self, steps: int = 20) -> bool:
-        """Fly some steps; return whether it is over."""
+        """Fly some steps; return whether the flight is over."""
         for _ in range(min(steps, self._left)):
             self._observation, _, terminated, truncated, info = self._world.step(
                 self._pilot(self._observation))
@@ -133,7 +133,7 @@ class ExpertFlight:
 def debrief(
     flight: FlightSummary, expert: FlightSummary | None, watch: Watch,
 ) -> list[tuple[str, str]]:
-    """Return lines about a flight: style and text."""
+    """Return lines on a flight: style and text."""
     good = 'bold green' if flight.landed else 'bold red'
     lines = [
         (good, f'{WORDS.get(flight.outcome, flight.outcome)}   {flight.figures()}'),

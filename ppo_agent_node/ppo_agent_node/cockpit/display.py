@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person who flies sees on the terminal: instruments, above all how late it is to burn."""
+"""Display for hand flying: instruments, with the time left until the burn in front."""
 from __future__ import annotations
 
 import io
@@ -28,53 +28,53 @@ KEYS = (
 _LABEL = 10
 _NARROW = 64
 _SOON = 1.0
-"""s before the last chance to brake at which the warning begins"""
+"""Seconds before the last chance to brake at which the warning begins."""
 _LANDED, _WARN, _BAD, _DIM, _HEAD = 'bold green', 'bold yellow', 'bold red', 'dim', 'bold'
 _ARROWS = '→↗↑↖←↙↓↘'
 
 
 @dataclass(frozen=True)
 class Tank:
-    """What the simulator tells of the vehicle beside the observation."""
+    """State of the vehicle that is not part of the observation."""
 
     mass: float
-    """kg"""
+    """kg."""
     fuel: float
-    """kg"""
+    """kg."""
     full: float
-    """kg of fuel at the start; 0 where there is none to be used up"""
+    """kg of fuel at the start; 0 in worlds without fuel."""
     throttle: float
-    """0 to 1, as flown"""
+    """0 to 1, actual."""
     time: float
-    """s since the start"""
+    """s since the start."""
 
 
 @dataclass
 class View:
-    """All that the cockpit shows."""
+    """Content of the display."""
 
     title: str
     ceiling: float
-    """m, height at which the scale ends"""
+    """m, upper end of the height scale."""
     limits: tuple[float, float, float]
-    """Of a landing: m/s, deg, m; 0 where the world has none"""
+    """Limits of a landing: m/s, deg, m; 0 if the world has none."""
     readings: Readings | None = None
     tank: Tank | None = None
     tally: str = ''
     notes: list[tuple[str, str]] = field(default_factory=list)
-    """lines below the instruments: style and text"""
+    """Lines below the instruments: style and text."""
     flying: bool = False
     help: bool = False
     message: str = ''
 
 
 class Cockpit:
-    """Turns a view into the lines of a terminal."""
+    """Renders a view as the lines of a terminal."""
 
     def __init__(self, brake: Brake, color: bool | None = None) -> None:
-        """Take the vehicle's brake.
+        """Store the vehicle's braking model.
 
-        :param color: whether to use colours; None: as the terminal says.
+        :param color: whether to use colours; None: as the terminal supports.
         """
         self._brake = brake
         self._buffer = io.StringIO()
@@ -83,13 +83,13 @@ class Cockpit:
             no_color=None if color is None else not color)
 
     def lines(self, view: View, size: tuple[int, int] | None = None) -> list[str]:
-        """Return the screen as lines, never more or longer than fit.
+        """Return the screen as lines that fit in number and length.
 
         :param size: columns and rows; None: those of the terminal.
         """
         width, height = size or shutil.get_terminal_size()
         width = max(width, 20)
-        # The last column stays free: a terminal may wrap there.
+        # The last column stays free, because a terminal may wrap there.
         texts = self._compose(view, width - 1)
         if len(texts) > height:
             texts = [text for text in texts if text.plain.strip()]
@@ -152,7 +152,7 @@ class Cockpit:
         return texts
 
     def _notes(self, view: View, width: int) -> list[Text]:
-        """Return what there is to say; long lines go on in the next."""
+        """Return the notes, with long lines wrapped."""
         notes = [('', ''), *view.notes] if view.notes else []
         if view.message:
             notes += [('', ''), (_WARN, view.message)]
@@ -165,7 +165,7 @@ class Cockpit:
     def _burn_advice(
         self, flying: bool, readings: Readings, tank: Tank, stop: float, short: bool,
     ) -> Text:
-        """Return how long full throttle can wait, or what it cannot prevent any more."""
+        """Return how long full throttle can wait, or what can no longer be prevented."""
         def say(style: str, long: str, brief: str) -> Text:
             return Text().append(brief if short else long, style=style)
 
@@ -205,7 +205,7 @@ def _bar(part: float, width: int, style: str) -> Text:
 
 
 def _scale(height: float, stop: float, ceiling: float, width: int) -> Text:
-    """Return the scale from the ground up: what stopping takes, and where the vehicle is."""
+    """Return the height scale from the ground up, with stopping distance and vehicle."""
     width -= 1
     needed, place = _cells(stop / ceiling, width), min(_cells(height / ceiling, width), width - 1)
     late = stop > height

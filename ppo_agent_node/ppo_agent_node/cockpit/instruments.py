@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a pilot's instruments show: where and how fast, and what it would take to stop.
+"""Instrument readings and braking model for hand flying.
 
 Heights are above touchdown (m), speeds in m/s, angles in degrees; x is to the right, z nearer.
 """
@@ -23,17 +23,17 @@ from rocket_sim_node.worlds.rocket.dynamics import OBSERVATION_NAMES
 _NEWTON_STEPS = 6
 _BISECTIONS = 30
 _NEXT_TO_NOTHING = 1e-9
-"""N or m/s^2: thrust or gravity up to it is none, lest quotients get too large to be squared"""
+"""N or m/s^2: less thrust or gravity counts as none, so that squares of quotients are finite."""
 
 
 def checked(spec: WorldSpec) -> WorldSpec:
-    """Return a world with the settings that its vehicle has, and no others.
+    """Return a world reduced to the settings of its vehicle.
 
-    :raises ValueError: for a world that has no instruments here, and when a setting is missing or
-        out of its range or observations are others; names what came and what was expected.
+    :raises ValueError: for an unsupported world, and when a setting is missing or out of range or
+        observations differ; names actual and expected value.
     """
     infos, lander = worlds.settings(spec.name), spec.name == 'lunar_lander'
-    if lander:  # which says what thrust its other settings give
+    if lander:  # its maximum thrust follows from other settings
         infos += tuple(info for info in worlds.settings('rocket') if info.name == 'max_thrust')
     names = view.OBSERVATION_NAMES if lander else OBSERVATION_NAMES
     if spec.observation_names != names:
@@ -50,20 +50,20 @@ def checked(spec: WorldSpec) -> WorldSpec:
 
 @dataclass(frozen=True)
 class Readings:
-    """Of one vehicle."""
+    """Instrument readings of one vehicle."""
 
     height: float
-    """m"""
+    """m."""
     climb: float
-    """m/s, upwards"""
+    """m/s, upwards."""
     drift: tuple[float, float]
-    """m/s along x and z"""
+    """m/s along x and z."""
     offset: tuple[float, float]
-    """m along x and z, from the pad's centre"""
+    """m along x and z, from the pad's centre."""
     lean: tuple[float, float]
-    """deg, towards x and towards z"""
+    """deg, towards x and towards z."""
     tilt: float
-    """deg"""
+    """deg."""
 
 
 def read(spec: WorldSpec, observation: F32) -> Readings:
@@ -94,24 +94,25 @@ def read(spec: WorldSpec, observation: F32) -> Readings:
 
 @dataclass(frozen=True)
 class Brake:
-    """Full throttle, straight up, until the fall is stopped; the air's drag is left out.
+    """Braking at full throttle, straight up, until the fall is stopped; without drag.
 
-    With the flow q and the exhaust speed c a burn of t takes c ln(m / (m - q t)) - g t of the
-    speed, over v t + g t^2 / 2 - c (t - (m - q t) / q ln(m / (m - q t))) of height.
+    With the flow q and the exhaust speed c a burn of t reduces the speed by
+    c ln(m / (m - q t)) - g t, over v t + g t^2 / 2 - c (t - (m - q t) / q ln(m / (m - q t))) of
+    height.
     """
 
     thrust: float
-    """N"""
+    """N."""
     flow: float
-    """kg/s"""
+    """kg/s."""
     dry_mass: float
-    """kg"""
+    """kg."""
     gravity: float
-    """m/s^2"""
+    """m/s^2."""
 
     @classmethod
     def of(cls, spec: WorldSpec) -> Brake:
-        """Return the brake of a world's vehicle.
+        """Return the braking model of a world's vehicle.
 
         :raises ValueError: as `checked` does.
         """
@@ -124,7 +125,7 @@ class Brake:
         return cls(thrust, thrust / exhaust if exhaust else 0.0, s['dry_mass'], gravity)
 
     def time(self, speed: float, mass: float) -> float:
-        """Return how long it takes to stop, s; infinite when thrust or fuel do not suffice.
+        """Return the time to stop, s; infinite when thrust or fuel do not suffice.
 
         :param speed: m/s, downwards.
         :param mass: kg, at ignition.
@@ -135,7 +136,7 @@ class Brake:
         if net <= 0:
             return math.inf
         time = speed / net
-        # The deceleration grows, hence Newton's steps come down to the root from above.
+        # The deceleration grows, so Newton's method approaches the root from above.
         for _ in range(_NEWTON_STEPS if self.flow else 0):
             time = min(time, 0.999 * mass / self.flow)
             excess = self._taken(time, mass) - speed
@@ -144,14 +145,14 @@ class Brake:
         return time if enough else math.inf
 
     def height(self, speed: float, mass: float) -> float:
-        """Return the height that stopping takes, m; infinite when it cannot be done."""
+        """Return the height needed to stop, m; infinite when it is impossible."""
         time = self.time(speed, mass)
         return self._fallen(speed, time, mass) if math.isfinite(time) else math.inf
 
     def touchdown_speed(self, height: float, speed: float, mass: float) -> float:
-        """Return how fast it is when height is used up, burning from now on, m/s.
+        """Return the speed at the ground when burning from now on, m/s.
 
-        Fuel that does not suffice to stop is burnt to the last; the rest is free fall.
+        If the fuel does not suffice to stop, it is burned completely; the rest is free fall.
         """
         time = self.time(speed, mass)
         stops = math.isfinite(time)
@@ -193,14 +194,14 @@ class Brake:
         return low
 
     def _taken(self, time: float, mass: float) -> float:
-        """Return by how much a burn slows the fall, m/s."""
+        """Return the speed reduction of a burn, m/s."""
         if not self.flow:
             return (self.thrust / mass - self.gravity) * time
         gained = self.thrust / self.flow * math.log(mass / (mass - self.flow * time))
         return gained - self.gravity * time
 
     def _fallen(self, speed: float, time: float, mass: float) -> float:
-        """Return how far it falls during a burn, m."""
+        """Return the distance fallen during a burn, m."""
         fall = speed * time + self.gravity * time**2 / 2
         if not self.flow:
             return fall - self.thrust / mass * time**2 / 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who gets which key: the controls theirs, and the rest are wishes about the flights."""
+"""Dispatch of keys: controls to the pilot, other keys to commands."""
 from __future__ import annotations
 
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
@@ -15,21 +15,21 @@ _COMMANDS = {
 
 
 class KeyboardCommands:
-    """Reads what is typed: keys of the controls reach the pilot, others become commands.
+    """Decodes typed keys: controls are passed to the pilot, others become commands.
 
-    A key that is held asks once.
+    A key that is held gives one command.
     """
 
     def __init__(self, pilot: KeyboardPilot) -> None:
-        """Take whose controls they are."""
+        """Store the pilot that receives the controls."""
         self._pilot = pilot
         self._reader = KeyReader()
         self._held = HeldKeys(pilot.settings.repeat_delay, pilot.settings.repeat_gap)
 
     def take(self, data: bytes, now: float) -> list[str]:
-        """Return the commands in what was typed.
+        """Return the commands in terminal input.
 
-        :param now: s, from a clock that never goes back.
+        :param now: s, from a monotonic clock.
         """
         commands = []
         events = self._reader.feed(data)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A terminal that hands over each key at once, and is put back in order afterwards."""
+"""Terminal in raw mode, which delivers each key at once and is restored afterwards."""
 from __future__ import annotations
 
 import os
@@ -13,27 +13,27 @@ from types import TracebackType
 _INPUT, _OUTPUT, _ERROR = 0, 1, 2
 _CHUNK = 4096
 _ENTER, _LEAVE = '\x1b[?1049h\x1b[?25l\x1b[2J', '\x1b[?25h\x1b[?1049l'
-"""The alternate screen without a cursor, and back"""
+"""Switch to the alternate screen without a cursor, and back."""
 _FRAME = '\x1b[?2026h\x1b[H{}\x1b[J\x1b[?2026l'
-"""All of the screen anew, at one stroke where the terminal can"""
+"""Redraw of the whole screen, synchronised if the terminal supports it."""
 
 
 class NoTerminal(ValueError):
-    """Standard input or output is no terminal."""
+    """Standard input or output is not a terminal."""
 
 
 class RawTerminal:
-    r"""Keys as they come, without echo; what is written to standard error is kept meanwhile.
+    r"""Unbuffered keys without echo; output to standard error is captured meanwhile.
 
-    Ctrl-C stays a signal. Ctrl-Z, Ctrl-\ and Ctrl-S would leave the terminal as it is now, or
-    hold up who flies: they mean nothing here. Use as a context.
+    Ctrl-C stays a signal. Ctrl-Z, Ctrl-\ and Ctrl-S would leave the terminal in raw mode, or block
+    the flight, so they have no effect. Use as a context.
     """
 
     def __init__(self, ask: str = '', unask: str = '') -> None:
         """Check that there is a terminal; nothing changes yet.
 
-        :param ask: what to send to the terminal at first, and `unask` at last, both on the
-            screen that is used meanwhile.
+        :param ask: sent to the terminal on entry, and `unask` on exit, both on the alternate
+            screen.
         :raises NoTerminal: when there is none.
         """
         for number, name in ((_INPUT, 'standard input'), (_OUTPUT, 'standard output')):
@@ -45,7 +45,7 @@ class RawTerminal:
         self._encoding = sys.stdout.encoding or 'utf-8'
 
     def __enter__(self) -> RawTerminal:
-        """Take the terminal."""
+        """Switch the terminal to raw mode."""
         self._before = termios.tcgetattr(_INPUT)
         self._errors = tempfile.TemporaryFile()
         self._told = 0
@@ -55,8 +55,8 @@ class RawTerminal:
             now = termios.tcgetattr(_INPUT)
             now[0] &= ~(termios.IXON | termios.IXOFF)
             now[3] &= ~(termios.ICANON | termios.ECHO | termios.IEXTEN)
-            # Ctrl-C shall not throw away keys between a look for them and their reading, which
-            # would then wait for others.
+            # Ctrl-C must not discard keys between `select` and `read`, which would then block
+            # until the next key.
             now[3] |= termios.NOFLSH
             now[6] = list(now[6])
             now[6][termios.VMIN], now[6][termios.VTIME] = 1, 0
@@ -74,17 +74,17 @@ class RawTerminal:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give it back, and say what had been kept."""
+        """Restore the terminal, and print the captured output."""
         self._restore()
 
     def _restore(self) -> None:
-        # Each by itself: where the terminal, or one side of it, is gone, some of it may fail.
+        # One by one, because some may fail if the terminal, or one side of it, is gone.
         with suppress(OSError, termios.error):
             termios.tcsetattr(_INPUT, termios.TCSADRAIN, self._before)
         with suppress(OSError):
             self._write(self._goodbye)
         with suppress(OSError, termios.error):
-            # What was typed too late is no command for the shell.
+            # Discard pending keys, so that the shell does not run them.
             termios.tcflush(_INPUT, termios.TCIFLUSH)
         os.dup2(self._screen_errors, _ERROR)
         os.close(self._screen_errors)
@@ -96,7 +96,7 @@ class RawTerminal:
                 os.write(_ERROR, kept)
 
     def read(self, seconds: float = 0.0) -> bytes | None:
-        """Return what has been typed, after waiting for it so long; None when it hung up."""
+        """Return typed bytes, after waiting up to `seconds` for them; None when it hung up."""
         ready, _, _ = select.select([_INPUT], [], [], seconds)
         if not ready:
             return b''
@@ -106,7 +106,7 @@ class RawTerminal:
             return None
 
     def draw(self, lines: list[str]) -> None:
-        """Show a screen full of lines."""
+        """Show a screen of lines."""
         self._write(_FRAME.format('\x1b[K\r\n'.join(lines) + '\x1b[K'))
 
     def _write(self, text: str) -> None:

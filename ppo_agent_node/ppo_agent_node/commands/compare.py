@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `compare`: expert, clone and fine-tuned policy of a run, side by side in a recording."""
+"""Command `compare`: records a run's expert, clone and policy, side by side."""
 from __future__ import annotations
 
 import shutil
@@ -26,7 +26,7 @@ class Comparison:
 
 
 def make(wanted: Comparison) -> str:
-    """Write the recording; return what to say of it.
+    """Write the recording; return the text to print.
 
     :raises OSError: when there is no such run, or the recording cannot be written.
     :raises ValueError: when an argument does not fit.

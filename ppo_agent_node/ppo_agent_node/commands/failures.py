@@ -42,7 +42,7 @@ class Failures:
 
 
 def make(wanted: Failures) -> str:
-    """Write the recording; return what to say of it.
+    """Write the recording; return the text to print.
 
     :raises OSError: when there is no evaluation, no policy, or the recording cannot be written.
     :raises ValueError: when an argument or a file does not fit.
@@ -75,14 +75,14 @@ def make(wanted: Failures) -> str:
 
 
 def _pilot(folder: Path, figures: dict[str, Any], world: SimulatedWorld) -> Pilot:
-    """Return who flew.
+    """Return the evaluated pilot.
 
-    :raises FileNotFoundError: when the file of the pilot is not there any more.
-    :raises ValueError: when it is another one by now.
+    :raises FileNotFoundError: when the file of the pilot no longer exists.
+    :raises ValueError: when the file has changed.
     """
     name, file = figures['policy'], figures.get('policy_file')
     if name != POLICY and not file:
-        # The expert's pilots have names of their own, such as that of the lander.
+        # Variants of the expert have names of their own, such as that for the lander.
         known = name if name in choice.NAMES else choice.EXPERT
         return choice.choose(known, world.spec, figures['seed']).pilot
     path = Path(file or folder / 'policy.safetensors')
@@ -96,12 +96,12 @@ def _pilot(folder: Path, figures: dict[str, Any], world: SimulatedWorld) -> Pilo
 def fly_again(
     world: SimulatedWorld, pilot: Pilot, seed: int, starts: Sequence[Start],
 ) -> Samples:
-    """Return every step of chosen episodes of an evaluation, with z up.
+    """Return every step of selected episodes of an evaluation, with z up.
 
-    The whole batch flies, as it did: so the episodes are the same, bit for bit.
+    The whole batch flies again, so that the episodes are identical, bit for bit.
 
-    :param world: with as many rockets and the settings of the evaluation.
-    :param starts: which ones, one or more.
+    :param world: with the evaluation's number of rockets and settings.
+    :param starts: one or more.
     """
     wanted = set(starts)
     rows = np.unique([row for row, _ in starts])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `pictures`: makes the pictures of the documents anew, flights and all."""
+"""Command `pictures`: renders the pictures of the documentation, including their flights."""
 from __future__ import annotations
 
 import sys
@@ -37,14 +37,14 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 
 SEED = 20_000_000
-"""where the starts of evaluations begin"""
+"""First seed of evaluations."""
 WINDOW = (1600, 968)
 TALL = (1600, 1168)
-"""pixels of the viewer's window; its bars are cut off"""
+"""Size of the viewer's window, pixels; its bars are cropped."""
 FRAME_RATE = 5
-"""frames for each second of a film"""
+"""Frames per second of a film."""
 SCENE_PART, SCENE_TOP = 0.6, 30
-"""part of a picture's width that shows the scene, and pixels of the bar above it"""
+"""Part of a picture's width that shows the scene, and height of the bar above it, pixels."""
 FILM_WIDTH = 480
 COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
 """What a run has when it has ended."""
@@ -53,7 +53,7 @@ Maker = Callable[[Path, Path], Image.Image | list[Image.Image]]
 
 
 def fly_and_record(world: str, path: Path) -> None:
-    """Fly the policy that ships with a world, and record the flight.
+    """Fly a world's built-in policy, and record the flight.
 
     :raises OSError: when the recording cannot be written.
     """
@@ -73,14 +73,14 @@ def fly_and_record(world: str, path: Path) -> None:
 def shot(
     recording: Path, at: str, flight: int = -1, size: tuple[int, int] = WINDOW,
 ) -> Image.Image:
-    """Return a picture of a flight of a recording, at one of the moments of `screenshot`."""
+    """Return an image of a flight in a recording, at a time that `screenshot` supports."""
     when = moment(
         ScreenshotSettings(str(recording), at=at, flight=flight), trajectories(recording))
     return render(recording, [when], size=size)[0]
 
 
 def landing(run: Path, scratch: Path) -> Image.Image:
-    """Return a landing in its burn."""
+    """Return an image of a landing during its burn."""
     path = scratch / 'landing.rrd'
     fly_and_record('rocket', path)
     return shot(path, 'burn')
@@ -101,26 +101,26 @@ def landing_animation(run: Path, scratch: Path) -> list[Image.Image]:
 
 
 def lunar_lander(run: Path, scratch: Path) -> Image.Image:
-    """Return a lander on its pad."""
+    """Return an image of a lander on its pad."""
     path = scratch / 'lunar_lander.rrd'
     fly_and_record('lunar_lander', path)
     return shot(path, 'touchdown')
 
 
 def comparison(run: Path, scratch: Path) -> Image.Image:
-    """Return the pilots of a run side by side, in their burns."""
+    """Return an image of a run's pilots side by side, during their burns."""
     path = scratch / 'comparison.rrd'
     compare.make(compare.Comparison(run_dir=str(run), output=str(path)))
     return shot(path, 'burn', flight=0, size=TALL)
 
 
 def cloning(run: Path, scratch: Path) -> Image.Image:
-    """Return the loss of a run's clone."""
+    """Return an image of the loss of a run's clone."""
     return _plot(run, 'clone', training_curves.cloning_figure, scratch)
 
 
 def training(run: Path, scratch: Path) -> Image.Image:
-    """Return the learning curves of a run."""
+    """Return an image of the learning curves of a run."""
     return _plot(run, 'finetune', training_curves.training_figure, scratch)
 
 
@@ -150,7 +150,7 @@ class Pictures:
 
 
 def newest_run(runs: Path) -> Path:
-    """Return the newest run of world `rocket` that has ended.
+    """Return the newest finished run of world `rocket`.
 
     :raises FileNotFoundError: when there is none.
     """
@@ -183,7 +183,7 @@ def save(made: Image.Image | list[Image.Image], stem: Path) -> Path:
 
 
 def make(wanted: Pictures) -> str:
-    """Make the pictures and name each; return '', as all is said then.
+    """Make the pictures and print the name of each; return ''.
 
     :raises FileNotFoundError: when a run is needed and there is none.
     :raises ValueError: when a run or a recording does not fit.

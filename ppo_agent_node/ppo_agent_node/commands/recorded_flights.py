@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several pilots over the same starts, each step of each flight kept, in this process."""
+"""Flights of several pilots from the same starts, recorded step by step in this process."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -28,21 +28,21 @@ from rocket_sim_node.worlds.rocket import conditions
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a run's folder says of the world it trained in, and who can be compared."""
+    """World and pilots of a run, from the files in its folder."""
 
     path: Path
     world: str
     settings: Mapping[str, float]
     level: int
-    """final level of the curriculum, 0 in worlds without"""
+    """Final level of the curriculum, 0 in worlds without levels."""
     seed: int
-    """where the starts of its evaluation begin"""
+    """First seed of its evaluation."""
     taught: bool
-    """whether an expert demonstrated"""
+    """Whether an expert demonstrated."""
 
 
 def read_run(path: Path) -> RecordedRun:
-    """Return what is to be known of a run.
+    """Return the properties of a run.
 
     :raises FileNotFoundError: when there is no run in that folder.
     :raises ValueError: when its `config.yaml` is damaged.
@@ -54,7 +54,7 @@ def read_run(path: Path) -> RecordedRun:
     try:
         training = values['training']
         world = str(values['world'])
-        # A run resets its world to its conditions, whatever the simulator was started with.
+        # A run resets its world to its own conditions, regardless of the simulator's.
         drawn = training.get('conditions')
         return RecordedRun(
             path, world, {
@@ -67,9 +67,9 @@ def read_run(path: Path) -> RecordedRun:
 
 
 def make_world(run: RecordedRun, episodes: int, level: int) -> SimulatedWorld:
-    """Return the world as the run had it, with a vehicle for each episode.
+    """Return the run's world, with a vehicle for each episode.
 
-    :param level: of the curriculum; 0 where there is none.
+    :param level: of the curriculum; 0 without levels.
     :raises ValueError: for a level that the world does not have.
     """
     settings = dict(run.settings)
@@ -83,7 +83,7 @@ def make_world(run: RecordedRun, episodes: int, level: int) -> SimulatedWorld:
 def pilots(
     run: RecordedRun, world: SimulatedWorld,
 ) -> tuple[list[tuple[str, str, str, Pilot]], list[str]]:
-    """Return who can fly for a run as (key, name, title, pilot), and remarks on who cannot.
+    """Return a run's pilots as (key, name, title, pilot), and remarks on missing ones.
 
     Keys begin with a number, as the viewer sorts by them.
 
@@ -115,9 +115,9 @@ def pilots(
 
 
 def fly(world: SimulatedWorld, pilot: Pilot, seed: int) -> Samples:
-    """Return the first episode of every vehicle from a seed, each step of it, with z up.
+    """Return every step of each vehicle's first episode from a seed, with z up.
 
-    How a row starts depends on seed and row alone, so it is the same for every pilot.
+    The start of a row depends on seed and row alone, so it is the same for every pilot.
 
     :raises ValueError: for a seed out of range.
     """
@@ -137,7 +137,7 @@ def fly(world: SimulatedWorld, pilot: Pilot, seed: int) -> Samples:
 
 
 def flights(samples: Samples, outcomes: Sequence[str]) -> tuple[Trajectory, ...]:
-    """Return samples of whole episodes, one of each row, as flights in the order of the rows."""
+    """Return samples of whole episodes, one per row, as trajectories in the order of the rows."""
     found = []
     for row in np.unique(samples.row).tolist():
         mine = samples.take(np.flatnonzero(samples.row == row))
@@ -150,9 +150,9 @@ def flights(samples: Samples, outcomes: Sequence[str]) -> tuple[Trajectory, ...]
 def compare(
     run: RecordedRun, episodes: int, level: int, seed: int,
 ) -> tuple[list[Side], WorldInfo, Sequence[str]]:
-    """Fly everybody that a run has from the same starts.
+    """Fly all pilots of a run from the same starts.
 
-    :return: what each flew, the world as recordings show it, and remarks on who is missing.
+    :return: the flights of each pilot, the world's properties, and remarks on missing pilots.
     :raises FileNotFoundError: when the run has no policy yet.
     :raises ValueError: for a level, a seed or a policy that does not fit.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `report`: pictures and a page of a run, or of several and how they compare."""
+"""Command `report`: pictures and a page of one run, or a comparison of several."""
 from __future__ import annotations
 
 import sys
@@ -35,8 +35,8 @@ class Options:
 def write_report(folder: Path) -> Path:
     """Draw a folder's pictures into its `plots/`, write its page and return the page's path.
 
-    :param folder: of a training run, of an evaluation, or of a run that is still unfinished.
-    :raises ValueError: when it is no run, or a file is damaged; the message names it.
+    :param folder: of a training run, of an evaluation, or of an unfinished run.
+    :raises ValueError: when it is not a run, or a file is damaged; the message names it.
     :raises OSError: when something cannot be read or written.
     """
     return _write(load(folder))
@@ -68,7 +68,7 @@ def write_comparison(runs: Sequence[Run], folder: Path) -> Path:
 
 
 def _report(arguments: Sequence[str]) -> None:
-    """Draw and write what is asked for.
+    """Draw and write the requested reports.
 
     :raises ValueError: or TypeError, for bad arguments; OSError for files.
     """

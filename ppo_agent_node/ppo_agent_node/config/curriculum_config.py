@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of the task that a run learns: its levels, conditions and observation."""
+"""Settings of the task that a run learns: levels, conditions and observation."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ _CONDITIONS = ('', *conditions.NAMES)
 
 
 def level_setting(level: int) -> dict[str, float]:
-    """Return what a world is reset with for a curriculum level, nothing for 0: its own."""
+    """Return the reset settings of a curriculum level; none for 0, the world's own."""
     return {'level': level} if level else {}
 
 
 @dataclass(frozen=True)
 class CurriculumConfig:
-    """When the task gets harder."""
+    """Settings of the curriculum and of the task."""
 
     curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
     curriculum_final_level: int = setting(
@@ -55,18 +55,18 @@ class CurriculumConfig:
 
     @property
     def selection_settings(self) -> tuple[dict[str, float], ...]:
-        """What the world is reset with to select a policy, one flight each."""
+        """Reset settings of the evaluations that select a policy, one for each."""
         plain = self.task_settings(self.curriculum_final_level)
         return (plain, self.wide_settings) if self.curriculum_wide_level else (plain,)
 
     @property
     def wide_settings(self) -> dict[str, float]:
-        """What the world is reset with for what every second group flies."""
+        """Reset settings of every second group."""
         return self.task_settings(
             self.curriculum_wide_level, self.curriculum_wide_conditions or self.conditions)
 
     def task_settings(self, level: int, drawn: str | None = None) -> dict[str, float]:
-        """Return what the world is reset with for a level.
+        """Return the reset settings of a level.
 
         :param drawn: the set of conditions, by default the run's.
         """
@@ -74,7 +74,7 @@ class CurriculumConfig:
         return {**(conditions.settings(name) if name else {}), **level_setting(level)}
 
     def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
-        """Return what the world of a group is reset with for roll-outs."""
+        """Return the reset settings of a group's world for roll-outs."""
         wide = group % 2 and self.curriculum_wide_level
         settings = self.wide_settings if wide else self.task_settings(level)
         if self.curriculum_heading:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of demonstrations and cloning; see config for how they are used."""
+"""Settings of demonstrations and cloning; see training_config for their use."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ UNSET = -1
 
 @dataclass(frozen=True)
 class DemonstrationConfig:
-    """What the expert flies before the policy imitates it.
+    """Settings of the expert's demonstrations.
 
-    The teacher is the expert as it flies for itself, unless gentler gains are given: without
-    rounds of DAgger a clone lands more often after a teacher that is easier to imitate.
+    The teacher is the expert with its own gains, unless gentler gains are given: without rounds
+    of DAgger, a clone of a teacher that is easier to imitate lands more often.
     """
 
     demonstration_episodes: int = setting(
@@ -64,7 +64,7 @@ class DemonstrationConfig:
         UNSET, 50.0)
 
     def teacher_gains(self) -> dict[str, float]:
-        """Return the gains that the teacher flies with, by the expert's names."""
+        """Return the teacher's gains, by the expert's names."""
         return {
             name.removeprefix('teacher_'): value
             for name, value in settings_module.as_dict(self).items()
@@ -74,7 +74,7 @@ class DemonstrationConfig:
 
 @dataclass(frozen=True)
 class CloneConfig:
-    """Behavioural cloning of the demonstrations."""
+    """Settings of behavioural cloning."""
 
     clone_epochs: int = setting(
         12, '', 'passes over the demonstrations, at most; with DAgger those of the last round',

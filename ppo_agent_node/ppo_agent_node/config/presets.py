@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Presets: files of names and values that a run begins with, for each world its own."""
+"""Presets: named files of settings, separate for each world."""
 from __future__ import annotations
 
 from importlib import resources
@@ -20,7 +20,7 @@ _NUM_ENVS = {('lunar_lander', 'original'): 8, ('lunar_lander', 'quick'): 128}
 
 
 def preset_names(world: str | None = None) -> tuple[str, ...]:
-    """Return the names of the presets that ship for a world, or for any."""
+    """Return the names of the built-in presets of a world, or of any."""
     return tuple(sorted({
         preset.name.removesuffix('.yaml') for folder in _PRESETS.iterdir()
         if folder.is_dir() and world in (None, folder.name)
@@ -28,10 +28,10 @@ def preset_names(world: str | None = None) -> tuple[str, ...]:
 
 
 def preset_values(name: str, world: str) -> dict[str, Any]:
-    """Return the values that a preset sets in a world, by name, unchecked.
+    """Return the unchecked values of a world's preset, by name.
 
-    They lie in `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of the
-    same name comes first, or a preset by world and name, as in `rocket/from_scratch`.
+    Presets are files `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of
+    the same name is applied first, or a preset by world and name, as in `rocket/from_scratch`.
 
     :raises ValueError: when there is no such preset.
     """
@@ -57,6 +57,6 @@ def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config
     """Return the settings of a world's preset, some of them overridden.
 
     :raises ValueError: for an unknown preset or setting, or a value out of range.
-    :raises TypeError: for a value of another kind.
+    :raises TypeError: for a value of the wrong type.
     """
     return make_config({**preset_values(name, world), **overrides})

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of a training run: one dataclass a concern, one flat namespace of names.
+"""Settings of a training run: one dataclass per concern, one flat namespace.
 
-The names become ROS parameters one to one, and the keys of the presets and of a run's
+Their names are also those of the ROS parameters, and the keys of presets and of a run's
 `config.yaml`.
 """
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rocket_sim_node.worlds.rocket import conditions
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Shape and beginning of actor and critic."""
+    """Architecture and initialisation of actor and critic."""
 
     hidden_sizes: tuple[int, ...] = setting(
         (256, 256), '', 'units of the hidden layers, actor and critic alike', 1, 16_384)
@@ -55,7 +55,7 @@ class NetworkConfig:
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Proximal policy optimisation."""
+    """Settings of proximal policy optimisation."""
 
     iterations: int = setting(70, '', 'roll-outs, each followed by an update', 0, 1_000_000)
     n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
@@ -105,13 +105,13 @@ class PPOConfig:
 
     @property
     def whole_episodes(self) -> bool:
-        """Whether a roll-out is of whole episodes, from fresh starts."""
+        """Whether a roll-out consists of whole episodes from new starts."""
         return self.start_copies > 1
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Everything about a run that is not about learning."""
+    """Settings of a run that do not concern learning."""
 
     seed: int = setting(1, '', 'all randomness of the run starts here', 0, 2**31 - 1)
     threads: int = setting(2, '', 'threads of the tensor library', 1, 1024)
@@ -171,16 +171,16 @@ _CONCERNS: dict[str, type] = {
 
 
 def describe() -> tuple[SettingInfo, ...]:
-    """Return what can be set in a run, in order of concern; names are unique."""
+    """Return the settings of a run, in order of concern; names are unique."""
     return tuple(
         info for concern in _CONCERNS.values() for info in settings_module.describe(concern))
 
 
 def make_config(values: Mapping[str, object]) -> Config:
-    """Make a run's settings from names and values, the rest by default.
+    """Create a run's settings from values by name; the rest have their defaults.
 
-    :raises ValueError: for an unknown name, a value out of range, or two that contradict.
-    :raises TypeError: for a value of another kind.
+    :raises ValueError: for an unknown name, a value out of range, or a contradiction.
+    :raises TypeError: for a value of the wrong type.
     """
     known = {info.name for info in describe()}
     unknown = sorted(set(values) - known)
@@ -221,13 +221,13 @@ def make_config(values: Mapping[str, object]) -> Config:
 
 
 def fit_copies(config: Config, num_envs: int) -> Config:
-    """Return the settings with no more copies of a start than divide a simulator's rockets."""
+    """Return the settings with copies of a start reduced to a divisor of a simulator's rockets."""
     copies = math.gcd(config.ppo.start_copies, num_envs)
     return replace(config, ppo=replace(config.ppo, start_copies=copies))
 
 
 def check_world(config: Config, spec: WorldSpec) -> None:
-    """Check that levels and headings are asked of a world that has them, and of no other.
+    """Check that a world has the requested levels and headings.
 
     :raises ValueError: naming the setting.
     """

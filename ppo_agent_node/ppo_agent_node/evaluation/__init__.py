@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation: flights that count fairly, figures with their certainty, bounds and pictures."""
+"""Evaluation of pilots: unbiased episode counts, confidence intervals, bounds and files."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of conditions on disk: `conditions.json`, and `.md` and `.csv` for readers."""
+"""Files of the table of conditions: `conditions.json`, and readable `.md` and `.csv`."""
 from __future__ import annotations
 
 import csv
@@ -27,7 +27,7 @@ Table = Mapping[str, Any]
 
 
 def write(folder: Path, table: Table) -> None:
-    """Write a table into a folder, in all three forms.
+    """Write a table to a folder in all three formats.
 
     :raises ValueError: for a number that is not finite; nothing is written.
     :raises OSError: naming the path.
@@ -50,7 +50,7 @@ def cell_of(table: Table, pilot: str, level: int, condition: str) -> Mapping[str
 
 
 def rows(table: Table, level: int) -> list[list[str]]:
-    """Return head and rows of a level as text: condition, then four figures for each pilot."""
+    """Return header and rows of a level as text: condition, then four figures for each pilot."""
     head = ['condition']
     for pilot in table['pilots']:
         head += [f'{pilot}: landed, %', '95 %', 'return', 'dry, %']
@@ -68,13 +68,13 @@ def rows(table: Table, level: int) -> list[list[str]]:
 
 
 def percent(rate: float) -> str:
-    """Return a rate in per cent; 100.00 and 0.00 are exact, never rounded to."""
+    """Return a rate in per cent; 100.00 and 0.00 are exact, never rounded."""
     inside = 0 < rate < 1
     return f'{min(max(100 * rate, 0.01), 99.99) if inside else 100 * rate:.2f}'
 
 
 def markdown(table: Table) -> str:
-    """Return the table as aligned Markdown, a part for each level."""
+    """Return the table as aligned Markdown, a section for each level."""
     parts = [facts(table)]
     for level in table['levels']:
         parts += [f'## Level {level}', aligned(rows(table, level))]
@@ -82,7 +82,7 @@ def markdown(table: Table) -> str:
 
 
 def facts(table: Table) -> str:
-    """Return what was flown, in a sentence."""
+    """Return a sentence on what was flown."""
     return (
         f'World `{table["world"]}`, {table["episodes"]} episodes a cell on {table["num_envs"]} '
         f'rockets, seed {table["seed"]}. Landed with its Wilson interval of 95 %; return: the '
@@ -90,7 +90,7 @@ def facts(table: Table) -> str:
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """Return head and rows as a Markdown table; all columns but the first stand to the right."""
+    """Return header and rows as a Markdown table; all columns but the first are right-aligned."""
     widths = [max(len(line[place]) for line in lines) for place in range(len(lines[0]))]
 
     def text(line: Sequence[str]) -> str:
@@ -103,7 +103,7 @@ def aligned(lines: Sequence[Sequence[str]]) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """Return the table with a line for each cell; empty where there is no value."""
+    """Return the table with a line for each cell; empty for a missing value."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator='\n')
     writer.writerow(_COLUMNS)
@@ -122,9 +122,9 @@ def comma_separated(table: Table) -> str:
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """Return a table that `write` wrote, None where there is none.
+    """Return a table written by `write`, None if there is none.
 
-    :raises ValueError: naming the file and what is wrong with it.
+    :raises ValueError: naming the file and the problem.
     :raises OSError: when it cannot be read.
     """
     if not path.is_file():
@@ -156,7 +156,7 @@ def read(path: Path) -> dict[str, Any] | None:
 
 
 def _check_cell(path: Path, cell: Mapping[str, Any]) -> None:
-    """Check the figures that are shown.
+    """Check the displayed figures.
 
     :raises ValueError: naming the file, the cell and the figure.
     """

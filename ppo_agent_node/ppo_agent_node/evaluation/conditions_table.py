@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several pilots under every condition of the table, on several levels, from the same starts.
+"""Evaluation of several pilots under each condition and level, from the same starts.
 
-A cell of the table is one evaluation, the same that :func:`runner.evaluate` makes with the
-condition's settings and the level. All cells begin from one seed, so that pilots meet the same
-starts and the same draws.
+A cell of the table is one evaluation, the same as :func:`runner.evaluate` with the condition's
+settings and the level. All cells begin from one seed, so that pilots have the same starts and the
+same draws.
 """
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rocket_sim_node.worlds.rocket import conditions
 
 LEVELS = (7, 8)
 EPISODES = 1000
-"""of each cell"""
+"""Episodes of each cell."""
 SEED = 20_000_000
 
 
@@ -41,7 +41,7 @@ class Cell(NamedTuple):
 
 
 Progress = Callable[[Cell, int, int], None]
-"""Is told (cell, episodes counted in all cells so far, of how many)."""
+"""Called with (cell, episodes counted in all cells so far, total)."""
 
 
 def fly_table(
@@ -66,19 +66,19 @@ def fly_table_with(
     """Fly the table and return it, ready for JSON.
 
     - `world`, `num_envs`, `seed`, `episodes` of a cell, `world_settings`;
-    - `pilots`, `levels`, `conditions`, the labels in order; `settings`, by label those settings
-      of conditions that are not nominal;
+    - `pilots`, `levels`, `conditions`, the labels in order; `settings`, by label the condition
+      settings that are not nominal;
     - `cells`, one for each pilot, level and condition: `pilot`, `level`, `condition` and the
       figures of :func:`metrics.success`, :func:`flying_quality.figures`, `fuel_ratio`, `outcomes`
       and `failed_starts`, each as in `evaluation.json`.
 
-    :param pilots: by the names that the table gives them; see `for_vehicle`.
+    :param pilots: by their labels in the table; see `for_vehicle`.
     :param episodes: of each cell, shared evenly over the rockets.
     :param rows: settings of the conditions by label.
     :param poll: called before each step.
-    :param report: is told of flights that were begun anew.
+    :param report: called with a text when a job is restarted.
     :raises ValueError: without pilots, levels or rows, for a world that has no conditions, and for
-        what its reset refuses.
+        settings that its reset refuses.
     """
     conditions.check_world(fleet.spec, 'all')
     cells = [Cell(pilot, label, level)
@@ -118,7 +118,7 @@ def fly_table_with(
 
 
 def _figures(cell: Cell, result: EvaluationResult) -> dict[str, Any]:
-    """Return what is kept of a cell."""
+    """Return the stored results of a cell."""
     return {
         'pilot': cell.pilot, 'level': cell.level, 'condition': cell.condition,
         **metrics.success(result), 'fuel_ratio': metrics.fuel_ratio(result),

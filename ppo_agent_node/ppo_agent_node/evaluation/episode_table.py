@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The episodes of an evaluation as a table on disk, `episodes.csv`: one line an episode.
+"""Table of an evaluation's episodes in a file, `episodes.csv`: one line per episode.
 
-Units stand in the names of the columns. A cell is empty where there is no value: fuel in a world
-that burns none, what happened after a touchdown where there was none. Numbers have ten digits.
+Column names include units. A cell is empty if there is no value: fuel in a world without fuel, the
+motion after a touchdown if there was none. Numbers have ten digits.
 """
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from ppo_agent_node.evaluation.starts import initial_conditions
 from rocket_sim_node.worlds.base import F64
 
 START = 'start_'
-"""Names of columns with initial conditions begin like this; which there are, the world says."""
+"""Name prefix of columns with initial conditions, which depend on the world."""
 OPTIMUM = ('optimum_fuel_kg', 'optimum_steps')
-"""Least fuel and least length, of the sample of episodes that was solved; not in every table."""
+"""Minimum fuel and length, for the sample of episodes that was solved; not in every table."""
 _DIGITS = '.10g'
 
 
 class _Column(NamedTuple):
     name: str
     words: bool
-    """whether it holds words, not numbers"""
+    """Whether it contains words, not numbers."""
 
 
 COLUMNS = tuple(_Column(name, name in ('outcome', 'after_touchdown')) for name in (
     'row', 'episode', 'outcome', 'return', 'length_steps', 'touchdown_speed_m_s', 'tilt_deg',
     'distance_m', 'fuel_used_kg', 'fuel_bound_kg', 'end_x_m', 'end_z_m', 'standing',
     'after_touchdown', 'fuel_left_kg', 'hover_time_s', 'ignitions', 'control_effort'))
-"""`standing` is 1 for those that stand in the end, 0 for others, empty where rest is what landed
-means; `after_touchdown` is the verdict of the contact model that takes over from `rocket`."""
+"""`standing` is 1 for rockets that stand in the end, 0 for others, empty if being at rest is what
+landed means; `after_touchdown` is the verdict of the contact model that continues `rocket`."""
 _LATER = ('fuel_left_kg', 'hover_time_s', 'ignitions', 'control_effort')
 """Columns that tables of earlier versions lack; they are read as empty."""
 
@@ -50,21 +50,21 @@ class EpisodeTable:
     """K episodes in order of row, then of flight."""
 
     numbers: dict[str, F64]
-    """`(K,)` by name of column, NaN where a cell is empty"""
+    """`(K,)` by column name, NaN for an empty cell."""
     words: dict[str, tuple[str, ...]]
-    """K by name of column, '' where a cell is empty"""
+    """K by column name, '' for an empty cell."""
 
     def __len__(self) -> int:
         """Return K."""
         return len(self.words['outcome'])
 
     def named(self, *outcomes: str) -> NDArray[np.bool_]:
-        """Return `(K,)` which episodes had one of these outcomes."""
+        """Return `(K,)` whether episodes had one of these outcomes."""
         return np.array([outcome in outcomes for outcome in self.words['outcome']], np.bool_)
 
     @property
     def starts(self) -> dict[str, F64]:
-        """Initial conditions, `(K,)` by name of column."""
+        """Initial conditions, `(K,)` by column name."""
         return {name: values for name, values in self.numbers.items() if name.startswith(START)}
 
 
@@ -99,7 +99,7 @@ def from_result(result: EvaluationResult, optimum: OptimumSample | None = None) 
 
 
 def _optimum(optimum: OptimumSample | None, count: int) -> dict[str, F64]:
-    """Return the columns of the optimum, `(K,)` each; none where nothing was solved."""
+    """Return the columns of the optimum, `(K,)` each; none if nothing was solved."""
     if optimum is None or not len(optimum.fuel):
         return {}
     columns = zip(OPTIMUM, (optimum.fuel, optimum.steps), strict=True)
@@ -108,7 +108,7 @@ def _optimum(optimum: OptimumSample | None, count: int) -> dict[str, F64]:
 
 
 def write(path: Path, table: EpisodeTable) -> None:
-    """Write a table; a reader finds the old file or the whole new one.
+    """Write a table atomically: a reader finds the old file or the complete new one.
 
     :raises OSError: naming the path; nothing changes.
     """
@@ -127,9 +127,9 @@ def write(path: Path, table: EpisodeTable) -> None:
 
 
 def read(path: Path) -> EpisodeTable:
-    """Return a table that `write` wrote.
+    """Return a table written by `write`.
 
-    :raises ValueError: naming file, line and column of what is damaged.
+    :raises ValueError: naming file, line and column of the error.
     :raises OSError: when there is no such file.
     """
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which episodes of an evaluation failed, so that they can be flown again."""
+"""Failed episodes of an evaluation, listed so that they can be flown again."""
 from __future__ import annotations
 
 from typing import Any
@@ -9,14 +9,14 @@ import numpy as np
 from ppo_agent_node.evaluation.runner import EvaluationResult
 
 MOST = 12
-"""episodes that are named"""
+"""Maximum number of listed episodes."""
 
 
 def failed_starts(result: EvaluationResult) -> list[dict[str, Any]]:
-    """Return the first that did not land: one of each outcome, then a second of each, and so on.
+    """Return the first failed episodes: one of each outcome, then a second of each, and so on.
 
-    Row and episode decide the start, together with the seed and the settings. Low numbers of
-    episodes come first: to fly one again takes those before it.
+    Row and episode determine the start, together with the seed and the settings. Low episode
+    numbers come first, as flying one again requires the episodes before it.
     """
     flown = result.episodes
     failed = np.flatnonzero(~result.landed)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures that a landing rate hides: dry tanks, hovering, ignitions, control effort."""
+"""Flying quality beyond the landing rate: empty tanks, hovering, ignitions, control effort."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from ppo_agent_node.statistics import wilson
 
 
 def figures(result: EvaluationResult) -> dict[str, Any]:
-    """Return the figures, null in worlds that are no rocket."""
+    """Return the figures, null in worlds without rockets."""
     dry, episodes = result.dry, result.episodes
     if dry is None:
         none = spread(np.zeros(0))
@@ -32,7 +32,7 @@ def figures(result: EvaluationResult) -> dict[str, Any]:
 
 
 def rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return them as rows of the terminal's table, none in worlds that are no rocket."""
+    """Return them as rows of the terminal's table, none in worlds without rockets."""
     if summary['tanks_dry'] is None:
         return []
     low, high = (100 * bound for bound in summary['tanks_dry_interval'])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An evaluation in numbers: one dictionary for the file, one table for the terminal."""
+"""Metrics of an evaluation: a dictionary for the file, a table for the terminal."""
 from __future__ import annotations
 
 import json
@@ -28,35 +28,35 @@ UNITS = {
 
 
 def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
-    """Return the figures of an evaluation, ready for JSON: null where there is no value.
+    """Return the metrics of an evaluation, ready for JSON: null if there is no value.
 
     - `landing_rate` with `landing_rate_interval`, Wilson, 95 %;
-    - `mean_return` with `mean_return_interval`, 95 % (see `intervals.mean_interval`),
+    - `mean_return` with `mean_return_interval`, 95 % (see `statistics.mean_interval`),
       `return_std` and `return_p05`, the 5th percentile;
-    - `mean_return_landed`, `mean_return_standing`, `mean_return_tanks_dry`: that of the episodes
-      that a rate counts, beside each rate;
+    - `mean_return_landed`, `mean_return_standing`, `mean_return_tanks_dry`: the mean return of
+      the episodes counted by each of these rates;
     - `touchdown_speed` (m/s), `tilt` (deg from vertical), `distance` (m from the pad's centre),
       over the episodes that touched down, `fuel_used_kg` over all: each `mean` and `p95`, the
       95th percentile;
-    - `fuel_bound_kg`, the mean least fuel of straight drops from the same starts, and
-      `fuel_ratio`, the mean of used / least, both over landed episodes;
-    - `standing_rate` with `standing_rate_interval`, Wilson, 95 %: how many stand after their
-      touchdown, by the contact model that takes over from world `rocket`; in `rocket_planar` who
-      landed stands; null elsewhere. `settling`, touchdowns by what happened then, and
-      `rest_distance` (m) of those that stand: world `rocket` only;
+    - `fuel_bound_kg`, the mean minimum fuel of straight drops from the same starts, and
+      `fuel_ratio`, the mean of used / minimum, both over landed episodes;
+    - `standing_rate` with `standing_rate_interval`, Wilson, 95 %: the rate of rockets that stand
+      after their touchdown, by the contact model that continues world `rocket`; equal to landed in
+      `rocket_planar`; null elsewhere. `settling`, touchdowns by verdict, and `rest_distance` (m)
+      of standing rockets: world `rocket` only;
     - `conditions`, the name of the set that was flown, `custom` for one without a name, null in
-      worlds that are no rocket;
-    - `tanks_dry` with `tanks_dry_interval`, Wilson, 95 %: how many ended with an empty tank;
-      `hover_time` (s), `ignitions` of the engine, `control_effort` (change of the throttle and
-      size of both torques a step, see `Episodes`): each `mean` and `p95`. Rockets only, null
-      elsewhere;
+      worlds without rockets;
+    - `tanks_dry` with `tanks_dry_interval`, Wilson, 95 %: the rate of episodes that ended with an
+      empty tank; `hover_time` (s), `ignitions` of the engine, `control_effort` (change of the
+      throttle and size of both torques per step, see `Episodes`): each `mean` and `p95`. Rockets
+      only, null elsewhere;
     - `mean_length` in steps; `outcomes`, episodes by name, zeros included; `units`;
-    - `failed_starts`: up to twelve that did not land, by `row`, `episode`, `outcome` and `return`,
+    - `failed_starts`: up to twelve failed episodes, by `row`, `episode`, `outcome` and `return`,
       the outcomes in turn; with the seed and the settings they can be flown again;
-    - `world_settings`, those of the world as they were flown.
+    - `world_settings`, the world's settings during the evaluation.
 
-    :param extra: facts to be kept with them, such as the hash of the policy.
-    :raises ValueError: for an extra that would overwrite a figure.
+    :param extra: further facts to store, such as the hash of the policy.
+    :raises ValueError: for an extra that would overwrite a metric.
     """
     episodes, landed = result.episodes, result.landed
     ground = result.ground
@@ -90,7 +90,7 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
 
 
 def success(result: EvaluationResult) -> dict[str, Any]:
-    """Return how many landed and what the episodes returned, each with its interval."""
+    """Return landing rate and mean return, each with its interval."""
     returns, landed = result.episodes.episode_return, result.landed
     count, successes = len(landed), int(landed.sum())
     return {
@@ -107,19 +107,19 @@ def success(result: EvaluationResult) -> dict[str, Any]:
 
 
 def fuel_ratio(result: EvaluationResult) -> float | None:
-    """Return the mean of fuel used / least fuel of a straight drop, over landed episodes."""
+    """Return the mean of fuel used / minimum fuel of a straight drop, over landed episodes."""
     landed = result.landed
     return mean(result.episodes.fuel_used[landed] / result.fuel_bound[landed])
 
 
 def outcomes(result: EvaluationResult) -> dict[str, int]:
-    """Return how many episodes had each outcome, zeros included."""
+    """Return the number of episodes with each outcome, zeros included."""
     return {name: int((result.episodes.outcome == code).sum())
             for code, name in enumerate(result.spec.outcomes)}
 
 
 def _standing(result: EvaluationResult) -> dict[str, Any]:
-    """Return the figures of what happens after touchdown."""
+    """Return the metrics of the motion after touchdown."""
     standing, settled = result.standing, result.settled
     if standing is None:
         return {'standing_rate': None, 'standing_rate_interval': None,
@@ -134,7 +134,7 @@ def _standing(result: EvaluationResult) -> dict[str, Any]:
 
 
 def table(summary: Mapping[str, Any]) -> str:
-    """Return the figures as aligned text for a terminal."""
+    """Return the metrics as aligned text for a terminal."""
     low, high = (100 * bound for bound in summary['landing_rate_interval'])
     least, most = summary['mean_return_interval']
     level = '' if summary['level'] is None else f', level {summary["level"]}'
@@ -154,7 +154,7 @@ def table(summary: Mapping[str, Any]) -> str:
         if summary[name]['mean'] is not None:
             label = name.removesuffix('_kg').replace('_', ' ')
             if summary['tanks_dry'] is None:
-                # No rocket: nothing is taken down at the moment of touchdown.
+                # Not a rocket: speed, tilt and distance are not recorded at touchdown.
                 label = label.replace('touchdown speed', 'speed at the end')
             rows.append((
                 label,
@@ -175,7 +175,7 @@ def table(summary: Mapping[str, Any]) -> str:
 
 
 def _fuel_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows that compare with the optimum, or with a straight drop without one."""
+    """Return the rows that compare with the optimum, or else with a straight drop."""
     rows = []
     if summary.get('fuel_ratio_optimum') is not None:
         rows.append((
@@ -193,7 +193,7 @@ def _fuel_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _landed_return(summary: Mapping[str, Any]) -> str:
-    """Return what a mean return hides: the worst, and that of the landed where not all did."""
+    """Return details of the mean return: the 5th percentile, and the mean of landed episodes."""
     landed = summary['mean_return_landed']
     parts = [f'5 %: below {summary["return_p05"]:.2f}']
     if landed is not None and summary['landed'] < summary['episodes']:
@@ -202,9 +202,9 @@ def _landed_return(summary: Mapping[str, Any]) -> str:
 
 
 def write_json(path: Path, figures: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Write figures; a reader finds the old file or the whole new one, never half of it.
+    """Write metrics atomically: a reader finds the old file or the complete new one.
 
-    :raises ValueError: for NaN or infinity, which JSON does not know; nothing is written.
+    :raises ValueError: for NaN or infinity, which JSON does not support; nothing is written.
     :raises OSError: naming the path; nothing changes.
     """
     text = json.dumps(figures, indent=2, allow_nan=False) + '\n'

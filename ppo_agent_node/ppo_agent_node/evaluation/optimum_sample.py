@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far an evaluation is from the optimum, measured on its first episodes."""
+"""Comparison of an evaluation's first episodes with their optimum."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from ppo_agent_node.evaluation.runner import EvaluationResult
 from rocket_sim_node.worlds.base import F64
 
 SAMPLE = 12
-"""starts that are solved where nobody asks for more or less"""
+"""Default number of solved starts."""
 
 
 @dataclass(frozen=True)
@@ -20,20 +20,20 @@ class OptimumSample:
     """The optimum of the first J episodes of an evaluation."""
 
     fuel: F64
-    """`(J,)` kg, least fuel; NaN where a start was not solved"""
+    """`(J,)` kg, minimum fuel; NaN if a start was not solved."""
     steps: F64
-    """`(J,)` least length of the episode; NaN where a start was not solved"""
+    """`(J,)` minimum length of the episode; NaN if a start was not solved."""
     ceiling: F64
-    """`(J,)` the most that a return can be; NaN where a start was not solved"""
+    """`(J,)` upper bound of the return; NaN if a start was not solved."""
     reason: str = ''
-    """why nothing was solved, '' where something was"""
+    """Why nothing was solved, '' if something was."""
 
     def figures(self, result: EvaluationResult) -> dict[str, Any]:
-        """Return the figures for `evaluation.json`, null where there is no value.
+        """Return the figures for `evaluation.json`, null if there is no value.
 
-        - `fuel_optimum_kg`, `time_optimum_s`, `return_ceiling`: means over the starts solved;
-        - `fuel_ratio_optimum`: the mean of fuel used over least fuel, of those that landed;
-        - `optimum_sample`: how many starts were solved, `optimum_reason`: why none were.
+        - `fuel_optimum_kg`, `time_optimum_s`, `return_ceiling`: means over the solved starts;
+        - `fuel_ratio_optimum`: the mean of fuel used over minimum fuel, of landed episodes;
+        - `optimum_sample`: number of solved starts, `optimum_reason`: why there are none.
         """
         solved = np.isfinite(self.fuel)
         ratio = (result.episodes.fuel_used[:len(solved)] / self.fuel)[
@@ -48,13 +48,13 @@ class OptimumSample:
 def solve_sample(result: EvaluationResult, sample: int = SAMPLE) -> OptimumSample:
     """Return the optimum of the first episodes of an evaluation, in order of its rows.
 
-    :param sample: how many; 0: none.
+    :param sample: number of episodes; 0: none.
     """
     reason = _why_not(result, sample)
     if reason:
         nothing = np.zeros(0)
         return OptimumSample(nothing, nothing, nothing, reason)
-    # Only here: an evaluation without the solver's library is told so, and still gets the rest.
+    # Imported here: without the solver's library, an evaluation only lacks the optimum.
     from ppo_agent_node.evaluation.optimum.optimiser import LandingOptimiser
 
     settings = result.settings
@@ -78,7 +78,7 @@ def solve_sample(result: EvaluationResult, sample: int = SAMPLE) -> OptimumSampl
 def starts(result: EvaluationResult, sample: int) -> tuple[F64, F64]:
     """Return position, m, and velocity, m/s, `(J, 3)` of the first episodes' starts, y up.
 
-    NaN where an observation was clipped, and so does not tell.
+    NaN if an observation was clipped and is therefore ambiguous.
     """
     settings, names = result.settings, result.spec.observation_names
     seen = result.first_observation[:sample].astype(np.float64)
@@ -86,16 +86,16 @@ def starts(result: EvaluationResult, sample: int) -> tuple[F64, F64]:
     position, velocity = (
         settings[f'{what}_scale'] * seen[:, [names.index(f'{what}_{axis}') for axis in 'xyz']]
         for what in ('position', 'velocity'))
-    # All begin at the same height, which an observation may be clipped below.
+    # All begin at the same height, at which an observation may be clipped.
     position[:, 1] = settings['spawn_height']
     return position, velocity
 
 
 def return_ceiling(settings: Mapping[str, float], steps: F64) -> F64:
-    """Return what a landing in so many steps is worth at no speed, tilt and distance.
+    """Return the return of a landing in `steps` steps at no speed, tilt and distance.
 
-    It is a ceiling where steps cost and a landing is worth the more the softer it is: a second
-    costs 0.5 by default, 1 m/s at touchdown 33, so that no haste pays. NaN where steps pay.
+    It is an upper bound if steps cost and a softer landing is worth more: a second costs 0.5 by
+    default, 1 m/s at touchdown 33, so haste does not pay. NaN if steps are rewarded.
     """
     landing = sum(settings[f'reward_{what}'] for what in ('landed', 'speed', 'tilt', 'distance'))
     if settings['reward_step'] > 0:
@@ -104,26 +104,26 @@ def return_ceiling(settings: Mapping[str, float], steps: F64) -> F64:
 
 
 def _why_not(result: EvaluationResult, sample: int) -> str:
-    """Return why no optimum can be had, '' where it can."""
+    """Return why no optimum can be computed, '' if it can."""
     if not sample:
         return 'not asked for'
     if not result.is_rocket:
         return f'world {result.spec.name} burns no fuel'
     try:
-        import clarabel  # noqa: F401  (asks whether it is there)
+        import clarabel  # noqa: F401  (checks that it is installed)
     except ImportError:
         return 'the library clarabel is missing: pip install clarabel==0.11.1'
     return ''
 
 
 def _steps_at_rest(settings: Mapping[str, float]) -> int:
-    """Return how many steps a vehicle has to stand still before the world calls it landed."""
+    """Return how many steps a vehicle must stand still before the world counts it as landed."""
     if 'rest_time' not in settings:
         return 0
     return max(1, int(np.ceil(settings['rest_time'] / settings['dt'] - 1e-9)))
 
 
 def _mean(values: F64) -> float | None:
-    """Return the mean of the finite values, None where there are none."""
+    """Return the mean of the finite values, None if there are none."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else None

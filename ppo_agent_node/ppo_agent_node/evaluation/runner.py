@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flying a pilot over many episodes, so that every episode has an equal chance to count."""
+"""Evaluation of a pilot over many episodes, without bias towards short ones."""
 from __future__ import annotations
 
 import copy
@@ -32,8 +32,8 @@ from rocket_sim_node.worlds.rocket.drawn_vehicle import draw
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 IN_FLIGHT = ('tilt_limit', 'timeout', 'out_of_bounds')
-"""Outcomes that are no touchdown, or none that came to an end (`timeout` of `rocket_planar`):
-their speed, tilt and distance say nothing of a landing."""
+"""Outcomes without a touchdown, or without its end (`timeout` of `rocket_planar`): their speed,
+tilt and distance do not describe a landing."""
 
 _VELOCITY_Y = 4
 _PAD_X, _PAD_Z = 12, 14
@@ -41,7 +41,7 @@ _PAD_X, _PAD_Z = 12, 14
 
 @dataclass(frozen=True)
 class EvaluationResult:
-    """What was flown, `(K,)` episodes in order of row, then of flight."""
+    """Results of an evaluation, `(K,)` episodes in order of row, then of flight."""
 
     spec: WorldSpec
     pilot: str
@@ -49,39 +49,39 @@ class EvaluationResult:
     reset_settings: dict[str, float]
     episodes: Episodes
     fuel_bound: F64
-    """`(K,)` kg, least fuel of a straight drop from the start; NaN in worlds that are no rocket"""
+    """`(K,)` kg, minimum fuel of a straight drop from the start; NaN in worlds without rockets."""
     end_position: F64
-    """`(K, 2)` m, x and z from the pad's centre at the end; NaN in worlds not known here"""
+    """`(K, 2)` m, x and z from the pad's centre at the end; NaN in unknown worlds."""
     first_observation: NDArray[np.float32]
-    """`(K, D)` the first of each episode"""
+    """`(K, D)` the first of each episode."""
     final_observation: NDArray[np.float32]
-    """`(K, D)` the last of each episode"""
+    """`(K, D)` the last of each episode."""
 
     @property
     def is_rocket(self) -> bool:
-        """Whether the world burns fuel."""
+        """Whether the world has fuel."""
         return self.spec.name.startswith('rocket')
 
     @property
     def settings(self) -> dict[str, float]:
-        """The world's settings as they were flown."""
+        """The world's settings during the evaluation."""
         return {**self.spec.settings, **self.reset_settings}
 
     @property
     def landed(self) -> NDArray[np.bool_]:
-        """`(K,)` which episodes landed."""
+        """`(K,)` whether episodes landed."""
         return self.named('landed')
 
     @property
     def ground(self) -> NDArray[np.bool_]:
-        """`(K,)` which episodes ended on the ground."""
+        """`(K,)` whether episodes ended on the ground."""
         return ~self.named(*IN_FLIGHT)
 
     @cached_property
     def settled(self) -> Standing | None:
-        """What became of touchdowns in world `rocket`; None in worlds that go on until rest.
+        """Motion after touchdowns in world `rocket`; None in worlds that simulate it themselves.
 
-        None also where sensors are noisy: the last observation does not say how it touched down.
+        Also None if sensors are noisy, as the last observation does not give the final state.
         """
         if self.spec.name != 'rocket' or self.settings.get('sensor_noise_high', 0) > 0:
             return None
@@ -91,9 +91,9 @@ class EvaluationResult:
             drawn['dry_mass_factor'], drawn['gravity_factor'])
 
     def _drawn(self) -> dict[str, F64]:
-        """Return what was drawn for the episodes of a world of rockets, `(K,)` each, by name.
+        """Return the drawn conditions of the episodes in a world of rockets, `(K,)` each, by name.
 
-        The world says nothing of it to pilots, but it follows from the seed.
+        The world does not reveal them to pilots, but they follow from the seed.
         """
         flown = settings_module.build(
             RocketSettings, worlds.settings_from('rocket', self.settings))
@@ -103,18 +103,18 @@ class EvaluationResult:
 
     @property
     def dry(self) -> NDArray[np.bool_] | None:
-        """`(K,)` which rockets ended with an empty tank; None in worlds that burn no fuel."""
+        """`(K,)` whether rockets ended with an empty tank; None in worlds without fuel."""
         return self.episodes.fuel_left <= 0.0 if self.is_rocket else None
 
     @property
     def standing(self) -> NDArray[np.bool_] | None:
-        """`(K,)` which rockets stand in the end; None where that is not known."""
+        """`(K,)` whether rockets stand in the end; None if unknown."""
         if self.spec.name == 'rocket_planar':
             return self.landed
         return None if self.settled is None else self.settled.standing
 
     def named(self, *names: str) -> NDArray[np.bool_]:
-        """Return `(K,)` which episodes had one of these outcomes; unknown names match none."""
+        """Return `(K,)` whether episodes had one of these outcomes; unknown names match none."""
         codes = [code for code, name in enumerate(self.spec.outcomes) if name in names]
         return np.isin(self.episodes.outcome, codes)
 
@@ -122,10 +122,10 @@ class EvaluationResult:
 def quotas(episodes: int, num_envs: int) -> NDArray[np.int64]:
     """Return how many episodes each rocket has to fly, `(N,)`: equal shares, the first one more.
 
-    Counting the first episodes that end, whoever flies them, would favour short ones: while one
-    rocket hovers for 30 s another crashes six times. With a share fixed in advance the length of
-    an episode cannot decide whether it counts. (stable-baselines3 found its evaluations biased in
-    this way and shares episodes likewise, `evaluate_policy`.)
+    Counting the first episodes that end, regardless of the rocket, would favour short ones: while
+    one rocket hovers for 30 s another crashes six times. With a share fixed in advance the length
+    of an episode does not affect whether it counts. (stable-baselines3 found this bias in its
+    evaluations and shares episodes in the same way, `evaluate_policy`.)
 
     :raises ValueError: for less than one episode or environment.
     """
@@ -148,11 +148,11 @@ def evaluate(
     Every rocket flies its share (see :func:`quotas`); one that is done flies on, uncounted, until
     the last has finished.
 
-    :param pilot: asked once a step; nothing is added to its actions.
-    :param progress: told (episodes counted, of how many) whenever some were.
+    :param pilot: called once per step; no noise is added to its actions.
+    :param progress: called with (episodes counted, total) when the count has changed.
     :param reset_settings: settings of the world that a reset may change, such as `level`; for
         rockets also `conditions`, the name of a set.
-    :raises ValueError: for less than one episode, or what the world's reset refuses.
+    :raises ValueError: for less than one episode, or settings that the world's reset refuses.
     :raises EnvironmentRestarted: the simulator was lost; call again for the same result.
     """
     return fly(env, evaluation_flight(
@@ -167,7 +167,7 @@ def evaluation_flight(
     progress: Callable[[int, int], None] | None = None,
     **reset_settings: Any,
 ) -> Job[EvaluationResult]:
-    """Do what `evaluate` does, as a flight."""
+    """Do what `evaluate` does, as a job."""
     is_rocket = spec.name.startswith('rocket')
     if is_rocket:
         reset_settings = conditions.flatten(reset_settings)
@@ -178,7 +178,7 @@ def evaluation_flight(
     starts: list[NDArray[np.float32]] = []
     ends: list[NDArray[np.float32]] = []
     done = 0
-    pilot = copy.deepcopy(pilot)  # as it was given, whenever the flight begins anew
+    pilot = copy.deepcopy(pilot)  # in its initial state, also when the job is restarted
     tell_begun(pilot)
     while done < episodes:
         observation, _, _, _, info = yield pilot(observation)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether rockets that touched down in world `rocket` then stand, by the planar contact model."""
+"""Simulation of whether rockets stand after a touchdown in world `rocket`."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -13,35 +13,35 @@ from rocket_sim_node.worlds.planar.settling import VERDICTS
 from rocket_sim_node.worlds.planar.settling import settle
 
 _TOGETHER = 2000
-"""touchdowns that are followed at once"""
+"""Number of touchdowns simulated at once."""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """What became of K episodes; see `rocket_sim_node.worlds.planar.settling` for the model."""
+    """Results of K episodes; see `rocket_sim_node.worlds.planar.settling` for the model."""
 
     standing: NDArray[np.bool_]
-    """`(K,)`, False for those that never came down, or so fast that legs would give way"""
+    """`(K,)`, False without a touchdown, or if it was so fast that legs would break."""
     verdicts: dict[str, int]
-    """touchdowns by what happened then"""
+    """Number of touchdowns by verdict."""
     rest_distance: F64
-    """`(J,)` m from the pad's centre, of those that stand"""
+    """`(J,)` m from the pad's centre, of standing rockets."""
     verdict: tuple[str, ...]
-    """K names: what happened after the touchdown, '' where there was none"""
+    """K verdicts, '' without a touchdown."""
 
 
 def after_touchdown(
     observation: NDArray[np.float32], fuel: F64, ground: NDArray[np.bool_],
     settings: Mapping[str, float], dry_mass_factor: F64, gravity_factor: F64,
 ) -> Standing:
-    """Let the contact model take over from the ends of episodes.
+    """Continue episodes from their ends with the contact model.
 
-    :param observation: `(K, 15)` or more, the last of each episode. Float32 and without yaw, of
-        which neither matters to the model: it stands to 1e-5 m and leaves yaw out.
+    :param observation: `(K, 15)` or more, the last of each episode. In float32 and without yaw,
+        which does not matter: the model is accurate to 1e-5 m and ignores yaw.
     :param fuel: `(K,)` kg left in the tank.
-    :param ground: `(K,)` which episodes ended on the ground.
+    :param ground: `(K,)` whether episodes ended on the ground.
     :param settings: of world `rocket`.
-    :param dry_mass_factor: `(K,)` what was drawn for the episodes, as `gravity_factor`.
+    :param dry_mass_factor: `(K,)` drawn for the episodes, like `gravity_factor`.
     """
     last = observation[ground].astype(np.float64)
     position = last[:, 0:3] * settings['position_scale']
@@ -49,7 +49,7 @@ def after_touchdown(
     spin = last[:, 9:12] * settings['spin_scale']
     mass = settings['dry_mass'] * dry_mass_factor[ground] + fuel[ground]
     gravity = settings['gravity'] * gravity_factor[ground]
-    # Each has bodies of its own and all its moments, which together would fill the memory.
+    # In batches: each has its own bodies and a full trajectory, too much memory for all at once.
     parts = [
         settle(position[part], _swing(last[part, 6:9]), velocity[part], spin[part], mass[part],
                settings, gravity=gravity[part])
@@ -59,7 +59,7 @@ def after_touchdown(
         np.concatenate([getattr(part, name) for part in parts])
         for name in ('standing', 'verdict', 'position'))
     standing = np.zeros(len(observation), np.bool_)
-    # The model's legs hold at any speed; real ones are made for a landing.
+    # The model's legs hold at any speed; real ones do not.
     speed = np.linalg.norm(velocity, axis=1)
     stands = upright & (speed < settings['landed_speed'])
     standing[ground] = stands
@@ -73,9 +73,9 @@ def after_touchdown(
 
 
 def _swing(up: F64) -> F64:
-    """Return the quaternions `(J, 4)` x y z w that turn y up into unit vectors `(J, 3)`.
+    """Return the quaternions `(J, 4)` x y z w that rotate y up to unit vectors `(J, 3)`.
 
-    The shortest turn: its axis is y x up, its angle the tilt; yaw is 0.
+    The shortest rotation: its axis is y x up, its angle the tilt; yaw is 0.
     """
     up = up / np.linalg.norm(up, axis=1, keepdims=True)
     half = np.sqrt(np.maximum(0.5 * (1 + up[:, 1]), 1e-12))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where episodes began, in physical units, read from their first observations."""
+"""Initial conditions of episodes in physical units, decoded from their first observations."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ Columns = dict[str, F64]
 def initial_conditions(
     spec: WorldSpec, observation: NDArray[np.float32], settings: Mapping[str, float],
 ) -> Columns:
-    """Return the initial conditions of K episodes, `(K,)` each; units stand in the names.
+    """Return the initial conditions of K episodes, `(K,)` each; names include units.
 
     Rockets: height of the vehicle's origin, speed downwards, horizontal offset from the pad,
-    horizontal drift, tilt from vertical, spin. `lunar_lander`: the velocity of the push. Worlds
-    that are not known here: their observations, by name.
+    horizontal drift, tilt from vertical, spin. `lunar_lander`: the velocity of the push. Unknown
+    worlds: their observations, by name.
 
     :param observation: `(K, D)` the first of each episode.
-    :param settings: of the world, as it was flown.
+    :param settings: of the world during the evaluation.
     """
     seen = dict(zip(spec.observation_names, observation.astype(np.float64).T, strict=True))
     if spec.name.startswith('rocket'):
@@ -36,9 +36,9 @@ def initial_conditions(
 
 
 def _rocket(seen: Columns, settings: Mapping[str, float]) -> Columns:
-    """Return the initial conditions of rockets, whose observations are scaled and clipped.
+    """Return the initial conditions of rockets from scaled and clipped observations.
 
-    All begin at the same height, which an observation may be clipped below.
+    All begin at the same height, at which an observation may be clipped.
     """
     metres, speed = settings['position_scale'], settings['velocity_scale']
     return {

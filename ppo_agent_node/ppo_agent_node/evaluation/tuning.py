@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning a pilot's gains: which are searched, how far, and what they are worth.
+"""Tuning of a pilot's gains: search space, objective and optimiser loop.
 
-Positive gains are searched on a log scale within the bounds of their settings. An optimiser asks
-and is told (`ask` and `tell`, as CMA-ES in the package `cmaes` has them); all candidates fly the
-same starts, so that what differs is the gains.
+Positive gains are searched on a log scale within the bounds of their settings. An optimiser has
+the interface `ask` and `tell`, like CMA-ES in the package `cmaes`. All candidates fly the same
+starts, so that only the gains differ.
 """
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.base import WorldSpec
 
 FIRST_SEED, LAST_SEED = 1_000, 999_999
-"""Seeds to tune on; evaluations begin above them."""
+"""Seeds for tuning; those of evaluations are higher."""
 
 Gains = dict[str, float]
 MakePilot = Callable[[WorldSpec, Mapping[str, float]], Pilot]
@@ -33,11 +33,11 @@ Return = Callable[[Gains], float]
 
 
 class Optimiser(Protocol):
-    """What minimises: CMA-ES (Hansen, 'The CMA evolution strategy: a tutorial', 2016)."""
+    """A minimiser such as CMA-ES (Hansen, 'The CMA evolution strategy: a tutorial', 2016)."""
 
     @property
     def population_size(self) -> int:
-        """Candidates of a generation."""
+        """Candidates per generation."""
         ...
 
     @property
@@ -50,20 +50,20 @@ class Optimiser(Protocol):
         ...
 
     def tell(self, solutions: list[tuple[F64, float]]) -> None:
-        """Learn what a generation of candidates costs."""
+        """Update with the costs of a generation of candidates."""
         ...
 
 
 class GainSpace:
-    """Some gains of a pilot as a vector: their logarithms, 0 at the values started from."""
+    """Some gains of a pilot as a vector of their logarithms, 0 at the initial values."""
 
     def __init__(
         self, settings_class: type, names: Sequence[str], start: Mapping[str, float],
     ) -> None:
-        """Take the gains to be searched.
+        """Define the gains to search.
 
-        :param start: values to start from; those of the others stay.
-        :raises ValueError: for a gain that is unknown, or not above 0 where the search starts.
+        :param start: initial values; those of other gains are constant.
+        :raises ValueError: for a gain that is unknown, or not above 0 initially.
         """
         infos = {info.name: info for info in describe(settings_class)}
         unknown = sorted({*names, *start} - set(infos))
@@ -82,16 +82,16 @@ class GainSpace:
 
     @property
     def origin(self) -> F64:
-        """The point to start from, `(G,)`."""
+        """The initial point, `(G,)`."""
         return np.zeros(len(self.names))
 
     def gains(self, point: F64) -> Gains:
-        """Return the gains of a point `(G,)`, the nearest that their bounds allow."""
+        """Return the gains of a point `(G,)`, clipped to their bounds."""
         values = np.clip(np.exp(self._start + point), self.bounds[:, 0], self.bounds[:, 1])
         return {**self._fixed, **dict(zip(self.names, values.tolist(), strict=True))}
 
     def overshoot(self, point: F64) -> float:
-        """Return how far a point lies outside the bounds: squared distance of logarithms."""
+        """Return the distance of a point from the bounds: squared, of logarithms."""
         outside = self._start + point - np.clip(
             self._start + point, *np.log(self.bounds).T)
         return float((outside**2).sum())
@@ -99,7 +99,7 @@ class GainSpace:
 
 @dataclass(frozen=True)
 class Task:
-    """A world, level and starts that gains are judged by."""
+    """A world, level and starts on which gains are evaluated."""
 
     world: SimulatedWorld
     level: int
@@ -109,7 +109,7 @@ class Task:
     def __post_init__(self) -> None:
         """Check the seed.
 
-        :raises ValueError: for a seed that is not one to tune on.
+        :raises ValueError: for a seed outside the range for tuning.
         """
         if not FIRST_SEED <= self.seed <= LAST_SEED:
             raise ValueError(
@@ -124,7 +124,7 @@ class Task:
 
 
 def judge(tasks: Sequence[Task], make_pilot: MakePilot) -> Return:
-    """Return a function that says what gains are worth: the weighted mean return."""
+    """Return a function that evaluates gains: the weighted mean return."""
     total = sum(task.weight for task in tasks)
 
     def worth(gains: Gains) -> float:
@@ -137,21 +137,21 @@ def judge(tasks: Sequence[Task], make_pilot: MakePilot) -> Return:
 
 @dataclass(frozen=True)
 class Generation:
-    """Where a search has got to."""
+    """State of a search after a generation."""
 
     number: int
     flown: int
-    """candidates so far"""
+    """Candidates so far."""
     best_return: float
     best: Gains
     centre: Gains
-    """the search's own best guess, which no start has favoured"""
+    """The centre of the search, which is unbiased by the selection of starts."""
     median_return: float
-    """of this generation"""
+    """Of this generation."""
 
 
 def search(space: GainSpace, worth: Return, optimiser: Optimiser) -> Iterator[Generation]:
-    """Improve gains for ever, one generation at a time; the caller decides when to stop."""
+    """Improve gains forever, one generation at a time; the caller decides when to stop."""
     best_return, best = -math.inf, space.gains(space.origin)
     number = flown = 0
     while True:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a pilot is, and how it flies whole episodes."""
+"""Pilot interface, and flights of whole episodes."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights outside the roll-out: whole episodes under a pilot, and the way to mixed phases.
+"""Flights other than roll-outs: whole episodes by a pilot, and spreading of phases.
 
-These are parts of flights, see `rocket_sim_node.worlds.jobs`: they go on from an observation.
+These are parts of jobs, see `rocket_sim_node.worlds.jobs`: they continue from an observation.
 """
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Step(NamedTuple):
     """One step of a flight."""
 
     observation: F32
-    """`(N, D)`, before it"""
+    """`(N, D)`, before the step."""
     action: NDArray[Any]
-    """`(N, ...)`, the pilot's"""
+    """`(N, ...)`, the pilot's action."""
     flying: NDArray[np.bool_]
-    """`(N,)`, whose first episode had not ended before it"""
+    """`(N,)`, whether the row's first episode had not ended before the step."""
     episodes: Episodes
-    """first episodes that ended with it"""
+    """First episodes that ended with the step."""
     ended: NDArray[np.int64]
-    """`(K,)` rows in which an episode ended with it, the first or a later one"""
+    """`(K,)` rows in which an episode ended with the step, the first or a later one."""
 
 
 def fly_once(
@@ -41,13 +41,14 @@ def fly_once(
     pilot: Pilot,
     disturb: Callable[[NDArray[Any]], NDArray[Any]] = lambda action: action,
 ) -> Job[list[Step]]:
-    """Fly until every rocket has ended the episode it is in, and return all steps.
+    """Fly until every rocket has ended its current episode, and return all steps.
 
-    Rockets that end early fly on, but count no more: so short episodes are not over-represented.
+    Rockets that end early fly on but no longer count, so that short episodes are not
+    over-represented.
 
-    :param observation: `(N, D)`, of the world as it is.
-    :param pilot: is told of episodes that begin on the way.
-    :param disturb: what is flown, given what the pilot wants.
+    :param observation: `(N, D)`, of the current state.
+    :param pilot: notified of episodes that begin on the way.
+    :param disturb: returns the applied action for the pilot's action.
     """
     steps: list[Step] = []
     flying = np.ones(len(observation), np.bool_)
@@ -68,13 +69,13 @@ def fly_once(
 def scatter(
     spec: WorldSpec, observation: F32, pilot: Pilot, steps: int, rng: np.random.Generator,
 ) -> Job[F32]:
-    """Fly so that the rockets, which all begin together, end up in all phases of an episode.
+    """Fly so that rockets that started together are spread over all phases of an episode.
 
-    Otherwise a roll-out shorter than an episode would hold one phase only, and the learner would
-    forget the others. Each rocket is handed to the pilot at a time of its own, uniform over the
-    flight. Until then it holds an extreme command, which ends episode after episode early.
+    Otherwise a roll-out shorter than an episode would contain one phase only, and the learner
+    would forget the others. The pilot takes over each rocket at a time of its own, uniform over
+    the flight. Until then it holds an extreme command, which quickly ends its episodes.
 
-    :param steps: how long, about the length of an episode.
+    :param steps: number of steps, about the length of an episode.
     :return: the last observation.
     """
     held: NDArray[Any]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every pilot is: something that looks at a batch of observations and answers actions."""
+"""Pilot interface: maps a batch of observations to actions."""
 from __future__ import annotations
 
 from typing import Any
@@ -12,30 +12,30 @@ from rocket_sim_node.worlds.base import F32
 
 
 class Pilot(Protocol):
-    """A scripted, random or learnt pilot of N rockets.
+    """A scripted, random or learned pilot of N rockets.
 
-    One that remembers flights has a method `begin` beside, one that remembers commands a method
-    `flew`: see `tell_begun` and `tell_flown`. All who fly a pilot tell it when episodes begin.
+    A pilot that remembers flights also has a method `begin`, one that remembers commands a method
+    `flew`: see `tell_begun` and `tell_flown`. Callers must notify it when episodes begin.
     """
 
     @property
     def name(self) -> str:
-        """What tables and files call it."""
+        """Its name in tables and files."""
         ...
 
     def __call__(self, observation: F32) -> NDArray[Any]:
-        """Answer the actions for a batch.
+        """Return the actions for a batch.
 
-        :param observation: `(N, D)` float32, as the world gives it.
+        :param observation: `(N, D)` float32, as the world returns it.
         :return: `(N, A)` float32 for a continuous world, `(N,)` int64 for a discrete one.
         """
         ...
 
 
 def tell_begun(pilot: object, rows: NDArray[np.int64] | None = None) -> None:
-    """Tell a pilot that remembers flights that it sees the first moment of an episode next.
+    """Notify a pilot that remembers flights that episodes begin with the next observation.
 
-    :param rows: `(K,)` in which rows; None: in all.
+    :param rows: `(K,)` rows in which they begin; None: all.
     """
     begin = getattr(pilot, 'begin', None)
     if begin is not None and (rows is None or len(rows)):
@@ -43,7 +43,7 @@ def tell_begun(pilot: object, rows: NDArray[np.int64] | None = None) -> None:
 
 
 def tell_flown(pilot: object, action: NDArray[Any]) -> None:
-    """Tell a pilot that remembers its commands that another action was flown instead."""
+    """Notify a pilot that remembers its commands that another action was applied instead."""
     flew = getattr(pilot, 'flew', None)
     if flew is not None:
         flew(action)

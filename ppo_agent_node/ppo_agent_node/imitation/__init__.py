@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations, behavioural cloning and DAgger."""
+"""Imitation learning: demonstrations, behavioural cloning and DAgger."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Behavioural cloning: the policy learns to do what the expert did, and is checked on the rest.
+"""Behavioural cloning: supervised training on the expert's actions, with held-out validation.
 
 Pomerleau, 'Efficient training of artificial neural networks for autonomous navigation', 1991.
 """
@@ -23,31 +23,31 @@ from ppo_agent_node.ppo.policies.factory import Policy
 
 
 class NothingLanded(ValueError):
-    """There is no demonstration to be cloned."""
+    """There are no demonstrations to clone."""
 
 
 @dataclass(frozen=True)
 class CloneEpoch:
-    """How one pass over the demonstrations went."""
+    """Results of one epoch over the demonstrations."""
 
     epoch: int
-    """from 1"""
+    """From 1."""
     clone_loss: float
-    """mean over the samples trained on, while they were"""
+    """Mean over the training samples, during the epoch."""
     clone_validation_loss: float
-    """mean over the samples held out, after the epoch"""
+    """Mean over the held-out samples, after the epoch."""
     learning_rate: float
     best: bool
-    """whether the validation loss is the least so far"""
+    """Whether the validation loss is the lowest so far."""
 
 
 def split_by_episode(
     episode: Tensor, fraction: float, generator: torch.Generator,
 ) -> tuple[Tensor, Tensor]:
-    """Return the indices of samples to train on and to validate on.
+    """Return the indices of training and validation samples.
 
-    Whole episodes are held out: neighbours in time are nearly equal, and a split by sample would
-    validate on what was trained on.
+    Whole episodes are held out: consecutive samples are nearly equal, so a split by sample would
+    validate on training data.
 
     :param episode: `(S,)` the episode of each sample.
     """
@@ -72,14 +72,14 @@ def clone(
     """Train the policy and leave it with the weights of its best epoch.
 
     The learning rate falls to 0 along a half cosine (Loshchilov and Hutter, 'SGDR: stochastic
-    gradient descent with warm restarts', 2017). Without episodes to validate on, the training
-    loss decides.
+    gradient descent with warm restarts', 2017). Without validation episodes, the training loss
+    is used to select the best epoch.
 
     :param report: called after each epoch.
-    :param poll: called before each minibatch; may raise to end half-way, the policy unchanged.
-    :param refit: whether the policy's normaliser takes its numbers from these demonstrations; a
-        policy that has learnt already would have to learn anew.
-    :return: the least validation loss.
+    :param poll: called before each minibatch; may raise to abort, leaving the policy unchanged.
+    :param refit: whether to fit the policy's normaliser to these demonstrations, which would
+        invalidate earlier training.
+    :return: the lowest validation loss.
     :raises NothingLanded: when there are no demonstrations.
     """
     if not len(demonstrations.episode):
@@ -87,7 +87,7 @@ def clone(
     training, validation = split_by_episode(
         demonstrations.episode, config.clone_validation_fraction,
         random_streams.generator(seed, 'clone split'))
-    # The optimiser keeps the parameters of its network in memory of its own.
+    # The optimiser stores its network's parameters in its own memory.
     student = copy.deepcopy(policy)
     if refit:
         student.normaliser.fit(demonstrations.observation[training])

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Imitation: the expert demonstrates, the policy clones it, and DAgger mends the clone.
+"""Imitation of the expert: demonstrations, behavioural cloning, and rounds of DAgger.
 
 A clone alone drifts into states that no demonstration shows. In each round of DAgger the clone
-flies, the expert says what it would have done in every state that the clone came to, and cloning
-is repeated on all samples so far (Ross, Gordon and Bagnell, 'A reduction of imitation learning and
-structured prediction to no-regret online learning', AISTATS 2011, algorithm 3.1 with beta = 0).
+flies, the expert labels every visited state with its own action, and cloning is repeated on all
+samples so far (Ross, Gordon and Bagnell, 'A reduction of imitation learning and structured
+prediction to no-regret online learning', AISTATS 2011, algorithm 3.1 with beta = 0).
 """
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ Fly = Callable[[Sequence[Wave]], Iterator[tuple[Demonstrations, Episodes]]]
 
 
 class Imitation:
-    """Teaches a policy to do what the expert does."""
+    """Trains a policy to imitate the expert."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, expert: Pilot, fly: Fly, journal: MetricsLogger,
+        self, spec: WorldSpec, config: Config, expert: Pilot, fly: Fly, metrics: MetricsLogger,
         poll: Callable[[], None],
     ) -> None:
         """Prepare; nothing flies yet.
 
-        :param fly: flies waves and yields their results, in order.
-        :param poll: called before each minibatch; may raise to end half-way.
+        :param fly: runs jobs and yields their results, in order.
+        :param poll: called before each minibatch; may raise to abort.
         """
         self._spec, self._config, self._expert = spec, config, expert
-        self._fly, self._journal, self._poll = fly, journal, poll
+        self._fly, self._metrics, self._poll = fly, metrics, poll
         self.steps = 0
-        """rocket steps taken"""
+        """Rocket steps taken."""
 
     def teach(self, policy: Policy) -> None:
-        """Demonstrate, clone, and repeat for each round of DAgger; leaves the last clone.
+        """Demonstrate and clone, then run the rounds of DAgger; the policy is the last clone.
 
         :raises NothingLanded: when no demonstration landed.
         """
@@ -64,7 +64,7 @@ class Imitation:
         rounds = config.demonstration.dagger_rounds
         parts = self._demonstrate()
         epochs = [config.clone.dagger_epochs] * rounds + [config.clone.clone_epochs]
-        self._journal.begin('clone', sum(epochs), unit='epochs')
+        self._metrics.begin('clone', sum(epochs), unit='epochs')
         done = 0
         for number, count in enumerate(epochs):
             figures: dict[str, Any] = {}
@@ -74,18 +74,18 @@ class Imitation:
             done = self._clone(policy, Demonstrations.join(parts), number, count, done, figures)
 
     def _demonstrate(self) -> list[Demonstrations]:
-        """Let the expert fly; return the samples of each wave."""
+        """Fly demonstrations by the expert; return the samples of each wave."""
         waves = [
             functools.partial(
                 fly_wave, self._spec, self._expert, self._config.demonstration, settings,
                 self._config.run.seed, number)
             for number, settings in enumerate(self.starts(self._waves()))]
-        self._journal.begin('demonstrate', len(waves), unit='waves')
+        self._metrics.begin('demonstrate', len(waves), unit='waves')
         parts = []
         for number, (samples, episodes) in enumerate(self._fly(waves), start=1):
             parts.append(samples)
             self._count(episodes)
-            self._journal.entry(
+            self._metrics.entry(
                 number, self.steps, samples=len(samples.episode),
                 **episode_scores.figures(episodes, self._spec.outcomes))
         return parts
@@ -93,7 +93,7 @@ class Imitation:
     def _fly_clone(
         self, policy: Policy, number: int,
     ) -> tuple[Demonstrations, dict[str, Any]]:
-        """Let the clone fly a round and the expert say what it would have done."""
+        """Fly a round by the clone, labelled with the expert's actions."""
         waves = [
             functools.partial(
                 fly_clone, self._spec, without_noise(policy), self._expert, settings,
@@ -105,7 +105,7 @@ class Imitation:
         found = Demonstrations.join(list(samples))
         figures = episode_scores.figures(Episodes.concatenate(list(episodes)), self._spec.outcomes)
         rate = figures['landing_rate']
-        self._journal.message(
+        self._metrics.message(
             f'DAgger round {number}: the clone landed {100 * rate:.1f} %, '
             f'{len(found.episode)} samples more')
         return found, {'dagger_round': number, 'samples': len(found.episode), **figures}
@@ -114,11 +114,11 @@ class Imitation:
         self, policy: Policy, samples: Demonstrations, number: int, epochs: int, done: int,
         figures: dict[str, Any],
     ) -> int:
-        """Clone all samples; return how many epochs of the stage are behind us."""
+        """Clone all samples; return the number of the stage's epochs done so far."""
         def report(epoch: CloneEpoch) -> None:
             numbers = asdict(epoch)
             first = figures if epoch.epoch == 1 else {}
-            self._journal.entry(
+            self._metrics.entry(
                 done + numbers.pop('epoch'), self.steps, **numbers, **first)
 
         config = self._config
@@ -134,7 +134,7 @@ class Imitation:
         return -(-episodes // self._spec.num_envs)
 
     def starts(self, waves: int) -> list[dict[str, float]]:
-        """Return what each wave is reset with: so many as planned, then as many wider ones."""
+        """Return the reset settings of each wave: as many as planned, then as many wider ones."""
         curriculum, demonstration = self._config.curriculum, self._config.demonstration
         final = curriculum.curriculum_final_level
         plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Demonstrations: what was seen, and what the expert did about it or would have done."""
+"""Demonstrations: observations labelled with the expert's actions."""
 from __future__ import annotations
 
 import copy
@@ -32,22 +32,22 @@ from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.planar.vehicle import foot_height
 
 _TOUCH = 1e-5
-"""m above the ground at which a foot touches, for the rounding of observations"""
+"""m above the ground at which a foot counts as touching, as observations are rounded."""
 
 
 class Demonstrations(NamedTuple):
-    """Samples of episodes, episode after episode."""
+    """Samples of episodes, one episode after the other."""
 
     observation: Tensor
-    """`(S, D)`"""
+    """`(S, D)`."""
     action: Tensor
-    """`(S, *action_shape)`, what the expert wanted, within the action's bounds"""
+    """`(S, *action_shape)`, the expert's actions, within their bounds."""
     episode: Tensor
-    """`(S,)` which of the episodes that were kept, from 0, ascending"""
+    """`(S,)` index of the kept episode, from 0, ascending."""
 
     @classmethod
     def join(cls, parts: list[Demonstrations]) -> Demonstrations:
-        """Put waves together, and number their episodes on."""
+        """Concatenate waves, with consecutive episode numbers."""
         episodes, first = [], 0
         for part in parts:
             episodes.append(part.episode + first)
@@ -58,7 +58,7 @@ class Demonstrations(NamedTuple):
 
 
 def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
-    """Return the scripted pilot of the world's rockets with the gains of the settings.
+    """Return the world's scripted pilot with the gains of the settings.
 
     :raises ValueError: when it cannot fly the world.
     """
@@ -72,7 +72,7 @@ def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
-    """Return what the world is reset with: the level, or wider where the config says so."""
+    """Return the reset settings of demonstrations: the level, or wider if so configured."""
     wider = {
         name.removeprefix('demonstration_'): getattr(config, name)
         for name in config.__dataclass_fields__ if name.startswith('demonstration_spawn_')
@@ -82,7 +82,7 @@ def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
 
 
 def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
-    """Return which rockets touch the ground, `(N,)`, by what is seen of them.
+    """Return which rockets touch the ground, `(N,)`, according to their observations.
 
     :param observation: `(N, 15)` of a world of rockets with feet.
     :param settings: of that world.
@@ -94,10 +94,10 @@ def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
 
 
 def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
-    """Return which actions were flown, `(N, T)`: after its touchdown nobody steers a rocket.
+    """Return which actions had an effect, `(N, T)`: a rocket is not controlled after touchdown.
 
-    Where its contact switch cuts the engine, what the expert says afterwards means nothing, and a
-    policy that learnt it would have less of an eye for the last metre.
+    If its contact switch cuts the engine, the expert's later actions mean nothing, and learning
+    them would make the policy less accurate in the last metre.
     """
     if 'stance' not in settings or not settings['engine_cutoff']:
         return np.ones((len(steps[0].flying), len(steps)), np.bool_)
@@ -106,13 +106,13 @@ def steered(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
 
 
 def usable_engine(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools:
-    """Return in which steps the engine burnt or could still be lit, `(N, T)`.
+    """Return in which steps the engine burned or could still be lit, `(N, T)`.
 
-    With its last ignition gone it stays off whatever is said. A teacher that does not know of it
-    goes on asking for thrust, and an unlit rocket that falls looks like one that has yet to be
-    lit: learnt from, those samples teach the policy to light early.
+    After its last ignition it stays off whatever the command. A teacher that does not know this
+    keeps commanding thrust, and an unlit falling rocket looks like one that is yet to be lit:
+    such samples would teach the policy to ignite early.
 
-    :param steps: with the actions flown.
+    :param steps: with the actions applied.
     :param settings: of the world; `ignitions` 0 allows any number, and all steps are usable.
     """
     most = settings.get('ignitions', 0)
@@ -130,12 +130,12 @@ def fly_wave(
     spec: WorldSpec, expert: Pilot, config: DemonstrationConfig, settings: Mapping[str, float],
     seed: int, wave: int,
 ) -> Job[tuple[Demonstrations, Episodes]]:
-    """Let the expert fly one episode with each rocket and keep those that landed.
+    """Fly one episode with each rocket by the expert and keep those that landed.
 
-    Noise on the actions flown shows how the expert recovers (Laskey et al., 'DART: noise
-    injection for robust imitation learning', 2017); what is kept is what the expert wanted.
+    Noise on the applied actions shows how the expert recovers (Laskey et al., 'DART: noise
+    injection for robust imitation learning', 2017); the labels are the expert's own actions.
 
-    :param settings: what the world is reset with.
+    :param settings: reset settings of the world.
     :return: the samples of landed episodes, and all episodes.
     """
     noise = np.random.default_rng(random_streams.derived_seed(seed, 'demonstration noise', wave))
@@ -150,7 +150,7 @@ def fly_wave(
 
     observation = yield Reset(
         random_streams.derived_seed(seed, 'demonstrations', wave), settings)
-    pilot = copy.deepcopy(expert)  # as it was given, whenever the flight begins anew
+    pilot = copy.deepcopy(expert)  # in its initial state, also when the job is restarted
     tell_begun(pilot)
     steps = yield from fly_once(observation, pilot, disturb)
     episodes = Episodes.concatenate([step.episodes for step in steps])
@@ -162,13 +162,13 @@ def fly_wave(
 def fly_clone(
     spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
 ) -> Job[tuple[Demonstrations, Episodes]]:
-    """Let a clone fly one episode with each rocket while the expert says what it would do.
+    """Fly one episode with each rocket by a clone, labelled with the expert's actions.
 
-    All episodes are kept, whatever became of them: where the clone fails is where it has to learn.
-    Only what follows when it has used up its ignitions is not.
+    All episodes are kept, whatever their outcome: the clone must learn where it fails. Only the
+    steps after its last ignition is used up are dropped.
 
-    :param settings: what the world is reset with.
-    :return: what the clone saw with what the expert wanted, and the episodes.
+    :param settings: reset settings of the world.
+    :return: the clone's observations with the expert's actions, and the episodes.
     """
     observation = yield Reset(seed, settings)
     steps = yield from fly_once(observation, pilot)
@@ -186,7 +186,7 @@ def fly_clone(
 def _samples(
     spec: WorldSpec, steps: Sequence[Step], chosen: Bools, usable: Bools | None = None,
 ) -> Demonstrations:
-    """Return the samples of chosen rockets `(N,)`, rocket after rocket.
+    """Return the samples of selected rockets `(N,)`, rocket by rocket.
 
     :param usable: `(N, T)`, which steps count; by default all.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `evaluate`: N deterministic episodes of a pilot, as a table, JSON and plots."""
+"""Node `evaluate`: deterministic episodes of a pilot, reported as a table, JSON and plots."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -69,11 +69,11 @@ def evaluation(node: Node, executor: Executor) -> None:
     _check(options)
     output = Path(options.output) if options.output else None
     if output:
-        # Before the flight: an unwritable folder is told at once, not after minutes.
+        # Before the flight, so that an unwritable folder is reported at once.
         (output / 'plots').mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
         settings = _settings(options, client.connect())
-        # A scripted pilot is told which vehicle it flies, but not what is drawn.
+        # A scripted pilot knows the kind of vehicle, but not the drawn conditions.
         chosen = _chosen(options, client.spec.after_reset(settings))
         for one in chosen:
             if one.warning:
@@ -105,7 +105,7 @@ def _check(options: EvaluationParameters) -> None:
 
 
 def _names(options: EvaluationParameters) -> list[str]:
-    """Return who flies."""
+    """Return the names of the pilots."""
     if options.pilots:
         return [name.strip() for name in options.pilots.split(',') if name.strip()]
     rival = options.conditions == ALL and options.pilot != choice.EXPERT
@@ -113,7 +113,7 @@ def _names(options: EvaluationParameters) -> list[str]:
 
 
 def _settings(options: EvaluationParameters, spec: WorldSpec) -> dict[str, float]:
-    """Return what an evaluation resets the world with for its conditions.
+    """Return the reset settings for the conditions of an evaluation.
 
     :raises ValueError: for a world that has none.
     """
@@ -124,9 +124,9 @@ def _settings(options: EvaluationParameters, spec: WorldSpec) -> dict[str, float
 
 
 def _chosen(options: EvaluationParameters, spec: WorldSpec) -> list[Chosen]:
-    """Return who flies, one or more.
+    """Return the pilots, one or more.
 
-    :raises ValueError: when somebody does not fit the world, or nobody is named.
+    :raises ValueError: when one does not fit the world, or none is named.
     """
     names = _names(options)
     if not names:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `keyboard_pilot`: a person flies, from the terminal that the node was started in."""
+"""Node `keyboard_pilot`: a person flies, from the terminal in which the node was started."""
 from __future__ import annotations
 
 import os
@@ -33,9 +33,9 @@ from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import WorldSpec
 
 _PATIENCE = 3.0
-"""s without an answer after which the keys are looked at again"""
+"""Seconds to wait for an answer before checking the keys again."""
 _NOTICE = 3.0
-"""s without a simulator until that is told"""
+"""Seconds without a simulator before a message is shown."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class KeyboardParameters(StartSettings):
 
 
 def _agent(node: Node) -> int:
-    """Return who flies from this terminal: who comes back to it may go on at once."""
+    """Return the identity for this terminal, so that a restarted node may continue at once."""
     return agent_named(f'{os.ttyname(sys.stdin.fileno())}:{node.get_namespace()}')
 
 
 def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
     """Wait for a simulator.
 
-    :raises WireTimeout: when there is none for so many s.
+    :raises WireTimeout: when there is none for `patience` s.
     """
     begin = time.monotonic()
     told = False
@@ -75,7 +75,7 @@ def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
 
 
 def pilot(node: Node, executor: Executor) -> None:
-    """Fly until the person or the system says to stop."""
+    """Fly until the person or a signal stops it."""
     parameters = Parameters(node)
     options = parameters.declare(KeyboardParameters)
     keys = parameters.declare(KeyboardSettings)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that fly one pilot which does not learn, on the same topics as the agent."""
+"""Nodes that fly a pilot that does not learn, on the same topics as the agent."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from rocket_sim_node.worlds import WorldSpec
 
 @dataclass(frozen=True)
 class PilotParameters:
-    """Parameters of such a node, beside those of the connection."""
+    """Parameters of a pilot's node, beside those of the connection."""
 
     seed: int = setting(0, '', 'where the spawns start, and what a pilot draws', 0, 2**62)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
@@ -32,7 +32,7 @@ class PilotParameters:
 def run_pilot(name: str, make: Callable[[WorldSpec, int], Pilot]) -> int:
     """Run the node until enough episodes have ended or ROS shuts down; return the exit status.
 
-    :param make: makes the pilot for a world and a seed.
+    :param make: creates the pilot for a world and a seed.
     """
     def pilot(node: Node, executor: Executor) -> None:
         parameters = Parameters(node)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `random_pilot`: random actions in any world, the first check that all is in place."""
+"""Node `random_pilot`: random actions in any world, as a first check of an installation."""
 from __future__ import annotations
 
 from ppo_agent_node.nodes.piloting import run_pilot

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `watch`: shows how a training in this namespace goes, as the training's own terminal does.
+"""Node `watch`: shows the progress of a training in this namespace, like its own terminal.
 
-It listens to `training` and changes nothing; it may come late, leave, and come back.
+It only listens to `training`; it may start late, stop, and start again.
 """
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 
 _SPIN_PERIOD = 0.2
-"""s"""
+"""Seconds per spin."""
 
 
 def status_from_message(message: TrainingStatus) -> Status:
-    """Return the report in a message, whose words move no cursor."""
+    """Return the report in a message, with non-printable characters removed."""
     values = {name: getattr(message, name) for name in Status.__dataclass_fields__}
     words = {name: printable(value) for name, value in values.items() if isinstance(value, str)}
     return Status(**{**values, **words, 'stages': tuple(map(printable, message.stages))})
 
 
 def watch(node: Node, executor: Executor) -> None:
-    """Show reports until the run is done or this process is asked to end."""
+    """Show reports until the run is done or this process is asked to stop."""
     Parameters(node).finish()
     done = False
     with Terminal() as terminal:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pilots: the scripted ones, the trained policy, and the keyboard."""
+"""Pilots: scripted, trained policy, random, and keyboard."""

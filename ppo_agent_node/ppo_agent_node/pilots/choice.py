@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pilots by name, as the commands take them: scripted, random, a policy that ships, a file."""
+"""Selection of pilots by name in commands: scripted, random, a built-in policy, or a file."""
 from __future__ import annotations
 
 import hashlib
@@ -20,29 +20,29 @@ from rocket_sim_node.worlds import WorldSpec
 POLICY, EXPERT, RANDOM = 'policy', 'expert', 'random'
 ESTIMATOR = 'expert_estimator'
 NAMES = (POLICY, EXPERT, ESTIMATOR, RANDOM)
-"""Names that are no policy's."""
+"""Reserved names, which are not names of policies."""
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A pilot with its name in tables."""
+    """A pilot and its label in tables."""
 
     label: str
-    """what tables call it"""
+    """Its label in tables."""
     pilot: Pilot
     facts: dict[str, str] = field(default_factory=dict)
-    """of a policy and of tuned gains: `policy_file` and `policy_sha256`"""
+    """For policies and tuned gains: `policy_file` and `policy_sha256`."""
     warning: str = ''
-    """in what the world differs from the one that a policy was trained in"""
+    """How the world differs from the one that a policy was trained in."""
 
 
 def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chosen:
     """Return a pilot.
 
-    :param name: `policy`, `expert`, `expert_estimator`, `random`, the name of a policy that ships,
-        or a file: a policy's, or a `.json` of tuned gains, as `./bench tune` writes them.
-    :param seed: of what the random pilot draws.
-    :param policy: which one `policy` is, see `find_policy`.
+    :param name: `policy`, `expert`, `expert_estimator`, `random`, the name of a built-in policy,
+        or a file: a policy, or a `.json` of tuned gains from `./bench tune`.
+    :param seed: of the random pilot.
+    :param policy: the policy that `policy` stands for, see `find_policy`.
     :raises FileNotFoundError: when there is no such policy.
     :raises ValueError: when the pilot does not fit the world.
     """
@@ -62,10 +62,10 @@ def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chose
 
 
 def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
-    """Return the pilot of rockets whose gains a file holds.
+    """Return the rocket pilot with the gains in a file.
 
     :raises FileNotFoundError: when there is no such file.
-    :raises ValueError: when it holds none, or the pilot does not fit the world.
+    :raises ValueError: when it has no gains, or the pilot does not fit the world.
     """
     try:
         told = json.loads(path.read_text('utf-8'))
@@ -78,7 +78,7 @@ def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
 
 def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str = '',
                ) -> list[Chosen]:
-    """Return pilots whose labels differ: what would be there twice gets a number.
+    """Return pilots with different labels: repeated ones get a number.
 
     :raises FileNotFoundError: and ValueError, as `choose` does.
     """
@@ -93,12 +93,12 @@ def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str
 
 
 def _facts(path: Path) -> dict[str, str]:
-    """Return what tells later whether the file of a pilot is still the one that flew."""
+    """Return the path and hash that identify the file of a pilot later."""
     return {
         'policy_file': str(path), 'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 def _label(given: str) -> str:
-    """Return a short name for a policy: of the run that it lies in, or of its file."""
+    """Return a short name for a policy: of its run's folder, or of its file."""
     path = Path(given)
     return path.parent.name or path.stem if path.name == 'policy.safetensors' else path.stem

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pilot who is a person: keys, with the times at which they moved, become actions.
+"""Human pilot: converts keys and their timing to actions.
 
-The throttle stays where it is put; space is full throttle as long as it is held. Arrow keys lean
-the vehicle: with assist an attitude loop holds the lean asked for, upright when none is; without,
-they fire the attitude control itself. When to burn is left to the person, and that is the task.
+The throttle keeps its setting; space is full throttle while held. Arrow keys tilt the vehicle:
+with assist, an attitude loop holds the requested tilt, or upright without a key; without assist,
+they fire the attitude control directly. The timing of the burn is left to the person.
 """
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from rocket_sim_node.worlds.base import WorldSpec
 _ALIASES = {'a': 'left', 'd': 'right'}
 _OPPOSITE = {'left': 'right', 'right': 'left', 'up': 'down', 'down': 'up'}
 _TAP = 0.1
-"""s that an engine fires after a press where nothing holds the attitude"""
+"""s that a thruster fires after a press, without assist."""
 _ATTITUDE_RATE = 6.0
-"""rad/s, natural frequency of the attitude loop, critically damped: brisk, not a machine's"""
+"""rad/s, natural frequency of the attitude loop, critically damped: fast, but humanly so."""
 _BRAKE_SHARE = 0.67
-"""of the attitude control, counted on to stop a turn"""
+"""Share of the attitude control available to stop a turn."""
 _LEANS = {False: 8.0, True: 17.0}
-"""deg, of rockets and of the lander"""
+"""deg, of rockets and of the lander."""
 _NOTHING, _LEFT, _MAIN, _RIGHT = range(4)
 _TURN_WANTED, _TURN_NEEDED = 0.05, 0.15
-"""Of the lander's attitude error: worth a side engine; worth pausing the main engine for it"""
+"""Thresholds of the lander's attitude error: to fire a side engine; to pause the main engine."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class StartSettings:
 
 @dataclass(frozen=True)
 class KeyboardSettings:
-    """How keys are taken."""
+    """Handling of keys."""
 
     assist: bool = setting(
         True, '', 'arrow keys ask for a lean, which is held for you; false: they fire the '
@@ -72,9 +72,9 @@ class KeyboardPilot:
     name = 'keyboard'
 
     def __init__(self, spec: WorldSpec, settings: KeyboardSettings | None = None) -> None:
-        """Take the controls of a world, engine off.
+        """Set up the controls of a world, engine off.
 
-        :raises ValueError: for a world whose controls have no keys.
+        :raises ValueError: for a world without keyboard controls.
         """
         self._spec, self.settings = spec, settings or KeyboardSettings()
         self._lander = spec.name == 'lunar_lander'
@@ -86,22 +86,22 @@ class KeyboardPilot:
         self._keys = HeldKeys(self.settings.repeat_delay, self.settings.repeat_gap)
         self._percent = 0
         self._owed = 0.0
-        """Of the lander's main engine, which is on or off: what the throttle has added up to"""
+        """Accumulated throttle of the lander's main engine, which is only on or off."""
 
     def reset(self) -> None:
-        """Take all keys as up and the engine as off, as a flight begins."""
+        """Reset all keys to up and the engine to off, for a new flight."""
         self._percent = 0
         self._owed = 0.0
         self._keys.clear()
 
     def know_releases(self) -> None:
-        """Believe from now on that the terminal tells each release."""
+        """Rely on the terminal to report each key release from now on."""
         self._keys.know_releases()
 
     def press(self, event: KeyEvent, now: float) -> bool:
-        """Take note of a key; return whether it is one of ours.
+        """Handle a key; return whether it is a control.
 
-        :param now: s, from a clock that never goes back.
+        :param now: s, from a monotonic clock.
         """
         key = _ALIASES.get(event.key, event.key)
         down = event.motion is not Motion.RELEASE
@@ -112,7 +112,7 @@ class KeyboardPilot:
             self._keys.release(_OPPOSITE[key])
         if down and throttle:
             self._set_throttle(key)
-            # Whoever sets the throttle has let go of space, or wants to.
+            # Setting the throttle implies that space is released.
             self._keys.release('space')
         short = key in _OPPOSITE and not self.settings.assist
         self._keys.move(KeyEvent(key, event.motion), now, _TAP if short else None)
@@ -132,7 +132,7 @@ class KeyboardPilot:
         return 1.0 if self._keys.held('space', now) else self._percent / 100
 
     def sideways(self, now: float) -> tuple[int, int]:
-        """Return where to along x and z: -1 (left; away), 0 or 1 (right; nearer)."""
+        """Return the direction along x and z: -1 (left; away), 0 or 1 (right; nearer)."""
         x = self._keys.held('right', now) - self._keys.held('left', now)
         z = self._keys.held('down', now) - self._keys.held('up', now)
         return x, z
@@ -159,9 +159,9 @@ class KeyboardPilot:
         return flown
 
     def _hold_attitude(self, seen: F64, x: int, z: int) -> F64:
-        """Return the torque `(2, N)` about X and Z, 1 for all there is, not yet clipped.
+        """Return the torque `(2, N)` about X and Z, 1 for the maximum, not yet clipped.
 
-        :param seen: `(15, N)`.
+        :param seen: `(15, N)` observations, transposed.
         """
         wanted = np.array([x * np.tan(self._lean), 1.0, z * np.tan(self._lean)])
         wanted /= np.sqrt((wanted**2).sum())
@@ -173,10 +173,10 @@ class KeyboardPilot:
     def _fly_lander(self, seen: F64, now: float) -> NDArray[Any]:
         """Return the lander's actions; its attitude law is that of Gymnasium's heuristic.
 
-        Its engine is on or off where actions are discrete: a part of full throttle is then so
-        many steps on of so many.
+        With discrete actions its engine is only on or off: a partial throttle becomes a fraction
+        of the steps.
 
-        :param seen: `(N, 8)`.
+        :param seen: `(N, 8)` observations.
         """
         throttle, (x, _) = self.throttle(now), self.sideways(now)
         if self.settings.assist:

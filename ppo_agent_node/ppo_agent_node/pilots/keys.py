@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a terminal sends, as keys; and which keys are held down, as well as can be known.
+"""Decoding of terminal input to keys, and tracking of held keys.
 
-A terminal sends a byte or an escape sequence when a key goes down, again and again while it is
-held (after some 0.2 to 0.7 s, then 25 to 30 times a second, and for the last key pressed alone),
-and nothing when it comes up. Terminals that speak the kitty keyboard protocol also tell of
-repeats and releases, once asked to. Both are understood here.
+A terminal sends a byte or an escape sequence when a key is pressed, repeats it while the key is
+held (after some 0.2 to 0.7 s, then 25 to 30 times a second, only for the last key pressed), and
+sends nothing when it is released. Terminals with the kitty keyboard protocol also report repeats
+and releases, on request. This module supports both.
 """
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 EXACT_ON, EXACT_OFF = '\x1b[>11u\x1b[?u', '\x1b[<u'
-"""Ask for presses, repeats and releases of all keys, and whether that is understood; stop it."""
+"""Requests presses, repeats and releases of all keys, and whether that is supported; ends it."""
 
 _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 _NAMES = {
@@ -29,11 +29,11 @@ _BROKEN = re.compile(r'\x1b\[[0-?]*[ -/]*')
 _KEY = re.compile(r'(\d+)?(?::[\d:]*)?(?:;(\d*)(?::(\d+))?)?(?:;[\d:]*)?\Z')
 _CONTROL = 4
 _FUNCTIONAL = range(0xE000, 0xF900)
-"""Where the protocol keeps keys that are no characters"""
+"""Code points of the protocol for keys that are not characters."""
 
 
 class Motion(enum.Enum):
-    """What a key did; a plain terminal knows presses only, and its repeats are presses."""
+    """Type of a key event; a plain terminal only has presses, including repeats."""
 
     PRESS = 1
     REPEAT = 2
@@ -41,26 +41,26 @@ class Motion(enum.Enum):
 
 
 class KeyEvent(NamedTuple):
-    """A key that moved: a character in lower case, or a name such as `space` or `left`."""
+    """A key event: a character in lower case, or a name such as `space` or `left`."""
 
     key: str
     motion: Motion = Motion.PRESS
 
 
 class KeyReader:
-    """Turns what a terminal sends into keys, however it is cut into pieces."""
+    """Decodes terminal input to keys, however it is split."""
 
     def __init__(self) -> None:
-        """Begin with nothing read."""
+        """Begin with an empty buffer."""
         self._decoder = codecs.getincrementaldecoder('utf-8')(errors='ignore')
         self._rest = ''
         self.exact = False
-        """Whether the terminal has said that it tells of releases."""
+        """Whether the terminal has confirmed that it reports releases."""
 
     def feed(self, data: bytes) -> list[KeyEvent]:
-        """Return the keys in `data`; what is no key we know is left out.
+        """Return the keys in `data`; unknown keys are dropped.
 
-        An escape sequence that is not complete waits for more.
+        An incomplete escape sequence is kept until more data arrives.
         """
         text = self._rest + self._decoder.decode(data)
         events: list[KeyEvent] = []
@@ -112,7 +112,7 @@ def _sequence(parameters: str, final: str) -> list[KeyEvent]:
 
 @dataclass
 class _Hold:
-    """A key that is down."""
+    """A key that is held."""
 
     heard: float
     until: float
@@ -120,28 +120,28 @@ class _Hold:
 
 
 class HeldKeys:
-    """Which keys are down.
+    """Tracks which keys are held.
 
-    With releases told, that is known. Without, a press counts as held for `delay` s, in which a
-    terminal's first repeat should come, and each of the quick repeats that follow for `gap` s.
-    As pressing a second key ends the repeats of the first, a key that was repeating stays down
-    as long as the one that broke in.
+    Reported releases are exact. Without them, a press counts as held for `delay` s, within which a
+    terminal's first repeat should arrive, and each of the fast repeats that follow for `gap` s. As
+    pressing a second key ends the repeats of the first, a repeating key stays held as long as the
+    key that interrupted it.
     """
 
     _QUICK = 0.09
-    """s between two presses that no finger can do, but a terminal's repeats"""
+    """s between two presses that only a terminal's repeats can reach."""
 
     def __init__(self, delay: float, gap: float) -> None:
-        """Begin with no key down."""
+        """Begin without held keys."""
         self._delay, self._gap = delay, gap
         self._holds: dict[str, _Hold] = {}
         self._exact = False
 
     def move(self, event: KeyEvent, now: float, delay: float | None = None) -> None:
-        """Take note of an event.
+        """Handle an event.
 
-        :param now: s, from a clock that never goes back.
-        :param delay: s that a press of this key counts as held, if not the usual.
+        :param now: s, from a monotonic clock.
+        :param delay: s that a press of this key counts as held, if not the default.
         """
         if event.motion is Motion.RELEASE:
             self.release(event.key)
@@ -158,19 +158,19 @@ class HeldKeys:
                 hold.until = max(hold.until, until)
 
     def release(self, *keys: str) -> None:
-        """Take keys as up."""
+        """Mark keys as released."""
         for key in keys:
             self._holds.pop(key, None)
 
     def clear(self) -> None:
-        """Take all keys as up."""
+        """Mark all keys as released."""
         self._holds.clear()
 
     def held(self, key: str, now: float) -> bool:
-        """Return whether a key is down at a time, s."""
+        """Return whether a key is held at a time, s."""
         hold = self._holds.get(key)
         return hold is not None and now <= hold.until
 
     def know_releases(self) -> None:
-        """Believe from now on that each release will be told."""
+        """Rely on reported releases from now on."""
         self._exact = True

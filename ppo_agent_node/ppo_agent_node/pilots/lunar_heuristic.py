@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot of `lunar_lander`: Gymnasium's own heuristic, for a batch of landers."""
+"""Scripted pilot of `lunar_lander`: Gymnasium's heuristic, vectorised."""
 from __future__ import annotations
 
 from typing import Any
@@ -23,7 +23,7 @@ class LunarHeuristic:
     name = 'heuristic'
 
     def __init__(self, spec: WorldSpec) -> None:
-        """Take note of the kind of action.
+        """Store the kind of action.
 
         :raises ValueError: when the world is not `lunar_lander`.
         """

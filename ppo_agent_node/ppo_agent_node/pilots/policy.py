@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pilot that a training run made: flies what the policy thinks best, without noise."""
+"""Pilot that flies a trained policy, deterministically."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -24,31 +24,32 @@ class PolicyPilot:
     def __init__(self, path: Path | str, spec: WorldSpec) -> None:
         """Load the policy.
 
-        Where the world gives more observations than the policy sees, the policy is shown its own
+        If the world has more observations than the policy uses, the policy receives its own
         columns of them.
 
         :raises FileNotFoundError: when there is no such file.
-        :raises ValueError: when it is damaged, has weights that are not finite, or was made for
-            other observations or actions than `spec` has; the message names file and difference.
+        :raises ValueError: when it is damaged, has weights that are not finite, or was trained for
+            other observations or actions than those of `spec`; the message names file and
+            difference.
         """
         policy, self.description = load_policy(Path(path), spec)
         self._fly = without_noise(policy)
         self._columns = columns(self.description['observation_names'], spec.observation_names)
         self.unfamiliar = _unfamiliar(Path(path), self.description, spec)
-        """in what the world differs from the one that it was trained in, empty when in nothing"""
+        """Differences between this world and that of the training; empty if there are none."""
 
     def __call__(self, observation: F32) -> NDArray[Any]:
         """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
         if self._columns is not None:
-            # Contiguous, as alone: another layout might be summed in another order.
+            # Contiguous: another memory layout might change the order of summation.
             observation = np.ascontiguousarray(observation[:, self._columns])
         return self._fly(observation)
 
 
 def columns(wanted: Sequence[str], given: Sequence[str]) -> slice | list[int] | None:
-    """Return where the wanted observations stand among the given ones; None: they are the same.
+    """Return the indices of the wanted observations among the given ones; None: identical.
 
-    :raises ValueError: when one is not among them.
+    :raises ValueError: when one is missing.
     """
     if list(wanted) == list(given):
         return None
@@ -60,16 +61,16 @@ def columns(wanted: Sequence[str], given: Sequence[str]) -> slice | list[int] | 
 
 
 def _unfamiliar(path: Path, description: dict[str, Any], spec: WorldSpec) -> str:
-    """Return what to say of a world that is set up otherwise than in training.
+    """Return a warning about a world that is set up differently than in training.
 
-    Where its episodes begin is the curriculum's and is left out, and so are conditions, which are
-    there to be met, and other worlds.
+    Spawn settings are ignored, as the curriculum varies them; so are conditions, which a policy is
+    expected to handle, and other worlds.
     """
     trained = description.get('world_settings')
     if description.get('world') != spec.name or not isinstance(trained, dict):
         return ''
     free = set(worlds.reset_settings(spec.name)) if spec.name in worlds.names() else set()
-    free.add('observation')  # what is not the policy's it is not shown
+    free.add('observation')  # the policy does not receive other observations
     differences = [
         f'{name} {trained[name]!s:.40}, here {value:g}' for name, value in spec.settings.items()
         if name in trained and name not in free and trained[name] != value]

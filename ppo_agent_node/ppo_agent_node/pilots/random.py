@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pilot that knows nothing: a first check of a world, and the floor of every comparison."""
+"""Random pilot: a first check of a world, and the baseline of every comparison."""
 from __future__ import annotations
 
 from typing import Any
@@ -12,14 +12,14 @@ from rocket_sim_node.worlds.base import WorldSpec
 
 
 class RandomPilot:
-    """Draws every action uniformly from the action space, whatever it sees."""
+    """Draws every action uniformly from the action space, regardless of observations."""
 
     name = 'random'
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
         """Begin the stream of actions.
 
-        :param spec: the world to be flown.
+        :param spec: the world to fly.
         :param seed: 0 or more; equal seeds and batch sizes give equal actions.
         :raises ValueError: for a negative seed.
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot of each world: the expert that needs no learning."""
+"""Selection of a world's scripted pilot."""
 from __future__ import annotations
 
 from ppo_agent_node.flying.pilot import Pilot
@@ -12,16 +12,16 @@ from rocket_sim_node.worlds import WorldSpec
 
 ROCKET_PILOTS: dict[str, type[ExpertPilot]] = {
     pilot.name: pilot for pilot in (ExpertPilot, ExpertEstimator, HoverslamPilot)}
-"""The pilots of rockets by name."""
+"""Pilots of rockets by name."""
 
 
 def rocket_pilot(spec: WorldSpec) -> type[ExpertPilot]:
-    """Return which pilot flies the rockets of a world: another one where engines have a floor."""
+    """Return the pilot for a world's rockets: another one if they have a minimum throttle."""
     return HoverslamPilot if spec.settings.get(FLOOR, 0.0) > 0 else ExpertPilot
 
 
 def for_vehicle(pilot: Pilot, spec: WorldSpec) -> Pilot:
-    """Return who flies a vehicle: in place of the expert, the pilot for its kind of engine."""
+    """Return the pilot for a vehicle: replaces the expert by the one for its kind of engine."""
     kind = rocket_pilot(spec) if spec.continuous else ExpertPilot
     return kind(spec) if type(pilot) is ExpertPilot and kind is not ExpertPilot else pilot
 
@@ -29,8 +29,8 @@ def for_vehicle(pilot: Pilot, spec: WorldSpec) -> Pilot:
 def scripted_pilot(spec: WorldSpec, **gains: float) -> Pilot:
     """Return the scripted pilot of a world.
 
-    :param gains: of the rockets' pilot; the lander's has none to be set.
-    :raises ValueError: when no scripted pilot here flies the world.
+    :param gains: of the rockets' pilot; the lander's has none.
+    :raises ValueError: when there is no scripted pilot for the world.
     """
     if spec.name == 'lunar_lander':
         return LunarHeuristic(spec)

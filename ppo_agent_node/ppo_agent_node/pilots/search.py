@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which policy to fly when nobody says: that of the newest whole run, else the one that ships."""
+"""Search for the default policy: the newest finished run's, else the built-in one."""
 from __future__ import annotations
 
 from importlib import resources
@@ -12,18 +12,18 @@ from ppo_agent_node.runs.folder import UNFINISHED
 
 RUNS = Path('runs')
 DEFAULT = 'default'
-"""the policy that ships for a world, by a name that is the same in each"""
+"""Name of a world's built-in policy, the same for each world."""
 
 
 def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
     """Return the policy file to fly.
 
-    :param given: a path, or the name of a policy that ships; empty to search. `default` is the
-        one that ships for the world.
+    :param given: a path, or the name of a built-in policy; empty to search. `default` is the
+        built-in policy of the world.
     :param world: name of the world that it was trained in.
-    :param runs: folder of the runs, searched for the newest policy. One of a run that has not
-        finished, and one that is damaged, are passed over.
-    :raises FileNotFoundError: naming what was looked for.
+    :param runs: folder of the runs, searched for the newest policy. Unfinished runs and damaged
+        files are skipped.
+    :raises FileNotFoundError: naming what was searched for.
     """
     if given:
         return _named(given, world)
@@ -43,15 +43,15 @@ def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
 
 
 def shipped_names() -> tuple[str, ...]:
-    """Return the names of the policies that ship."""
+    """Return the names of the built-in policies."""
     folder = Path(str(resources.files('ppo_agent_node') / 'policies'))
     return tuple(sorted(path.stem for path in folder.glob('*.safetensors')))
 
 
 def _named(given: str, world: str) -> Path:
-    """Return the policy that a path or a name stands for; a file wins over a name.
+    """Return the policy for a path or a name; a file takes precedence over a name.
 
-    :raises FileNotFoundError: naming what was given and what is there.
+    :raises FileNotFoundError: naming the argument and the available policies.
     """
     if Path(given).is_file():
         return Path(given)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proximal policy optimisation: collect, compute advantages, update."""
+"""Proximal policy optimisation (PPO): collect, compute advantages, update."""

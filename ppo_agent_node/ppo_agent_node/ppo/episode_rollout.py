@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Roll-outs of whole episodes, each start flown several times, which judge each other.
+"""Roll-outs of whole episodes, with each start flown several times as its own baseline.
 
-The mean return of its copies tells how much a start is worth, and no critic has to. Near an
-optimum that decides: a critic that is wrong by 0.1 drowns the thousandths that an action is worth
-there, while the copies of a start differ by their actions alone.
+The mean return of a start's copies estimates its value, without a critic. Near an optimum that is
+decisive: a critic's error of 0.1 hides the thousandths by which actions differ there, while the
+copies of a start differ by their actions alone.
 
 The advantage of an episode, one for all its steps, is its return less the mean of the other copies
 (the leave-one-out baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
 for free!', 2019), over their standard deviation, as in group relative policy optimization (Shao et
-al., 'DeepSeekMath', 2024, section 4.1): starts that nobody can mend do not drown the others.
+al., 'DeepSeekMath', 2024, section 4.1), so that starts that always fail do not dominate the
+others.
 """
 from __future__ import annotations
 
@@ -29,19 +30,20 @@ from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import Snapshot
 
 _CHUNK = 128
-"""steps whose random numbers are drawn at once"""
+"""Number of steps whose random numbers are drawn at once."""
 _LEAST_DEVIATION = 0.02
-"""of the returns of a start's copies: what differs by less is rounding and luck"""
+"""Added to the standard deviation of copies' returns: smaller differences are rounding and
+luck."""
 _LIMIT = 4.0
-"""most an advantage counts, in units of the 90th percentile of all: one crash among copies that
-land is news, but the episode's many steps would be the whole batch's"""
+"""Maximum advantage, in units of the 90th percentile: one crash among landings is informative, but
+the many steps of its episode would otherwise dominate the batch."""
 
 
 def relative_advantages(returns: F64, copies: int) -> F64:
-    """Return the advantages `(E,)` of episodes among the copies of their starts.
+    """Return the advantages `(E,)` of episodes relative to the copies of their starts.
 
-    :param returns: `(E,)`, the copies of a start one after the other.
-    :param copies: K of them, 2 or more.
+    :param returns: `(E,)`, the copies of a start consecutively.
+    :param copies: K, number of copies, 2 or more.
     """
     groups = returns.reshape(-1, copies)
     above = (groups - groups.mean(1, keepdims=True)) * (copies / (copies - 1))
@@ -52,10 +54,10 @@ def relative_advantages(returns: F64, copies: int) -> F64:
 
 
 class EpisodeRollout:
-    """What G groups of N rockets did in an episode each; see `rollout.Rollout` for its verbs."""
+    """One episode of each of N rockets in G groups; same interface as `rollout_buffer.Rollout`."""
 
     def __init__(self, rockets: int, copies: int, groups: int = 1) -> None:
-        """Prepare for N rockets in each of G groups, of which K, one after the other, begin alike.
+        """Prepare for N rockets in each of G groups; every K consecutive ones share a start.
 
         :raises ValueError: when K does not divide N.
         """
@@ -67,13 +69,13 @@ class EpisodeRollout:
         self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
         self._returns = np.zeros((groups, rockets))
         self.steps = 0
-        """rocket steps of the last roll-out, of all groups"""
+        """Rocket steps of the last roll-out, of all groups."""
 
     @torch.no_grad()
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
     ) -> Job[tuple[list[Ended], bytes]]:
-        """Fly until each rocket has ended its first episode, overwriting what was here of a group.
+        """Fly each rocket's first episode to its end, overwriting the group's last roll-out.
 
         :param begin: resets the world to starts with K copies each.
         :return: those episodes, step by step, and the snapshot after the last step.
@@ -91,7 +93,7 @@ class EpisodeRollout:
             seen = torch.tensor(observation)
             action = sample(step % _CHUNK, seen)
             rows = torch.from_numpy(np.flatnonzero(flying))
-            # Copies: actions and log-probabilities may lie in memory that is used again.
+            # Copied, because actions and log-probabilities may lie in memory that is reused.
             flown.append((
                 seen[rows], action[rows], log_prob[step % _CHUNK][rows], rows))
             observation, reward, _, _, info = yield action.numpy()
@@ -109,9 +111,9 @@ class EpisodeRollout:
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flat; neither critic nor discounts matter, and there are no targets.
+        """Return all samples, flattened, without targets; critic and discounts are not used.
 
-        They are those of `rollout.Rollout.batch`.
+        The parameters are those of `rollout_buffer.Rollout.batch`.
         """
         advantage = torch.from_numpy(relative_advantages(
             self._returns.ravel(), self._copies).astype(np.float32))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Generalised advantage estimation over a batch of rockets whose episodes end at any step."""
+"""Generalised advantage estimation (GAE) for a batch whose episodes end at any step."""
 from __future__ import annotations
 
 import torch
@@ -20,15 +20,15 @@ def advantages_and_returns(
 
     Schulman et al., 'High-dimensional continuous control using generalized advantage
     estimation', 2016, equations 11 to 16: with delta_t = r_t + gamma V(s_t+1) - V(s_t),
-    A_t = delta_t + gamma lambda A_t+1. Where an episode ends, the sum over later deltas ends
-    too. After a termination nothing is to come, V(s_t+1) = 0; a truncation merely stops looking
-    (Pardo et al., 'Time limits in reinforcement learning', 2018), so that V(s_t+1) is the value
-    of the episode's own final observation.
+    A_t = delta_t + gamma lambda A_t+1. Where an episode ends, so does the sum over later deltas.
+    After a termination there is no further reward, V(s_t+1) = 0. A truncation only stops the
+    observation (Pardo et al., 'Time limits in reinforcement learning', 2018), so V(s_t+1) is the
+    value of the episode's own final observation.
 
     :param reward: `(T, N)`, reward of the step from t to t + 1.
     :param value: `(T, N)`, V of the observation at t.
     :param next_value: `(T, N)`, V of the observation at t + 1 *of the same episode*: its final
-        observation where the episode was truncated. Not read where it terminated.
+        observation where the episode was truncated. Not used where it terminated.
     :param terminated: `(T, N)` bool.
     :param truncated: `(T, N)` bool.
     """

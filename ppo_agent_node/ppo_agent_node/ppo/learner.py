@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What learns: policy, critic and their optimisers, saved and put back as one."""
+"""Learner: policy, critic and their optimisers, saved and restored together."""
 from __future__ import annotations
 
 import copy
@@ -26,29 +26,29 @@ from ppo_agent_node.runs.sealed_file import Tensors
 from rocket_sim_node.worlds import WorldSpec
 
 _VALUED_AT_ONCE = 4096
-"""Observations; many more would leave the processor's cache between the layers."""
+"""Observations evaluated at once; many more would not stay in the cache between layers."""
 _RATE_STEP = 1.5
-"""by which the actor's rate changes after an update, see `desired_kl`"""
+"""Factor by which the actor's learning rate changes after an update, see `desired_kl`."""
 _RATE_BOUNDS = (1e-3, 1e3)
 _RATE_FACTOR = 'rate_factor'
 M = TypeVar('M', bound=nn.Module)
 
 
 class Samples(Protocol):
-    """A roll-out that has been flown."""
+    """Interface of a completed roll-out."""
 
     def batch(
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flat, with their advantages."""
+        """Return all samples, flattened, with their advantages."""
         ...
 
 
 def find_device(name: str) -> torch.device:
-    """Return the device of a setting: `auto`, `cpu` or `cuda`.
+    """Return the device that a setting names: `auto`, `cpu` or `cuda`.
 
-    :raises ValueError: when there is none.
+    :raises ValueError: when it is not available.
     """
     there = torch.cuda.is_available()
     if name == 'cuda' and not there:
@@ -58,17 +58,17 @@ def find_device(name: str) -> torch.device:
 
 
 class Learner:
-    """Policy and critic for a world, and how they learn.
+    """Policy and critic of a world, with their optimisers.
 
-    Both are on the CPU, where roll-outs are flown. On another device an update works on copies
-    that stay there, and brings back what they have become.
+    Both are on the CPU, where roll-outs are flown. With another device, updates work on copies
+    there, and the results are copied back.
     """
 
     def __init__(self, spec: WorldSpec, config: Config) -> None:
-        """Make both networks, which depend on the seed alone.
+        """Create both networks, initialised from the seed alone.
 
-        :raises ValueError: when the device of the settings is not there, or for features that the
-            world's observations do not allow.
+        :raises ValueError: when the configured device is not available, or for features that
+            cannot be computed from the world's observations.
         """
         network, self._seed = config.network, config.run.seed
         self._ppo, self.device = config.ppo, find_device(config.run.device)
@@ -83,7 +83,7 @@ class Learner:
         for name in set(network.hidden_observations.split()) & set(spec.observation_names):
             self.policy.normaliser.hide(spec.observation_names.index(name))
         self._rate_factor = torch.ones((), dtype=torch.float64)
-        """of the actor's learning rate, see `_adapt_rate`"""
+        """Factor of the actor's learning rate, see `_adapt_rate`."""
         self._policy_update = update.PolicyUpdate(self._there(self.policy), self._ppo)
         self._critic_update = update.CriticUpdate(self._there(self.critic), self._ppo)
 
@@ -94,14 +94,14 @@ class Learner:
     def learn(
         self, iteration: int, rollout: Samples, poll: Callable[[], None],
     ) -> tuple[Diagnostics, float]:
-        """Improve both networks by one roll-out; return how it went and the learning rate.
+        """Update both networks with one roll-out; return diagnostics and the learning rate.
 
         :param iteration: from 1.
-        :param poll: called before each minibatch; may raise, which leaves it half-done.
-        :raises ValueError: when weights come out of it that are not finite.
+        :param poll: called before each minibatch; may raise, which leaves the update incomplete.
+        :raises ValueError: when the new weights are not finite.
         """
         c = self._ppo
-        self._carry(there=True)  # the critic says what is worth learning
+        self._carry(there=True)  # the critic evaluates the roll-out there
         return self.improve(
             iteration,
             rollout.batch(self._values, self.gamma(iteration), c.gae_lambda, c.reward_scale), poll)
@@ -115,7 +115,7 @@ class Learner:
         return float(1 - (1 - c.gamma_first) ** (1 - part) * (1 - c.gamma) ** part)
 
     def entropy_coefficient(self, iteration: int) -> float:
-        """Return the weight of the entropy bonus of an iteration, from 1."""
+        """Return the entropy coefficient of an iteration, from 1."""
         c = self._ppo
         if c.entropy_coefficient_final < 0:
             return c.entropy_coefficient
@@ -123,7 +123,7 @@ class Learner:
         return (1 - part) * c.entropy_coefficient + part * c.entropy_coefficient_final
 
     def _values(self, observation: Tensor) -> Tensor:
-        """Return what the critic says of observations `(S, D)` on the CPU, `(S,)`."""
+        """Return the critic's values of observations `(S, D)` on the CPU, `(S,)`."""
         return torch.cat([
             self._critic_update.critic(part.to(self.device)).cpu()
             for part in observation.split(_VALUED_AT_ONCE)])
@@ -131,7 +131,7 @@ class Learner:
     def improve(
         self, iteration: int, batch: Batch, poll: Callable[[], None],
     ) -> tuple[Diagnostics, float]:
-        """Improve both networks by samples, as `learn` does by those of a roll-out."""
+        """Update both networks with samples, as `learn` does with a roll-out."""
         c = self._ppo
         self._carry(there=True)
         part = 1 - (iteration - 1) / c.iterations if c.learning_rate_decay else 1.0
@@ -156,11 +156,12 @@ class Learner:
         return diagnostics, rates[0]
 
     def _adapt_rate(self, divergence: float) -> None:
-        """Keep the policy's steps near the size wanted, nats; NaN where there was none.
+        """Adapt the learning rate to the desired KL divergence, nats; NaN: no update happened.
 
         As `schedule='adaptive'` of rsl_rl does (Rudin et al., 'Learning to walk in minutes using
-        massively parallel deep reinforcement learning', 2022). While the deviation is small any
-        fixed rate is wrong: the same step of the weights is ever more deviations of an action.
+        massively parallel deep reinforcement learning', 2022). As the standard deviation shrinks,
+        no fixed rate suits: the same step of the weights moves an action by more and more
+        deviations.
         """
         desired, (least, most) = self._ppo.desired_kl, _RATE_BOUNDS
         if desired and divergence > 2 * desired:
@@ -169,7 +170,7 @@ class Learner:
             self._rate_factor.mul_(_RATE_STEP).clamp_max_(most)
 
     def _carry(self, there: bool) -> None:
-        """Copy the networks to the device, or back, where it is another one."""
+        """Copy the networks to the device, or back, if it is not the CPU."""
         for here, away in (
             (self.policy, self._policy_update.policy), (self.critic, self._critic_update.critic),
         ):
@@ -182,10 +183,10 @@ class Learner:
         return {name: tensor.to('cpu', copy=True) for name, tensor in self._state().items()}
 
     def load(self, path: Path, tensors: Tensors) -> None:
-        """Put back what `tensors` returned, on whatever device.
+        """Restore the result of `tensors`, on any device.
 
-        :param path: of the file they come from, for messages.
-        :raises ValueError: when they do not fit; nothing changes.
+        :param path: of the source file, for messages.
+        :raises ValueError: when the tensors do not fit; nothing changes.
         """
         sealed_file.expect_tensors(path, tensors, self._state())
         if self._ppo.desired_kl:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What policy and critic lose by a sample, and its gradient written out."""
+"""Losses of policy and critic per sample, with their gradients in closed form."""
 from __future__ import annotations
 
 import torch
@@ -22,11 +22,11 @@ def objective_gradient(ratio: Tensor, advantage: Tensor, clip_range: float) -> T
 def squared_error(value: Tensor, old: Tensor, target: Tensor, clip_range: float) -> Tensor:
     """Return (V - target)^2 or, clipped, the larger of it and (clip(V, old ± eps) - target)^2.
 
-    The latter as OpenAI's baselines do it in PPO2 (implementation detail 9 of Huang et al.): a
-    value on its way to the target stops learning once it is eps from where the update began.
+    The latter is that of OpenAI's baselines in PPO2 (implementation detail 9 of Huang et al.): a
+    value moving towards its target has no gradient once it is eps from its initial value.
 
-    :param value: `(S,)` of the critic as it is.
-    :param old: `(S,)` of the critic as it was at the roll-out.
+    :param value: `(S,)`, of the current critic.
+    :param old: `(S,)`, of the critic at the time of the roll-out.
     :param clip_range: eps, in the critic's units; 0: not clipped.
     """
     error = (value - target).square()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples in the order of an epoch, cut into minibatches and these into pieces."""
+"""Samples in an epoch's order, split into minibatches and cache-sized pieces."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -11,20 +11,20 @@ from torch import Tensor
 
 
 class Minibatch(NamedTuple):
-    """Samples that one step is made from."""
+    """Samples of one optimiser step."""
 
     start: int
     stop: int
-    """the first, and the first that is no more in it, in the order of the epoch"""
+    """Slice bounds of the minibatch in the order of the epoch."""
     pieces: list[tuple[Tensor, ...]]
-    """views of fields and results, `rows` samples at most"""
+    """Views of fields and results, at most `rows` samples each."""
 
 
 class Minibatches:
-    """The memory of an epoch and the views of it, made once an update.
+    """Memory of an epoch's samples and views of it, created once per update.
 
-    Samples are gathered for a whole epoch at once, so that a minibatch is a piece of memory
-    that is read from one end to the other, and costs no gathering of its own.
+    Samples are gathered once for a whole epoch, so that a minibatch is contiguous memory and needs
+    no gathering of its own.
     """
 
     def __init__(
@@ -32,10 +32,10 @@ class Minibatches:
     ) -> None:
         """Allocate.
 
-        :param fields: `(S, ...)`, what is known of each sample, in the order of the roll-out.
-        :param results: `(S, ...)`, what is found out in an epoch, in the epoch's order.
+        :param fields: `(S, ...)`, inputs of each sample, in the order of the roll-out.
+        :param results: `(S, ...)`, outputs of an epoch, in the epoch's order.
         :param size: samples of a minibatch; the last one may be smaller.
-        :param rows: samples of a piece at most.
+        :param rows: maximum samples of a piece.
         """
         self._fields, self._size = fields, size
         self._shuffled = tuple(torch.empty_like(field) for field in fields)
@@ -50,19 +50,19 @@ class Minibatches:
                 *(tensor[start:stop].split(even) for tensor in everything), strict=True))))
 
     def __iter__(self) -> Iterator[Minibatch]:
-        """Go through the minibatches in order."""
+        """Iterate over the minibatches in order."""
         return iter(self._minibatches)
 
     def shuffle(self, order: Tensor) -> tuple[Tensor, ...]:
-        """Put the fields into an order `(S,)`; return them so."""
+        """Gather the fields in an order `(S,)` and return them."""
         for field, shuffled in zip(self._fields, self._shuffled, strict=True):
             torch.index_select(field, 0, order, out=shuffled)
         return self._shuffled
 
     def normalise_(self, values: Tensor) -> None:
-        """Give the values `(S,)` of each minibatch mean 0 and standard deviation 1, in place.
+        """Normalise values `(S,)` of each minibatch to mean 0 and deviation 1, in place.
 
-        A minibatch of one sample stays as it is.
+        A minibatch of one sample is left unchanged.
         """
         whole = self._count // self._size * self._size
         for part in (values[:whole].view(-1, self._size), values[None, whole:]):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two computations at once, each with half of the tensor library's threads."""
+"""Parallel execution of two computations, each with half of the tensor library's threads."""
 from __future__ import annotations
 
 import threading
@@ -20,15 +20,15 @@ class _Stopped(Exception):
 
 
 def both(first: Callable[[Poll], A], second: Callable[[Poll], B], poll: Poll) -> tuple[A, B]:
-    """Return what two computations return that have nothing to do with each other.
+    """Run two independent computations in parallel and return both results.
 
-    Two threads that never wait for one another use two cores better than one computation whose
-    every operation is shared between them. With one thread they run one after the other; what
-    they compute with one thread each is the same, bit for bit.
+    Two independent threads use two cores better than one computation whose every operation is
+    shared between them. With one thread available they run one after the other; results with one
+    thread each are identical, bit for bit.
 
-    :param first: runs in this thread. Both call what they are given now and then, and let pass
-        what it raises.
-    :param poll: is called in this thread only; when it raises, both end.
+    :param first: runs in this thread. Both must call the function they receive regularly, and let
+        its exceptions through.
+    :param poll: called in this thread only; when it raises, both end.
     """
     threads = torch.get_num_threads()
     if threads == 1:

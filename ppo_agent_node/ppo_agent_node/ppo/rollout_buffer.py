@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The roll-out buffer: what rockets did in T steps, in memory that is allocated once."""
+"""Roll-out buffer: experience of rockets over T steps, in preallocated memory."""
 from __future__ import annotations
 
 import itertools
@@ -33,7 +33,7 @@ def physical_memory() -> int:
 def in_order(groups: Sequence[Sequence[Ended]]) -> Episodes:
     """Return the episodes of all groups in the order in which they ended.
 
-    Those of a step are put group by group.
+    Those of the same step are ordered by group.
     """
     ends = sorted(itertools.chain(*groups), key=operator.itemgetter(0))
     return Episodes.concatenate([episodes for _, episodes in ends])
@@ -43,17 +43,17 @@ class Batch(NamedTuple):
     """Samples to learn from; S = T x N of them, or a minibatch."""
 
     observation: Tensor
-    """`(S, D)`"""
+    """`(S, D)`."""
     action: Tensor
-    """`(S, *action_shape)`"""
+    """`(S, *action_shape)`."""
     log_prob: Tensor
-    """`(S,)`, when the action was taken"""
+    """`(S,)`, when the action was taken."""
     advantage: Tensor
-    """`(S,)`"""
+    """`(S,)`."""
     target: Tensor
-    """`(S,)`, what the critic should have said"""
+    """`(S,)`, the critic's targets."""
     value: Tensor
-    """`(S,)`, what it did say"""
+    """`(S,)`, the critic's outputs."""
 
     def to(self, device: torch.device) -> Batch:
         """Return the samples on a device."""
@@ -61,11 +61,11 @@ class Batch(NamedTuple):
 
 
 class Rollout:
-    """Buffers `(T, G x N, ...)` and the flights that fill them, one for each group of N rockets.
+    """Buffers `(T, G x N, ...)` and the jobs that fill them, one for each group of N rockets.
 
-    A roll-out is a transaction: it begins in a snapshot and counts when the next one has been
-    taken. As its random numbers are derived (see streams), a second attempt is the first one, bit
-    for bit.
+    A roll-out is a transaction: it begins in a snapshot and is complete when the next one has been
+    taken. As its random numbers are derived (see random_streams), a repeated attempt is identical,
+    bit for bit.
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class Rollout:
     ) -> None:
         """Allocate for T steps of N rockets in each of G groups.
 
-        :raises ValueError: when they and the update need more than this machine's memory.
+        :raises ValueError: when buffers and update need more than this machine's memory.
         """
         shape = (steps, groups * rockets)
         action_size = math.prod(policy.action_shape) * policy.action_dtype.itemsize
-        # Of a sample, also in the update: either network has its observations normalised, and
-        # these and what else it needs in the order of an epoch.
+        # Memory per sample includes the update: each network has normalised observations, and
+        # these and its other inputs again in the order of an epoch.
         entry = 5 * 4 * observation_size + 2 * action_size + 13 * 4 + 2
         needed, memory = steps * shape[1] * entry, physical_memory()
         if needed > memory:
@@ -105,9 +105,9 @@ class Rollout:
     def flight(
         self, group: int, begin: Reset | Restore, policy: Policy, generator: torch.Generator,
     ) -> Job[tuple[list[Ended], bytes]]:
-        """Fly T steps, overwriting what was here of a group, from 0.
+        """Fly T steps from step 0, overwriting the group's last roll-out.
 
-        :param begin: puts the world where it begins, into a snapshot as a rule.
+        :param begin: sets the world's initial state, usually a snapshot.
         :return: the episodes that finished, step by step, and the snapshot after the last step.
         """
         first = group * self._rockets
@@ -142,10 +142,10 @@ class Rollout:
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flat, with the critic's values and the advantages they give.
+        """Return all samples, flattened, with the critic's values and the resulting advantages.
 
-        The value that follows a truncated step is that of the observation its episode ended
-        with; the one that follows the last step, that of the observation after it.
+        The next value of a truncated step is that of its episode's final observation; of the last
+        step, that of the following observation.
         """
         steps, rockets = self.reward.shape
         value = critic(self.observation.flatten(0, 1)).view(steps, rockets)

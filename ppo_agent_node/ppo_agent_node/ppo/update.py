@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Proximal policy optimisation: one update from one roll-out.
+"""PPO update of policy and critic from one roll-out.
 
 Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (the clipped
 objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
 policy optimization', 2022.
 
-Policy and critic share the samples and their order and nothing else, so that each learns in a
-loop of its own. Gradients are written out: of the losses in `losses`, of the distributions in the
-policies, of the networks in `backpropagation`.
+Policy and critic share only the samples and their order, so each learns in its own loop. Gradients
+are in closed form: of the losses in `losses`, of the distributions in the policies, of the
+networks in `backpropagation`.
 """
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ NAN = float('nan')
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """How an update went, by the names that CleanRL made usual; NaN where it did not happen."""
+    """Diagnostics of an update, by CleanRL's names; NaN for a part that did not happen."""
 
     policy_loss: float
-    """minus the clipped objective, mean over the samples learnt from"""
+    """Negative clipped objective, mean over the samples used."""
     value_loss: float
-    """half the mean squared error of the critic, in units of (reward x reward_scale)^2"""
+    """Half the mean squared error of the critic, in units of (reward x reward_scale)^2."""
     entropy: float
-    """of the policy, mean over the samples, nats"""
+    """Entropy of the policy, mean over the samples, nats."""
     approx_kl: float
-    """nats the policy moved by: mean of r - 1 - log r over the last minibatch (Schulman,
-    'Approximating KL divergence', 2020, estimator k3)"""
+    """KL divergence of the policy's change, nats: mean of r - 1 - log r over the last minibatch
+    (Schulman, 'Approximating KL divergence', 2020, estimator k3)."""
     clipfrac: float
-    """part of the samples whose ratio left the clip range"""
+    """Fraction of samples whose ratio left the clip range."""
     explained_variance: float
-    """1 - Var(target - value) / Var(target), before the update: 1 is a perfect critic, 0 one no
-    better than a constant"""
+    """1 - Var(target - value) / Var(target), before the update: 1 for a perfect critic, 0 for one
+    no better than a constant."""
     grad_norm: float
-    """of the policy before clipping, mean over the minibatches"""
+    """Gradient norm of the policy before clipping, mean over the minibatches."""
     updates: float
-    """minibatches that the policy learnt from"""
+    """Number of minibatches that the policy learned from."""
 
 
 def explained_variance(value: Tensor, target: Tensor) -> float:
@@ -65,10 +65,10 @@ def explained_variance(value: Tensor, target: Tensor) -> float:
 
 
 class CriticUpdate:
-    """How the critic learns; holds its optimiser."""
+    """Updates the critic; holds its optimiser."""
 
     def __init__(self, critic: Critic, config: PPOConfig) -> None:
-        """Take the critic's parameters over."""
+        """Take over the critic's parameters."""
         self.critic, self.config = critic, config
         self.optimiser = FlatAdam([list(critic.value.parameters())])
         self._network = Backpropagation(
@@ -102,7 +102,7 @@ class CriticUpdate:
 
 @dataclass(frozen=True)
 class PolicyDiagnostics:
-    """How the policy's part of an update went; see Diagnostics."""
+    """Diagnostics of the policy's part of an update; see Diagnostics."""
 
     policy_loss: float = NAN
     entropy: float = NAN
@@ -113,10 +113,10 @@ class PolicyDiagnostics:
 
 
 class PolicyUpdate:
-    """How the policy learns; holds its optimiser."""
+    """Updates the policy; holds its optimiser."""
 
     def __init__(self, policy: Policy, config: PPOConfig) -> None:
-        """Take the policy's parameters over."""
+        """Take over the policy's parameters."""
         self.policy, self.config = policy, config
         self._noise = policy.noise_parameters()
         groups = [list(policy.network.parameters())]
@@ -207,20 +207,19 @@ def update(
     entropy_coefficient: float | None = None,
     train_critic: bool = True,
 ) -> Diagnostics:
-    """Improve policy and critic in place.
+    """Update policy and critic in place.
 
-    On a CPU both learn at the same time where there are threads for it, and each has its half
-    also when the other one rests: two threads that share every operation wait for each other all
-    the time, and on a busy machine they are slower than one.
+    On a CPU both run in parallel if there are enough threads, and each always has half of them:
+    two threads that share every operation wait for each other all the time, and are slower than
+    one on a busy machine.
 
-    :param policy: both have the settings; their number of epochs is that of the policy's.
+    :param policy: both have the settings; the policy's number of epochs applies to both.
     :param batch: on the device of both.
     :param generator: shuffles the samples.
     :param policy_rates: learning rates of the network and of the noise parameters, if any.
     :param train_policy: False trains the critic only.
-    :param poll: called before each minibatch, or while they are learnt from; may raise to end
-        the update half-way.
-    :param entropy_coefficient: weight of the entropy bonus, by default that of the settings.
+    :param poll: called before each minibatch, or during it; may raise to abort the update.
+    :param entropy_coefficient: weight of the entropy bonus, by default from the settings.
     :param train_critic: False trains the policy only.
     """
     device = batch.value.device

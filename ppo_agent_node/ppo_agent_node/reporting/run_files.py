@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies in the folder of a run or of an evaluation, read and checked once."""
+"""Reader of the files in the folder of a run or an evaluation."""
 from __future__ import annotations
 
 import json
@@ -41,12 +41,12 @@ _OPTIONAL: dict[str, str] = {
     'mean_return_standing': 'a number', 'tanks_dry': 'a number', 'tanks_dry_interval': _PAIR,
     'mean_return_tanks_dry': 'a number', 'hover_time': _SPREAD, 'ignitions': _SPREAD,
     'control_effort': _SPREAD}
-"""What may be missing or null."""
+"""Entries that may be missing or null."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run's files; what a folder does not hold is None or empty."""
+    """Files of a run; missing ones are None or empty."""
 
     path: Path
     config: dict[str, Any]
@@ -54,7 +54,7 @@ class Run:
     figures: dict[str, Any] | None
     episodes: EpisodeTable | None
     conditions: dict[str, Any] | None = None
-    """the table of conditions, see `evaluation.conditions_table`"""
+    """The table of conditions, see `evaluation.conditions_table`."""
 
     @property
     def name(self) -> str:
@@ -63,13 +63,13 @@ class Run:
 
     @property
     def world(self) -> str:
-        """Name of the world, '' when no file says."""
+        """Name of the world, '' if no file has it."""
         return str(self.config.get('world') or (self.figures or {}).get('world')
                    or (self.conditions or {}).get('world') or '')
 
     @property
     def world_settings(self) -> dict[str, Any]:
-        """Settings of the world: as evaluated, else as trained in, else none."""
+        """Settings of the world: as evaluated, else as trained, else none."""
         flown = (self.figures or {}).get('world_settings') or self.config.get('world_settings')
         return dict(flown) if isinstance(flown, dict) else {}
 
@@ -80,12 +80,12 @@ class Run:
 
     @property
     def seconds(self) -> float | None:
-        """Wall clock of all that is in the log, s; None for an evaluation alone."""
+        """Wall clock of everything in the log, s; None for an evaluation alone."""
         return float(np.nansum(column(self.lines, 'seconds'))) if self.lines else None
 
     @property
     def date(self) -> datetime:
-        """When the newest of its files was written."""
+        """Modification time of its newest file."""
         times = [path.stat().st_mtime for name in (CONFIG, LOG, FIGURES, CONDITIONS)
                  if (path := self.path / name).exists()]
         return datetime.fromtimestamp(max(times)).astimezone()
@@ -98,7 +98,7 @@ class Run:
 def load(path: Path) -> Run:
     """Read a folder.
 
-    :raises ValueError: when it holds no run, or a file is damaged; the message names it.
+    :raises ValueError: when it contains no run, or a file is damaged; the message names it.
     :raises OSError: when a file cannot be read.
     """
     if not path.is_dir():
@@ -116,9 +116,9 @@ def load(path: Path) -> Run:
 
 
 def column(lines: Lines, name: str) -> F64:
-    """Return an entry of all lines `(K,)`, NaN where it is missing.
+    """Return an entry of all lines `(K,)`, NaN if missing.
 
-    :raises ValueError: when one is no number.
+    :raises ValueError: when one is not a number.
     """
     values = [line.get(name) for line in lines]
     for value in values:
@@ -128,7 +128,7 @@ def column(lines: Lines, name: str) -> F64:
 
 
 def _lines(path: Path) -> list[dict[str, Any]]:
-    """Return the log, `[]` where there is none."""
+    """Return the log, `[]` if there is none."""
     lines = read_log(path)
     for number, line in enumerate(lines, 1):
         if not isinstance(line, dict) or not isinstance(line.get('stage'), str):
@@ -138,7 +138,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _config(path: Path) -> dict[str, Any]:
-    """Return the settings, `{}` where there are none."""
+    """Return the settings, `{}` if there are none."""
     values = read_config(path)
     for name in ('training', 'world_settings'):
         if not isinstance(values.get(name) or {}, dict):
@@ -147,7 +147,7 @@ def _config(path: Path) -> dict[str, Any]:
 
 
 def _figures(path: Path) -> dict[str, Any] | None:
-    """Return the figures of the evaluation, None where there is none."""
+    """Return the figures of the evaluation, None if there is none."""
     if not path.is_file():
         return None
     try:
@@ -167,7 +167,7 @@ def _figures(path: Path) -> dict[str, Any] | None:
 
 
 def _is(value: Any, expected: str) -> bool:
-    """Return whether a value is of the kind that the words say."""
+    """Return whether a value has the type that `expected` describes."""
     if expected == _PAIR:
         return isinstance(value, list) and len(value) == 2 and all(
             _is(one, 'a number') for one in value)
@@ -184,5 +184,5 @@ def _is(value: Any, expected: str) -> bool:
 
 
 def _fits(value: float) -> bool:
-    """Return whether a number is finite, and one that a float can hold; NaN is neither."""
+    """Return whether a number is finite and fits into a float; false for NaN."""
     return abs(value) <= sys.float_info.max

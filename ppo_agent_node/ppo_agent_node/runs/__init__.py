@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a run: settings, log, checkpoints, metrics."""
+"""Files of a run: settings, log, checkpoints, metrics."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of a run on disk, `config.yaml`, as all who need them read them."""
+"""Reader of a run's settings file, `config.yaml`."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -8,16 +8,16 @@ from typing import Any
 import yaml
 
 _LARGEST = 100_000
-"""bytes; all settings there are take some thousands, and a parser takes long for rubbish"""
+"""Maximum bytes; all settings take some thousands, and parsing a large invalid file is slow."""
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Names and values, without references: those few bytes can stand for more than all memory."""
+    """Loader without YAML references, a few bytes of which can expand to more than all memory."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Return what stands next.
+        """Return the next node.
 
-        :raises yaml.YAMLError: when it refers to something else.
+        :raises yaml.YAMLError: when it is a reference.
         """
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError('refers to another value, expected plain values')
@@ -25,7 +25,7 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Return the settings by name, `{}` where there is no such file.
+    """Return the settings by name, `{}` if there is no such file.
 
     :raises ValueError: naming the file, when it is damaged.
     :raises OSError: when it cannot be read.
@@ -36,7 +36,7 @@ def read_config(path: Path) -> dict[str, Any]:
     if size > _LARGEST:
         raise ValueError(f'{path}: damaged, {size} bytes, expected at most {_LARGEST}')
     try:
-        # A kind of safe loader: it makes nothing but plain values.
+        # Derived from the safe loader, so it constructs plain values only.
         values = yaml.load(path.read_text('utf-8'), _PlainLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ValueError(f'{path}: damaged: {" ".join(str(error).split())}') from error

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training episodes in words and figures: a line each, moving averages, what a log line says."""
+"""Scores of training episodes: console lines, moving averages and log entries."""
 from __future__ import annotations
 
 from collections import deque
@@ -13,11 +13,11 @@ from ppo_agent_node.statistics import wilson
 from rocket_sim_node.worlds import Episodes
 
 WINDOW = 50
-"""episodes that an average is of"""
+"""Number of episodes in an average."""
 
 
 def moving_average(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return, for each of the scores `(K,)`, the mean of it and of those before, 50 in all."""
+    """Return, for each of the scores `(K,)`, the mean of it and of the 49 before."""
     sums = np.cumsum(np.concatenate(([0.0], scores)))
     end = np.arange(1, len(scores) + 1)
     begin = np.maximum(end - WINDOW, 0)
@@ -26,19 +26,19 @@ def moving_average(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class ScoreLines:
-    """Numbers the episodes of a run and words a line about each."""
+    """Numbers the episodes of a run and formats a line about each."""
 
     def __init__(self, planned: int) -> None:
         """Begin with episode 1.
 
-        :param planned: episodes of the whole run; 0: nobody knows.
+        :param planned: episodes of the whole run; 0: unknown.
         """
         self._total = f'/{planned}' if planned else ''
         self._count = 0
         self._recent: deque[float] = deque(maxlen=WINDOW)
 
     def add(self, scores: Iterable[float]) -> list[str]:
-        """Return the lines of the next episodes, whose returns are the scores."""
+        """Return the lines of the next episodes, given their returns."""
         lines = []
         for score in scores:
             self._count += 1
@@ -58,7 +58,7 @@ def landed(episodes: Episodes, outcomes: tuple[str, ...]) -> list[bool]:
 
 
 def figures(episodes: Episodes, outcomes: tuple[str, ...]) -> dict[str, Any]:
-    """Return what a line of the log says about the episodes that ended."""
+    """Return the values of a log line that summarise ended episodes."""
     if not len(episodes):
         return {'episodes': 0}
     count = sum(landed(episodes, outcomes))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
+"""Folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
 from __future__ import annotations
 
 import fcntl
@@ -27,25 +27,25 @@ from ppo_agent_node.runs.train_log import read_log
 
 CHECKPOINT = 'checkpoint'
 UNFINISHED = '.unfinished'
-"""lies in the folder of a run that goes on, or can"""
+"""Marker file in the folder of a run that is in progress or can be resumed."""
 _NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
 _KEPT = 2
 
 
 class RunFolderError(OSError):
-    """A run's folder cannot be used; the message names it and says why."""
+    """A run's folder cannot be used; the message names it and the reason."""
 
 
 class RunFolder:
     """`config.yaml`, `train.jsonl`, `checkpoints/`, policies and `plots/` of one run.
 
-    `policy` is the best one; `cloned` is what behavioural cloning made, before fine-tuning.
+    `policy` is the best one; `cloned` is the result of behavioural cloning, before fine-tuning.
     """
 
     def __init__(self, path: Path | str, resume: bool = False) -> None:
-        """Make the folder, or take up the one that is there.
+        """Create the folder, or open an existing one.
 
-        :param resume: continue what a run left here, or begin when there is nothing.
+        :param resume: continue an existing run, or begin if there is none.
         :raises RunFolderError: when it cannot be written, or holds a run that is not resumed.
         """
         self.path = Path(path)
@@ -65,15 +65,15 @@ class RunFolder:
             self.plots.mkdir(exist_ok=True)
             probe = self.path / '.writable'
             probe.write_bytes(b'')
-            probe.unlink(missing_ok=True)  # another process may try as well
+            probe.unlink(missing_ok=True)  # another process may try at the same time
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other processes out; the system lets go when this one dies, however.
+        """Lock the folder; the system releases the lock when this process dies.
 
-        What one that died left half-written is removed.
+        Incomplete files of a process that died are removed.
 
         :raises RunFolderError: when another process trains here.
         """
@@ -88,26 +88,26 @@ class RunFolder:
 
     @property
     def finished(self) -> bool:
-        """Whether a run ended here, of which nothing is to be resumed but its evaluation."""
+        """Whether a run is complete here, so that at most its evaluation can be resumed."""
         return (
             self.config.exists() and bool(self._saved())
             and not (self.path / UNFINISHED).exists())
 
     def mark_unfinished(self) -> None:
-        """Leave a mark, for who started this process, that there is something to resume."""
+        """Create the marker that tells the parent process that there is something to resume."""
         (self.path / UNFINISHED).touch()
 
     def mark_finished(self) -> None:
-        """Take the mark away."""
+        """Remove the marker."""
         (self.path / UNFINISHED).unlink(missing_ok=True)
 
     def withdraw(self) -> None:
-        """Take away again what was made for a run that never began."""
+        """Remove the files of a run that never began."""
         if self.config.exists() or self.log.exists():
             return
         self.mark_finished()
         (self.path / '.lock').unlink(missing_ok=True)
-        with suppress(OSError):  # there is something in it
+        with suppress(OSError):  # not empty
             self.checkpoints.rmdir()
             self.plots.rmdir()
             if self._made:
@@ -119,7 +119,7 @@ class RunFolder:
         return self.path.name
 
     def write_config(self, values: dict[str, Any]) -> None:
-        """Write every setting.
+        """Write all settings.
 
         :raises OSError: naming the path.
         """
@@ -128,14 +128,14 @@ class RunFolder:
         write_atomically(self.config, text.encode())
 
     def read_config(self) -> dict[str, Any]:
-        """Return the settings that the run began with, `{}` when it has not begun.
+        """Return the settings with which the run began, `{}` before it has begun.
 
         :raises ValueError: when the file is damaged.
         """
         return read_config(self.config)
 
     def append(self, line: dict[str, Any]) -> None:
-        """Add a line to the log and hand it to the system; what is not finite becomes null.
+        """Append a line to the log and flush it to the system; non-finite numbers become null.
 
         :raises OSError: naming the path.
         """
@@ -156,11 +156,11 @@ class RunFolder:
                 error.errno, f'could not write: {error.strerror}', str(self.log)) from error
 
     def lines(self) -> list[dict[str, Any]]:
-        """Return the log, without a last line that was cut short."""
+        """Return the log, without a truncated last line."""
         return read_log(self.log)
 
     def cut_log(self, count: int) -> None:
-        """Keep the first `count` lines of the log.
+        """Truncate the log to its first `count` lines.
 
         :raises ValueError: when there are fewer.
         """
@@ -177,7 +177,8 @@ class RunFolder:
         """
         path = self.checkpoints / f'iteration_{iteration:06d}.safetensors'
         if self.log.exists():
-            # It says how many lines there are: they shall survive a power cut if it does.
+            # The checkpoint counts the log's lines: those must be on disk first, in case of a
+            # power cut.
             with self._writing_log('rb') as file:
                 os.fsync(file.fileno())
         sealed_file.write(path, CHECKPOINT, tensors, content)
@@ -193,9 +194,9 @@ class RunFolder:
         sealed_file.write(self.best, CHECKPOINT, tensors, content)
 
     def newest(self, warn: Callable[[str], None]) -> tuple[Path, Sealed] | None:
-        """Return the newest checkpoint that is whole; None when none was ever written.
+        """Return the newest valid checkpoint; None if none was ever written.
 
-        :param warn: is told of each that is damaged.
+        :param warn: called with a text for each damaged one.
         :raises ValueError: when there are some and all are damaged.
         """
         saved = self._saved()
@@ -209,9 +210,9 @@ class RunFolder:
         return None
 
     def go_on_from(self, path: Path) -> None:
-        """Put aside the checkpoints that are newer, which were left out as damaged.
+        """Rename newer checkpoints, which were skipped as damaged.
 
-        One of them may be readable again another time; the run has then another past.
+        If one became readable again later, it would belong to another history of the run.
         """
         saved = self._saved()
         for newer in saved[:saved.index(path)]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The journal of a run: each iteration becomes a line of `train.jsonl` and a Status."""
+"""Logger of a run's metrics: each iteration becomes a line of `train.jsonl` and a Status."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ _STATUS_FIELDS = frozenset(field.name for field in fields(Status))
 
 
 class Progress(NamedTuple):
-    """How much is done of what ends a stage."""
+    """Progress towards the end of a stage."""
 
     progress: int
     goal: int
@@ -26,10 +26,10 @@ class Progress(NamedTuple):
 
 
 class MetricsLogger:
-    """Writes down how a run goes."""
+    """Writes the log of a run and reports its status."""
 
     def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:
-        """Begin with no line written; see `take_up`."""
+        """Begin without any lines; see `take_up`."""
         self._folder, self._report = folder, report
         self._began = self._stage_began = self._last = time.monotonic()
         self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
@@ -39,7 +39,7 @@ class MetricsLogger:
         self.lines = 0
 
     def take_up(self, lines: int, steps: int) -> None:
-        """Go on after the first `lines` lines, at which `steps` rocket steps had been taken.
+        """Continue after the first `lines` lines, at which `steps` rocket steps had been taken.
 
         :raises ValueError: when there are fewer lines.
         """
@@ -47,17 +47,17 @@ class MetricsLogger:
         self.lines, self._steps = lines, steps
 
     def keep(self, **facts: Any) -> None:
-        """Take note of what all reports from now on say, by fields of Status."""
+        """Set fields of Status that all further reports contain."""
         self._kept.update(facts)
 
     def begin(
         self, stage: str, iterations: int, done: int = 0, progress: Progress | None = None,
         unit: str = 'iterations',
     ) -> None:
-        """Begin a stage of so many iterations, some of them done earlier.
+        """Begin a stage of `iterations` iterations, of which `done` were completed earlier.
 
-        :param progress: where others than the iterations end it.
-        :param unit: what its iterations are called.
+        :param progress: when the stage does not end by its iterations.
+        :param unit: name of its iterations.
         """
         self._stage, self._iterations, self._first, self._unit = stage, iterations, done, unit
         self._iteration = done
@@ -69,12 +69,12 @@ class MetricsLogger:
         self, iteration: int, steps: int, message: str = '', left: float | None = None,
         progress: Progress | None = None, **numbers: Any,
     ) -> None:
-        """Write down an iteration of the stage.
+        """Log an iteration of the stage.
 
         :param steps: rocket steps taken by the run so far.
-        :param left: iterations to come, where others than those planned are expected.
-        :param progress: where others than the iterations end the stage.
-        :param numbers: fields of Status, and others that only the log gets.
+        :param left: expected remaining iterations, if not those planned.
+        :param progress: when the stage does not end by its iterations.
+        :param numbers: fields of Status, and others that are only logged.
         :raises OSError: when the log cannot be written.
         """
         now = time.monotonic()
@@ -90,7 +90,7 @@ class MetricsLogger:
         self.lines += 1
         done = iteration - self._first
         left = self._iterations - iteration if left is None else left
-        # Iteration 0 of fine-tuning is a look at the clone: no measure of what the others take.
+        # Iteration 0 of fine-tuning evaluates the clone: its time does not represent the others'.
         each = (now - self._stage_began) / done if done else math.inf
         self._iteration = iteration
         self._progress = progress or Progress(iteration, self._iterations, self._unit)
@@ -101,7 +101,7 @@ class MetricsLogger:
             message, remaining=each * left if left > 0 else 0.0, steps_per_second=rate, **told)
 
     def message(self, text: str) -> None:
-        """Tell what happened between two entries; it is not written down."""
+        """Report an event between two entries; it is not logged."""
         self._tell(text)
 
     def _tell(self, message: str, **numbers: Any) -> None:

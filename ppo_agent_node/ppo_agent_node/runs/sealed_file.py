@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One file format for checkpoints and policies: safetensors with a sealed description.
+"""File format of checkpoints and policies: safetensors with a verified description.
 
-The tensors lie in a safetensors file (github.com/huggingface/safetensors), whose string metadata
-holds the kind of file, the version of the format, a JSON `content` and a SHA-256 digest over
-content and tensors. Reading verifies all of it and executes nothing. Writing is atomic: a reader
-finds the old file or the new one, whatever breaks in between.
+The tensors are in a safetensors file (github.com/huggingface/safetensors), whose string metadata
+has the kind of file, the version of the format, a JSON `content` and a SHA-256 digest over content
+and tensors. Reading verifies all of it and executes nothing. Writing is atomic: a reader finds the
+old file or the new one, whatever fails in between.
 """
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from ppo_agent_node.atomic_file import write_atomically
 
 FORMAT_VERSION = '1'
 _LARGEST_HEADER = 100_000_000
-"""bytes; the library reads no longer one either"""
+"""Bytes; also the limit of the safetensors library."""
 _UNREADABLE = (
     SafetensorError, ValueError, KeyError, TypeError, RuntimeError, OverflowError, MemoryError)
-"""What the library, torch and json raise for damaged or forged files, RecursionError included."""
+"""Errors of safetensors, torch and json for damaged or forged files, including RecursionError."""
 Tensors = dict[str, Tensor]
 
 
 class Sealed(NamedTuple):
-    """What a file holds."""
+    """Content of a file."""
 
     tensors: Tensors
     content: dict[str, Any]
@@ -42,8 +42,8 @@ class Sealed(NamedTuple):
 def write(path: Path, kind: str, tensors: Mapping[str, Tensor], content: object) -> None:
     """Write a sealed file atomically.
 
-    :param kind: what is in it; reading asks for the same.
-    :param content: anything that JSON can say.
+    :param kind: kind of content; reading requires the same.
+    :param content: JSON-serialisable.
     :raises OSError: naming the path.
     """
     text = json.dumps(content, sort_keys=True)
@@ -59,7 +59,7 @@ def read(path: Path, kind: str) -> Sealed:
 
     :raises FileNotFoundError: when there is none.
     :raises ValueError: when it is damaged, foreign, of another kind or version; the message
-        names the file, what was found and what was expected.
+        names the file, and the actual and expected values.
     """
     metadata = _metadata(path)
     found = metadata.get('hoverslam')
@@ -86,9 +86,9 @@ def read(path: Path, kind: str) -> Sealed:
 
 
 def _metadata(path: Path) -> dict[str, str]:
-    """Return the string metadata: a header of JSON after its length, 8 bytes little-endian.
+    """Return the string metadata: a JSON header after its length, 8 bytes little-endian.
 
-    Nothing else is read: a foreign file may be larger than the memory.
+    Nothing else is read, as a foreign file may be larger than the memory.
     """
     if path.exists() and not path.is_file():
         raise ValueError(f'{path}: is no file, expected a safetensors file')
@@ -118,9 +118,9 @@ def _digest(kind: str, content: str, tensors: Mapping[str, Tensor]) -> str:
 
 
 def expect_tensors(path: Path, tensors: Tensors, expected: Mapping[str, Tensor]) -> None:
-    """Check names, shapes and kinds of tensors against those expected.
+    """Check names, shapes and types of tensors against those expected.
 
-    :raises ValueError: naming the file, what was found and expected.
+    :raises ValueError: naming the file, and the actual and expected values.
     """
     if set(tensors) != set(expected):
         raise ValueError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a training run says about itself: a report for each iteration and for what happens."""
+"""Status of a training run, reported for each iteration and each event."""
 from __future__ import annotations
 
 import math
@@ -12,7 +12,7 @@ NAN = float('nan')
 
 @dataclass(frozen=True)
 class Status:
-    """The fields of `rocket_msgs/msg/TrainingStatus`, where they are described; NaN: not known."""
+    """Fields of `rocket_msgs/msg/TrainingStatus`, documented there; NaN: unknown."""
 
     run: str = ''
     folder: str = ''
@@ -57,7 +57,7 @@ class Status:
     message: str = ''
 
     def of_run(self) -> dict[str, Any]:
-        """Return what stays known of the run when its learning is over, by field."""
+        """Return the fields that stay valid after the run's learning is over."""
         return {
             field.name: getattr(self, field.name) for field in fields(self)
             if field.name in ('run', 'folder', 'stages', 'steps')
@@ -65,5 +65,5 @@ class Status:
 
     @property
     def is_iteration(self) -> bool:
-        """Whether it tells of an iteration, not only of what happened in between."""
+        """Whether it reports an iteration, not only an event."""
         return not math.isnan(self.remaining)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The log of a run, `train.jsonl`, as it is read: without PyTorch, so that a report is quick."""
+"""Reader of a run's log, `train.jsonl`, without PyTorch, so that a report starts quickly."""
 from __future__ import annotations
 
 import json
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a `train.jsonl`, without a last one that was cut short.
+    """Return the lines of a `train.jsonl`, without a truncated last one.
 
     :raises ValueError: naming file and line, when another is damaged.
     """

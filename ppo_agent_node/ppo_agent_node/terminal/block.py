@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines at the foot of a terminal that are written over in place, below lines that stay."""
+"""Lines at the bottom of a terminal that are redrawn in place, below permanent lines."""
 from __future__ import annotations
 
 import os
@@ -10,21 +10,21 @@ from rich.console import Console
 from rich.text import Text
 
 _MARGIN = 3
-"""columns left free on the right, where a terminal may echo ^C"""
+"""Columns left free on the right, where a terminal may echo ^C."""
 _REMEMBERED = 100
 _HOME, _UP, _CLEAR_LINE, _CLEAR_BELOW = '\x1b[H', '\x1b[{}A', '\x1b[K', '\x1b[J'
 
 
 class Block:
-    """The lines that stay in place, and the last ones above them.
+    """The redrawn lines, and the last permanent lines above them.
 
-    When a terminal gets narrower, some break the lines that are there and some cut them, and some
-    do so before they tell of it: where the old picture is, nobody knows. rich's own Live leaves
-    remains of it; here a new size begins with a clear screen.
+    When a terminal becomes narrower, some wrap the existing lines and some cut them, and some do
+    so before they report the new size: the position of the old display is unknown. rich's own Live
+    leaves remains of it; here a new size begins with a cleared screen.
     """
 
     def __init__(self, console: Console) -> None:
-        """Show nothing yet."""
+        """Begin with an empty display."""
         self._console = console
         self._above: deque[Text] = deque(maxlen=_REMEMBERED)
         self._height = 0
@@ -32,13 +32,13 @@ class Block:
 
     @property
     def width(self) -> int:
-        """Columns that a picture may have, as the terminal is now."""
+        """Available columns at the terminal's current size."""
         return max(1, self._size()[0] - _MARGIN)
 
     def draw(self, lines: Sequence[Text], above: Text | None = None) -> None:
-        """Replace the lines; what is `above` is written before them and stays.
+        """Redraw the lines; `above` is written before them and stays.
 
-        :param above: is cut to the width if it says `no_wrap`.
+        :param above: is cut to the width if it has `no_wrap`.
         :raises OSError: when the terminal is gone.
         """
         columns, rows = size = self._size()
@@ -54,13 +54,13 @@ class Block:
             fresh = self._last(columns, rows - len(shown) - 1)
         text += ''.join(f'{self._styled(_fitted(line, columns))}\n' for line in fresh)
         text += f'{_CLEAR_LINE}\n'.join(self._styled(line) for line in shown) + _CLEAR_BELOW
-        # In one piece: nobody sees half a picture.
+        # In one write, so that no partial display is visible.
         self._console.file.write(text)
         self._console.file.flush()
         self._height, self._drawn_at = len(shown), size
 
     def _last(self, columns: int, rows: int) -> list[Text]:
-        """Return as many of the lines that stay, to the last one, as take so many rows."""
+        """Return the last permanent lines that fit into `rows` rows."""
         chosen: list[Text] = []
         for line in reversed(self._above):
             rows -= max(1, -(-_fitted(line, columns).cell_len // columns))
@@ -70,7 +70,7 @@ class Block:
         return chosen
 
     def _size(self) -> tuple[int, int]:
-        # rich would ask standard output, which may be a pipe while the display is a terminal.
+        # rich would query standard output, which may be a pipe while the display is a terminal.
         try:
             columns, lines = os.get_terminal_size(self._console.file.fileno())
         except (OSError, ValueError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run is shown: on a terminal in place, elsewhere in plain lines."""
+"""Output of a run's status: in place on a terminal, otherwise in plain lines."""
 from __future__ import annotations
 
 import io
@@ -20,25 +20,25 @@ from ppo_agent_node.terminal.status_lines import StatusLines
 from rocket_sim_node.printable import printable
 
 VARIABLE = 'HOVERSLAM_TERMINAL'
-"""names the terminal to show on, where standard output is a pipe to a launch"""
+"""Environment variable with the terminal to use when standard output is a pipe to a launch."""
 _REFRESH = 0.25
-"""s between two pictures, at least"""
+"""Minimum seconds between two redraws."""
 _UNSHOWN = (OSError, UnicodeError)
-"""A terminal that went away, or lacks a character, must not end a training."""
+"""Errors of a closed terminal or a missing character, which must not end a training."""
 _MANY = 100
 _PERIOD = 5.0
-"""stages of more iterations get a plain line no more often, s"""
+"""Minimum seconds between plain lines, in stages of many iterations."""
 
 
 class Terminal:
-    """Shows reports as they come. Use as a context, so that the terminal is left in order."""
+    """Shows status reports. Use as a context, so that the terminal is restored."""
 
     def __init__(self, file: TextIO | None = None) -> None:
-        """Show on `file`; by default on the terminal that is named, else standard output."""
+        """Show on `file`; by default on the terminal in the environment, else standard output."""
         self._own = _named() if file is None else None
         shown = file or self._own or sys.stdout
         if isinstance(shown, io.TextIOWrapper):
-            # rich has an ellipsis where a line is cut, whatever the terminal's characters are.
+            # rich marks a cut line with an ellipsis, even if the terminal lacks the character.
             shown.reconfigure(errors='replace')
         self._console = Console(file=shown, highlight=False, soft_wrap=True)
         self._block: Block | None = None
@@ -49,11 +49,11 @@ class Terminal:
         self._stage = ''
 
     def __enter__(self) -> Terminal:
-        """Begin to show."""
+        """Start the display."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the terminal as it was."""
+        """Restore the terminal."""
         with suppress(*_UNSHOWN):
             if self._block is not None:
                 self._block.draw([])
@@ -63,21 +63,21 @@ class Terminal:
 
     @property
     def live(self) -> bool:
-        """Whether this is a display that stays in place."""
+        """Whether the display is redrawn in place."""
         return self._block is not None
 
     def wait_for(self, what: str, status: Status) -> None:
-        """Show that nothing is to be seen yet, for want of something; a log does without."""
+        """Show that the run waits for something; plain output omits it."""
         if self._block is not None:
             self._picture.take(replace(status, stage=f'waiting for {what}'))
             self._draw()
 
     def say(self, text: str, style: str = '') -> None:
-        """Write lines that stay."""
+        """Write permanent lines."""
         self._stay(Text(text, style))
 
     def show(self, status: Status) -> None:
-        """Show a report: what happened stays as a line, how far it is replaces what was there."""
+        """Show a report: events become permanent lines, progress replaces the previous one."""
         self._picture.take(status)
         if self._block is None:
             if self._due(status):
@@ -88,12 +88,12 @@ class Terminal:
             self._draw()
 
     def tick(self) -> None:
-        """Let the clocks go on; call it often, it is cheap."""
+        """Update clocks; cheap, to be called often."""
         if self._block is not None and time.monotonic() - self._drawn > _REFRESH:
             self._draw()
 
     def _due(self, status: Status) -> bool:
-        """Tell whether a report is worth a plain line."""
+        """Return whether a report is worth a plain line."""
         if not status.message and not status.is_iteration:
             return False
         done, goal, _ = wording.counted(status)
@@ -113,7 +113,7 @@ class Terminal:
             self._block.draw(self._picture.lines(self._block.width), above)
 
     def _stay(self, text: Text) -> None:
-        # Some of it may be anybody's words, which shall not command the terminal.
+        # Parts of it may come from other nodes, and must not control the terminal.
         text.plain = printable(text.plain, '\n\t')
         if self._block is None:
             with suppress(*_UNSHOWN):
@@ -124,7 +124,7 @@ class Terminal:
 
 
 def _event(status: Status) -> Text:
-    """Return what happened as a line."""
+    """Return an event as a line."""
     where = wording.stage_name(status.stage)
     if status.stage == 'finetune' and status.iteration:
         where += f' {status.iteration}'
@@ -133,7 +133,7 @@ def _event(status: Status) -> Text:
 
 
 def _named() -> TextIO | None:
-    """Return the terminal that the environment names, if it can be written to."""
+    """Return the terminal that the environment names, if it is writable."""
     path = os.environ.get(VARIABLE)
     if not path:
         return None

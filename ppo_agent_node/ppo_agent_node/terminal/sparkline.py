@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A curve in one line of text."""
+"""Sparkline: a curve in one line of text."""
 from __future__ import annotations
 
 import math
@@ -10,7 +10,7 @@ _ASCII = '_.-:=+*#'
 
 
 def resampled(values: Sequence[float], width: int) -> list[float]:
-    """Return at most `width` values: means over equal stretches of the finite ones."""
+    """Return at most `width` values: means over equal segments of the finite ones."""
     finite = [value for value in values if math.isfinite(value)]
     if len(finite) <= width:
         return finite
@@ -24,8 +24,8 @@ def sparkline(
 ) -> str:
     """Return a line at most `width` wide, '' when there are no values.
 
-    :param low: value of the lowest mark; by default the least of the values.
-    :param high: value of the highest mark; by default the greatest.
+    :param low: value of the lowest mark; by default the minimum.
+    :param high: value of the highest mark; by default the maximum.
     :param blocks: draw with Unicode's blocks, else with ASCII.
     """
     marks = _BLOCKS if blocks else _ASCII

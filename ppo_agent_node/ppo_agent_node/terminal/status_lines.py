@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the display shows of a run: a few lines of text for a width, from the reports so far."""
+"""Layout of a run's status as a few lines of text for a given width."""
 from __future__ import annotations
 
 import math
@@ -16,7 +16,7 @@ from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.sparkline import sparkline
 
 NARROW = 60
-"""columns below which there are two short lines"""
+"""Columns below which the layout has two short lines."""
 _WIDE = 100
 _LABEL = 8
 _SPARK = 40
@@ -31,14 +31,14 @@ _CURVES = {
 
 
 class StatusLines:
-    """The state of a run, drawn anew whenever somebody looks."""
+    """State of a run, rendered on demand."""
 
     def __init__(
         self, unicode: bool = True, clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin with nothing known.
+        """Begin without reports.
 
-        :param unicode: whether the terminal can show more than ASCII.
+        :param unicode: whether the terminal supports more than ASCII.
         """
         self._unicode, self._clock = unicode, clock
         self._status = _BLANK
@@ -46,7 +46,7 @@ class StatusLines:
         self._history: dict[str, list[float]] = {}
 
     def take(self, status: Status) -> None:
-        """Take in a report; one of what happened leaves the figures of the last iteration."""
+        """Add a report; an event keeps the figures of the last iteration."""
         now = self._clock()
         same, told = status.stage == self._status.stage, status.is_iteration
         if same and not status.is_iteration:
@@ -66,7 +66,7 @@ class StatusLines:
                 self._history.setdefault(field, []).append(value)
 
     def lines(self, width: int) -> list[Text]:
-        """Return the lines for a terminal of so many columns; none is wider."""
+        """Return the lines, none wider than `width` columns."""
         status, since = self._status, self._clock() - self._told
         status = replace(
             status, elapsed=status.elapsed + since, remaining=status.remaining - since)
@@ -113,7 +113,7 @@ class StatusLines:
         return lines
 
     def _stages(self, status: Status, width: int) -> Text:
-        """Return all stages, those done ticked off, the present one marked."""
+        """Return all stages, with completed ones ticked off and the current one marked."""
         done, now, later = ('✓', '▶', '·') if self._unicode else ('x', '>', '.')
         stages = status.stages or (status.stage,)
         present = stages.index(status.stage) if status.stage in stages else len(stages)
@@ -129,7 +129,7 @@ class StatusLines:
         return text
 
     def _bar(self, status: Status, width: int) -> Text:
-        """Return how far the stage is."""
+        """Return the progress bar of the stage."""
         done, goal, unit = wording.counted(status)
         clock = [f'{wording.duration(status.elapsed)} gone']
         if math.isfinite(status.remaining):
@@ -146,7 +146,7 @@ class StatusLines:
             text)
 
     def _curves(self, status: Status, width: int) -> list[Text]:
-        """Return the curves of the stage so far, side by side where there is room."""
+        """Return the curves of the stage so far, side by side if they fit."""
         curves = []
         for label, field, form in _CURVES.get(status.stage, ()):
             values = self._history.get(field, [])
@@ -184,7 +184,7 @@ def _fitting(parts: Sequence[str], width: int, gap: str) -> str:
 
 
 def _flowing(parts: Sequence[str], width: int, style: str = '') -> list[Text]:
-    """Return all parts, in as many lines as they take; none is broken."""
+    """Return all parts, wrapped between parts into as many lines as needed."""
     lines: list[str] = []
     for part in parts:
         if lines and len(lines[-1]) + len(_GAP) + len(part) <= width:

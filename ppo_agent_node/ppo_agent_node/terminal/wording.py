@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of a report in words."""
+"""Formatting of a report's figures as text."""
 from __future__ import annotations
 
 import math
@@ -14,12 +14,12 @@ _LEVELLED = ('finetune', 'evaluate')
 
 
 def stage_name(stage: str) -> str:
-    """Return what a person calls a stage."""
+    """Return the displayed name of a stage."""
     return STAGES.get(stage, stage)
 
 
 def duration(seconds: float) -> str:
-    """Return minutes and seconds, and hours where there are any; '?' for what is no time."""
+    """Return minutes and seconds, and hours if there are any; '?' for an invalid time."""
     if not math.isfinite(seconds):
         return '?'
     whole = max(0, int(seconds))
@@ -29,28 +29,28 @@ def duration(seconds: float) -> str:
 
 
 def rate(value: float, low: float = math.nan, high: float = math.nan) -> str:
-    """Return a part of 1 in per cent, with its interval where it is known."""
+    """Return a fraction in per cent, with its interval if known."""
     text = f'{value:.1%}'
     return text if not math.isfinite(low) else f'{text} [{100 * low:.1f}, {100 * high:.1f}]'
 
 
 def amount(count: int) -> str:
-    """Return a large number in three figures."""
+    """Return a large number with three digits."""
     for size, name in ((1e9, ' G'), (1e6, ' M'), (1e3, ' k')):
-        if count >= 0.9995 * size:  # which is 1.00 of it
+        if count >= 0.9995 * size:  # rounds to 1.00
             return f'{count / size:.3g}{name}'
     return str(count)
 
 
 def counted(status: Status) -> tuple[int, int, str]:
-    """Return how much of a stage is done, of how much (0: nobody knows), and in what unit."""
+    """Return how much of a stage is done, the total (0: unknown), and the unit."""
     if status.goal:
         return status.progress, status.goal, status.unit
     return status.iteration, status.iterations, status.unit
 
 
 def count_text(status: Status) -> str:
-    """Return that as text, '' where nothing is counted; iterations need not be named."""
+    """Return that as text, '' if nothing is counted; iterations have no unit."""
     done, goal, unit = counted(status)
     if not goal:
         return ''
@@ -58,7 +58,7 @@ def count_text(status: Status) -> str:
 
 
 def figures(status: Status) -> list[str]:
-    """Return the figures of an iteration, the most telling first."""
+    """Return the figures of an iteration, the most important first."""
     parts = []
     if status.level and status.stage in _LEVELLED:
         parts.append(f'level {status.level}')
@@ -77,7 +77,7 @@ def figures(status: Status) -> list[str]:
 
 
 def without_noise(status: Status) -> str:
-    """Return how the policy did when it was last flown without noise, '' when it was not."""
+    """Return the latest evaluation without noise as text, '' if there was none."""
     if not math.isfinite(status.selection_return):
         return ''
     landed = rate(
@@ -88,14 +88,14 @@ def without_noise(status: Status) -> str:
 
 
 def best(status: Status) -> str:
-    """Return which policy is the best so far, '' when there is none."""
+    """Return the best policy so far as text, '' if there is none."""
     if not math.isfinite(status.best_return):
         return ''
     return f'best {status.best_return:.1f} at iteration {status.best_iteration}'
 
 
 def line(status: Status) -> str:
-    """Return a report as one line that can be understood by itself."""
+    """Return a report as one self-contained line."""
     parts = figures(status) if status.is_iteration or status.stage == 'done' else []
     if status.is_iteration:
         if status.stage == 'finetune' and status.selection_iteration == status.iteration:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training run: curriculum, roll-outs, selection of the best policy, checkpoints."""
+"""Training runs: curriculum, roll-outs, policy selection, checkpoints."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checkpoints and policies that a run keeps in its folder."""
+"""Writing of a run's checkpoints and policies."""
 from __future__ import annotations
 
 from dataclasses import asdict
@@ -19,17 +19,17 @@ from rocket_sim_node.worlds import WorldSpec
 
 
 class CheckpointWriter:
-    """Writes the files of a run, and tells which are the last."""
+    """Writes the files of a run, and reports the latest ones."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, folder: RunFolder, journal: MetricsLogger,
+        self, spec: WorldSpec, config: Config, folder: RunFolder, metrics: MetricsLogger,
     ) -> None:
-        """Take the run."""
+        """Store the run's settings and folder."""
         self._spec, self._config, self._folder = spec, config, folder
-        self._journal = journal
+        self._metrics = metrics
 
     def save_clone(self, policy: Policy, state: RunState) -> None:
-        """Write the policy as it was cloned.
+        """Write the cloned policy.
 
         :raises OSError: naming the path.
         """
@@ -39,17 +39,18 @@ class CheckpointWriter:
     def save(
         self, tensors: Tensors, policy: Policy, state: RunState, best: Score | None = None,
     ) -> None:
-        """Write a checkpoint, and the policy where it is the best so far.
+        """Write a checkpoint, and the policy if it is the best so far.
 
         :param tensors: of the checkpoint.
-        :param best: the policy's score, if it is.
+        :param best: the policy's score, if it is the best.
         :raises OSError: naming the path.
         """
         content = run_state.content(state, self._spec, self._config)
         written = []
         if best:
-            # Before the checkpoint that says they are there: a run that ends in between does this
-            # iteration again and writes them again, the same where it computes alike.
+            # Before the checkpoint, which refers to them: if the run ends in between, the
+            # iteration is repeated and writes them again, identically if the computation is
+            # reproducible.
             self._folder.save_best(tensors, content)
             self._save_policy(self._folder.policy, policy, state, **asdict(best))
             written.append(self._folder.policy)
@@ -57,10 +58,10 @@ class CheckpointWriter:
         self._tell(*written, news=best is not None)
 
     def _tell(self, *paths: Path, news: bool) -> None:
-        """Tell which files are the last; a checkpoint like any other is no news."""
+        """Report the latest files, and log a message unless it is an ordinary checkpoint."""
         names = ' and '.join(str(path.relative_to(self._folder.path)) for path in paths)
-        self._journal.keep(saved=names)
-        self._journal.message(f'saved {names}' if news else '')
+        self._metrics.keep(saved=names)
+        self._metrics.message(f'saved {names}' if news else '')
 
     def _save_policy(self, path: Path, policy: Policy, state: RunState, **facts: Any) -> None:
         save_policy(

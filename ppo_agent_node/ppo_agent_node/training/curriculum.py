@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The curriculum: the task gets harder when the policy lands often enough. A state machine."""
+"""Curriculum: raises the level when the policy lands often enough. A state machine."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ class Curriculum:
     config: CurriculumConfig
     level: int
     recent: tuple[bool, ...] = ()
-    """Whether each of the last episodes landed, at most a window of them, oldest first."""
+    """Whether each of the last episodes landed, at most one window, oldest first."""
 
     @classmethod
     def begin(cls, config: CurriculumConfig) -> Curriculum:
@@ -25,24 +25,24 @@ class Curriculum:
 
     @property
     def landed(self) -> int:
-        """Landings within the window."""
+        """Number of landings within the window."""
         return sum(self.recent)
 
     @property
     def landing_rate(self) -> float:
-        """Part of the window's episodes that landed; NaN before the first."""
+        """Fraction of the window's episodes that landed; NaN before the first."""
         return self.landed / len(self.recent) if self.recent else float('nan')
 
     @property
     def final(self) -> bool:
-        """Whether there is nothing harder."""
+        """Whether this is the last level."""
         return self.level >= self.config.curriculum_final_level
 
     def advance(self, landed: Iterable[bool]) -> Curriculum:
         """Return the curriculum after more episodes, in the order in which they ended.
 
         It moves up one level, with an empty window, when the window is full and the landing rate
-        over it is at least the one asked for. It never moves down.
+        over it reaches the threshold. It never moves down.
         """
         window = self.config.curriculum_window
         recent = (*self.recent, *map(bool, landed))[-window:]

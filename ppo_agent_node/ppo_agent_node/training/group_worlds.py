@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worlds of a run's groups: begun anew, flown for roll-outs, and snapshots in between."""
+"""Worlds of a run's groups: resets, roll-outs, and snapshots between them."""
 from __future__ import annotations
 
 import functools
@@ -31,22 +31,22 @@ from rocket_sim_node.worlds.jobs import Snapshot
 
 
 class GroupWorlds:
-    """Where the world of each group is."""
+    """State of each group's world."""
 
     def __init__(self, spec: WorldSpec, config: Config, fly: Fly) -> None:
-        """Take who flies; there is no world yet."""
+        """Begin without worlds; `fly` runs jobs."""
         self._spec, self._config, self._fly = spec, config, fly
         self.snapshots = [b''] * config.ppo.num_groups
-        """of each group: the last moment of its world that is certain"""
+        """Latest snapshot of each group's world."""
 
     def tensors(self) -> Tensors:
-        """Return the snapshots as tensors of bytes, by name."""
+        """Return the snapshots as byte tensors, by name."""
         return {
             _name(group): torch.from_numpy(np.frombuffer(snapshot, np.uint8).copy())
             for group, snapshot in enumerate(self.snapshots)}
 
     def take(self, path: Path, tensors: Tensors) -> None:
-        """Take the snapshots out of a checkpoint's tensors.
+        """Take the snapshots from a checkpoint's tensors.
 
         :raises ValueError: when one is missing; names the file.
         """
@@ -57,14 +57,13 @@ class GroupWorlds:
         self.snapshots = [tensors.pop(name).numpy().tobytes() for name in names]
 
     def reset(self, policy: Policy, state: RunState) -> int:
-        """Begin new episodes as the curricula have them, and get them out of step.
+        """Begin new episodes according to the curricula, and spread the rockets over their phases.
 
-        :return: rocket steps that were taken for it.
+        :return: rocket steps taken.
         """
         config, pilot = self._config, without_noise(policy)
         level, reach = state.curriculum.level, state.reverse.reset_settings()
-        # Those that begin at all heights are out of step by themselves, and whole episodes need
-        # not be.
+        # Starts at all heights are spread already, and roll-outs of whole episodes do not need it.
         scattered = state.reverse.over and not config.ppo.whole_episodes
         steps = config.ppo.scatter_steps if scattered else 0
 
@@ -84,7 +83,7 @@ class GroupWorlds:
     def roll_out(
         self, rollout: Rollout | EpisodeRollout, policy: Policy, state: RunState,
     ) -> list[list[Ended]]:
-        """Fly the roll-out of the next iteration; return what ended in each group."""
+        """Run the roll-out of the next iteration; return the episodes that ended in each group."""
         def begin(group: int) -> Job[tuple[list[Ended], bytes]]:
             noise = random_streams.generator(
                 self._config.run.seed, 'roll-out', state.iteration + 1, *_later(group))
@@ -96,7 +95,7 @@ class GroupWorlds:
         return [ended for ended, _ in flown]
 
     def _begin(self, group: int, state: RunState) -> Reset | Restore:
-        """Return where the next roll-out of a group begins: mostly where the last one ended."""
+        """Return how the next roll-out of a group begins: usually at the end of the last one."""
         config = self._config
         if not config.ppo.whole_episodes:
             return Restore(self.snapshots[group])
@@ -107,9 +106,9 @@ class GroupWorlds:
             'spawn_copies': config.ppo.start_copies})
 
     def hardest(self, flown: Sequence[Sequence[Ended]], state: RunState) -> Episodes:
-        """Return the episodes that began highest, of all that ended in a roll-out.
+        """Return the episodes with the highest starts, of all that ended in a roll-out.
 
-        None of a run that has no reverse curriculum, or none any more.
+        Empty without an active reverse curriculum.
         """
         if state.reverse.over:
             return NO_EPISODES
@@ -118,7 +117,7 @@ class GroupWorlds:
             for group, ended in enumerate(flown)])
 
     def _seed(self, state: RunState, group: int) -> int:
-        """Return what the world of a group was last reset with."""
+        """Return the seed of the last reset of a group's world."""
         return random_streams.derived_seed(
             self._config.run.seed, 'world', state.reset_iteration, *_later(group))
 
@@ -128,5 +127,5 @@ def _name(group: int) -> str:
 
 
 def _later(group: int) -> tuple[int, ...]:
-    """Return the index of a group for its random streams: the first has those of one alone."""
+    """Return a group's index for its random streams; empty for the first, as in a run of one."""
     return (group,) if group else ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The crew of a run: a fleet of simulators that flies until the run is asked to stop."""
+"""Wrapper of a fleet that runs jobs until the training run is asked to stop."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -17,21 +17,21 @@ T = TypeVar('T')
 
 
 class InterruptibleFleet:
-    """Flies what a run needs flown, and hears whether it shall stop."""
+    """Runs the jobs of a training run, and checks for a stop request."""
 
     def __init__(
         self, fleet: Fleet, stop_requested: Callable[[], bool], report: Callable[[str], None],
     ) -> None:
-        """Take the fleet.
+        """Wrap the fleet.
 
-        :param stop_requested: asked before each step and each minibatch.
-        :param report: is told of flights that were begun anew.
+        :param stop_requested: called before each step and each minibatch.
+        :param report: called with a text when a job is restarted.
         """
         self._fleet, self._stop_requested, self._report = fleet, stop_requested, report
         self._give_back = free_memory.PeriodicTrim()
 
     def fly(self, flights: Sequence[Callable[[], Job[T]]]) -> Iterator[T]:
-        """Fly, and yield the results in the order of the flights.
+        """Run jobs, and yield their results in order.
 
         :raises EnvironmentClosed: when the run is asked to stop.
         """
@@ -39,16 +39,16 @@ class InterruptibleFleet:
             yield from self._fleet.fly(flights, self.poll, self._report)
 
     def poll(self) -> None:
-        """Look whether the run shall stop.
+        """Check for a stop request.
 
-        :raises EnvironmentClosed: when it is asked to.
+        :raises EnvironmentClosed: when the run is asked to stop.
         """
         if self._stop_requested():
             raise EnvironmentClosed('asked to stop')
 
     def poll_learning(self) -> None:
-        """Do the same between two minibatches, and give back memory now and then."""
-        # While most of what an update works with is in use: given back between two updates, it
-        # would only be asked for again, and memory go up and down.
+        """Check for a stop request between minibatches, and return free memory periodically."""
+        # Here, while most memory of an update is in use: returned between two updates, it would
+        # only be requested again, and memory use would fluctuate.
         self._give_back()
         self.poll()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run will ask of its simulators, asked before there is anything to lose."""
+"""Checks before a run that its simulators accept its resets and snapshots."""
 from __future__ import annotations
 
 import functools
@@ -16,11 +16,11 @@ from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 
 Fly = Callable[[Sequence[Callable[[], Job[Any]]]], Iterator[Any]]
-"""flies flights, see `worlds.flight.Fleet`"""
+"""Runs jobs, see `worlds.jobs.Fleet`."""
 
 
 def try_starts(fly: Fly, config: Config) -> None:
-    """Begin episodes as a new run will.
+    """Begin episodes with each kind of reset of a new run.
 
     :raises ValueError: for starts that the simulator refuses; says whose.
     """
@@ -44,9 +44,9 @@ def try_starts(fly: Fly, config: Config) -> None:
 
 
 def try_snapshots(fly: Fly, path: Path, worlds: Sequence[bytes]) -> None:
-    """Go into the snapshots that a resumed run goes on from.
+    """Restore the snapshots from which a resumed run continues.
 
-    :param path: of the file that they are in.
+    :param path: of the file that contains them.
     :raises ValueError: for one that the simulator refuses; names the file.
     """
     try:

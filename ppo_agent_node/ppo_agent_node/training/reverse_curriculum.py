@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reverse curriculum: episodes begin next to the ground, and ever higher. A state machine.
+"""Reverse curriculum: episodes begin near the ground, then ever higher. A state machine.
 
-Florensa et al., 'Reverse curriculum generation for reinforcement learning', 2017: where only the
-end is rewarded, learn it backwards, from starts at which the goal is near. A rocket that starts at
-rest a few decimetres up lands whatever it does; from there on each reach teaches the next one.
+Florensa et al., 'Reverse curriculum generation for reinforcement learning', 2017: with a reward at
+the end only, learn backwards, from starts near the goal. A rocket at rest a few decimetres above
+the ground lands whatever it does; from there on each reach prepares for the next one.
 """
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from rocket_sim_node.worlds.rocket import spawn
 
 @dataclass(frozen=True)
 class ReverseCurriculum:
-    """How high episodes begin, and the most recent of the hardest; see `advance`."""
+    """Start height of episodes, and the results of the hardest recent ones; see `advance`."""
 
     config: CurriculumConfig
     full_reach: float
-    """m, the drop of the whole task"""
+    """m, the full drop of the task."""
     reach: float
-    """m, the world's `spawn_reach`; 0: all episodes begin at the spawn height"""
+    """m, the world's `spawn_reach`; 0: all episodes begin at the spawn height."""
     recent: tuple[bool, ...] = ()
-    """Whether each of the last hard episodes landed, at most a window of them, oldest first."""
+    """Whether each of the last hard episodes landed, at most one window, oldest first."""
 
     @classmethod
     def begin(cls, config: CurriculumConfig, spec: WorldSpec) -> ReverseCurriculum:
-        """Return the curriculum at its first reach, 0 where there is none.
+        """Return the curriculum at its first reach, 0 without a reverse curriculum.
 
         :raises ValueError: when the first reach is more than the world's drop.
         """
@@ -46,28 +46,28 @@ class ReverseCurriculum:
 
     @property
     def over(self) -> bool:
-        """Whether roll-outs are of the plain task."""
+        """Whether roll-outs have the ordinary starts."""
         return not self.reach
 
     @property
     def landing_rate(self) -> float:
-        """Part of the window's episodes that landed; NaN before the first."""
+        """Fraction of the window's episodes that landed; NaN before the first."""
         return sum(self.recent) / len(self.recent) if self.recent else float('nan')
 
     def figures(self) -> dict[str, float]:
-        """Return what a line of the log says: how high, m, the highest episodes begin."""
+        """Return values for the log: the height, m, at which the highest episodes begin."""
         return {'reach': self.reach or self.full_reach} if self.full_reach else {}
 
     def reset_settings(self) -> dict[str, float]:
-        """Return what the world is reset with for roll-outs, besides the level."""
+        """Return the reset settings of roll-outs, besides the level."""
         return {} if self.over else {'spawn_reach': self.reach}
 
     def advance(self, landed: Iterable[bool]) -> ReverseCurriculum:
-        """Return the curriculum after more of the hardest episodes, as they ended.
+        """Return the curriculum after more of the hardest episodes, in the order they ended.
 
-        When the window is full and the landing rate over it is at least the one asked for, the
-        reach grows, with an empty window: up to that of the whole task, and from there to the
-        plain task. It never shrinks.
+        When the window is full and the landing rate over it reaches the threshold, the reach
+        grows, with an empty window: up to that of the full task, and then to the ordinary starts.
+        It never shrinks.
         """
         if self.over:
             return self
@@ -81,10 +81,10 @@ class ReverseCurriculum:
         return replace(self, reach=0.0 if self.reach == self.full_reach else grown, recent=())
 
     def hardest(self, ended: Sequence[Ended], world_seed: int) -> list[Ended]:
-        """Return, of a group's episodes, those that began highest.
+        """Return those of a group's episodes that began highest.
 
-        :param world_seed: of the reset since which the world has flown: it tells each episode's
-            start, whatever was observed of it.
+        :param world_seed: of the world's last reset: it determines each episode's start,
+            independent of observations.
         """
         least = 1.0 - self.config.curriculum_reach_hardest
         return [

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run is at the start of an iteration, besides the weights, and how it is written down."""
+"""State of a run at the start of an iteration, except for the weights, and its serialisation."""
 from __future__ import annotations
 
 import math
@@ -23,38 +23,37 @@ from rocket_sim_node.worlds.rocket import conditions
 
 _FREE_TO_CHANGE = frozenset(
     {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
-"""Settings that do not change what is learnt but for rounding, so that a resumed run may have
-others."""
+"""Settings that change results by rounding at most, so that they may differ in a resumed run."""
 
 _NOTHING = object()
-"""in place of a setting that a description does not have"""
+"""Placeholder for a setting that a description does not have."""
 
 
 @dataclass(frozen=True)
 class RunState:
-    """Where a run is. Random numbers need no state: see streams."""
+    """Progress of a run. Random numbers need no state: see random_streams."""
 
     curriculum: Curriculum
     reverse: ReverseCurriculum
     iteration: int = 0
-    """of fine-tuning, done"""
+    """Completed iterations of fine-tuning."""
     steps: int = 0
-    """rocket steps taken"""
+    """Rocket steps taken."""
     episodes: int = 0
-    """ended in roll-outs"""
+    """Episodes that ended in roll-outs."""
     lines: int = 0
-    """of the log, written"""
+    """Lines of the log written."""
     best: Score | None = None
     reset_iteration: int = 0
-    """after which the world was last reset"""
+    """Iteration after which the world was last reset."""
 
     @property
     def best_return(self) -> float:
-        """Most that a flight without noise returned on average so far."""
+        """Highest mean return of an evaluation without noise so far."""
         return self.best.mean_return if self.best else -math.inf
 
     def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
-        """Return the state with the curriculum after more episodes, as they ended.
+        """Return the state with the curriculum after more episodes, in the order they ended.
 
         :param landed: whether each one landed.
         :param hardest: the same of those that began highest, for a reverse curriculum.
@@ -64,7 +63,7 @@ class RunState:
         return replace(self, reverse=self.reverse.advance(hardest))
 
     def news(self, before: RunState) -> str:
-        """Return how the task became harder since, empty if it did not."""
+        """Return a text on how the task became harder since `before`, empty if it did not."""
         level, reverse = self.curriculum.level, self.reverse
         if level != before.curriculum.level:
             return f'level {before.curriculum.level} -> {level}'
@@ -88,7 +87,7 @@ def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
 
 
 def _launched(spec: WorldSpec) -> dict[str, str]:
-    """Return what `train` has to give the simulator again when the run is resumed."""
+    """Return the simulator's settings that `train` must set again when the run is resumed."""
     if not spec.condition_names:
         return {}
     return {
@@ -97,7 +96,7 @@ def _launched(spec: WorldSpec) -> dict[str, str]:
 
 
 def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
-    """Return what a checkpoint says about a run, as JSON can."""
+    """Return a checkpoint's description of a run, serialisable as JSON."""
     return {
         'iteration': state.iteration, 'steps': state.steps, 'episodes': state.episodes,
         'lines': state.lines,
@@ -110,7 +109,7 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
 
 
 def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:
-    """Return the state that a checkpoint holds.
+    """Return the state in a checkpoint.
 
     :raises ValueError: when it is of a run with other settings; names the file and the setting.
     """
@@ -130,7 +129,7 @@ def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) ->
 
 def _reverse(found: dict[str, Any], spec: WorldSpec, config: Config) -> ReverseCurriculum:
     begun = ReverseCurriculum.begin(config.curriculum, spec)
-    if 'reach' not in found:  # from before there was a reverse curriculum
+    if 'reach' not in found:  # written before there was a reverse curriculum
         return begun
     reach = found['reach']
     if not isinstance(reach, float | int) or not 0 <= reach <= begun.full_reach:
@@ -146,7 +145,7 @@ def _count(found: dict[str, Any], name: str) -> int:
 
 
 def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
-    # What learning did before there was a setting for it is the setting's default.
+    # A setting's default is the behaviour before the setting existed.
     before = {'training': {info.name: info.default for info in describe()}, 'world_settings': {}}
     try:
         pairs = [
@@ -170,5 +169,5 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON has it."""
+    """Return a value as JSON would return it."""
     return list(value) if isinstance(value, tuple) else value

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which policy of a run is the best: flown without noise, from the same starts each time."""
+"""Selection of a run's best policy by evaluations without noise, always from the same starts."""
 from __future__ import annotations
 
 import functools
@@ -25,12 +25,12 @@ from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 
 Wave = Callable[[], Job[tuple[Episodes, int]]]
-"""Begins a flight of one episode a rocket."""
+"""Starts a job of one episode per rocket."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """How a policy did; the better one has the higher mean return."""
+    """Evaluation results of a policy; the higher mean return is better."""
 
     iteration: int
     episodes: int
@@ -39,17 +39,17 @@ class Score:
 
     @property
     def landing_rate(self) -> float:
-        """Part of the episodes that landed."""
+        """Fraction of the episodes that landed."""
         return self.landed / self.episodes
 
 
 def fly_wave(
     pilot: Pilot, settings: Mapping[str, float], seed: int, wave: int,
 ) -> Job[tuple[Episodes, int]]:
-    """Fly one episode with each rocket; return them, and the steps that it took.
+    """Fly one episode with each rocket; return the episodes and the number of steps.
 
-    The starts depend on the run's seed and the wave alone, so that two policies of a run meet the
-    same ones and their difference is less noisy than either; the final evaluation has others.
+    The starts depend on the run's seed and the wave alone, so two policies of a run have the same
+    ones and their difference is less noisy than either. The final evaluation has other starts.
     """
     observation = yield Reset(
         random_streams.derived_seed(seed, 'selection', wave), settings)
@@ -62,11 +62,11 @@ def fly_selection(
     policy: Policy, iteration: int, starts: Sequence[Mapping[str, float]],
     episodes: int, seed: int,
 ) -> tuple[Score, int]:
-    """Fly at least so many episodes from each kind of starts, equally many with each rocket.
+    """Fly at least `episodes` episodes from each kind of start, equally many with each rocket.
 
-    :param starts: what the world is reset with.
-    :param fly: flies what it is given and yields the results, in order.
-    :return: the score, and the rocket steps that it took.
+    :param starts: reset settings of the world, by kind.
+    :param fly: runs jobs and yields the results, in order.
+    :return: the score, and the rocket steps taken.
     """
     rockets = spec.num_envs
     waves = [
@@ -80,29 +80,29 @@ def fly_selection(
 
 
 class Selected(NamedTuple):
-    """A flight without noise, and what it says of the policy."""
+    """Result of an evaluation without noise."""
 
     score: Score
     better: bool
-    """than all before"""
+    """Whether the policy is better than all before."""
     steps: int
-    """of rockets, that it took"""
+    """Rocket steps taken."""
     numbers: dict[str, Any]
-    """for the log"""
+    """Values for the log."""
 
 
 class Selector:
-    """Flies the policies of a run without noise when that is due, and tells how they do."""
+    """Evaluates policies of a run without noise when due, and reports the results."""
 
     def __init__(
-        self, spec: WorldSpec, config: Config, journal: MetricsLogger,
+        self, spec: WorldSpec, config: Config, metrics: MetricsLogger,
         fly: Callable[[Sequence[Wave]], Iterable[tuple[Episodes, int]]],
     ) -> None:
-        """Take the run, and who flies."""
-        self._spec, self._config, self._journal, self._fly = spec, config, journal, fly
+        """Store the run's settings; `fly` runs jobs."""
+        self._spec, self._config, self._metrics, self._fly = spec, config, metrics, fly
 
     def due(self, iteration: int, landing_rate: float) -> bool:
-        """Tell whether the policy is due for such a flight, and worth one.
+        """Return whether an evaluation of the policy is due, and worthwhile.
 
         :param landing_rate: of the last episodes of roll-outs; NaN before the first.
         """
@@ -111,7 +111,7 @@ class Selector:
             least == 0 or landing_rate >= least)
 
     def select(self, policy: Policy, iteration: int, best: Score | None) -> Selected:
-        """Fly the policy of an iteration.
+        """Evaluate the policy of an iteration.
 
         :param best: the best score so far.
         """
@@ -121,7 +121,7 @@ class Selector:
             config.run.selection_episodes, config.run.seed)
         better = best is None or score.mean_return > best.mean_return
         low, high = wilson(score.landed, score.episodes)
-        self._journal.keep(
+        self._metrics.keep(
             selection_iteration=score.iteration, selection_landing_rate_low=low,
             selection_landing_rate_high=high, selection_return=score.mean_return,
             selection_landing_rate=score.landing_rate)
@@ -130,8 +130,8 @@ class Selector:
             'selection_return': score.mean_return, 'selection_landing_rate': score.landing_rate})
 
     def tell(self, best: Score | None) -> None:
-        """Let all reports from now on say which policy is the best, where there is one."""
+        """Add the best policy, if there is one, to all further reports."""
         if best:
-            self._journal.keep(
+            self._metrics.keep(
                 best_iteration=best.iteration, best_landing_rate=best.landing_rate,
                 best_return=best.mean_return)

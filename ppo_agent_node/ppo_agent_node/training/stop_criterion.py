@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When fine-tuning ends, after its iterations or episodes or once it is good enough, and how."""
+"""Stop criterion of fine-tuning: iterations, episodes or target return; and a run's result."""
 from __future__ import annotations
 
 import math
@@ -12,48 +12,48 @@ from ppo_agent_node.training.selection import Score
 
 @dataclass(frozen=True)
 class Result:
-    """How a run ended."""
+    """Result of a run."""
 
     finished: bool
-    """False when it was stopped; it can be resumed"""
+    """False when it was stopped; it can be resumed."""
     iterations: int
-    """done, of fine-tuning"""
+    """Completed iterations of fine-tuning."""
     best: Score | None
-    """of the policy in `policy`; None when none has been flown yet"""
+    """Score of the policy in `policy`; None before the first evaluation."""
     policy: Path
 
 
 @dataclass(frozen=True)
 class StopCriterion:
-    """What ends a run's fine-tuning."""
+    """Limits that end a run's fine-tuning."""
 
     iterations: int
     episodes: int
-    """0: as many as there are"""
+    """Maximum number of episodes; 0: unlimited."""
     target_return: float = math.inf
-    """mean return of a flight without noise"""
+    """Mean return of an evaluation without noise that suffices."""
 
     def reached(
         self, iteration: int, episodes: int, best_return: float = -math.inf,
     ) -> bool:
-        """Tell whether a run is done.
+        """Return whether a run is done.
 
-        :param iteration: iterations it did.
-        :param episodes: episodes it saw.
-        :param best_return: most that a flight without noise returned on average so far.
+        :param iteration: completed iterations.
+        :param episodes: completed episodes.
+        :param best_return: highest mean return of an evaluation without noise so far.
         """
         return (
             iteration >= self.iterations or 0 < self.episodes <= episodes
             or best_return >= self.target_return)
 
     def progress(self, iteration: int, episodes: int) -> Progress:
-        """Return how far it is, counted in what will end it if it goes on as so far."""
+        """Return the progress, in terms of the limit expected to be reached first."""
         if not self.episodes or iteration * self.episodes > episodes * self.iterations:
             return Progress(iteration, self.iterations, 'iterations')
         return Progress(min(episodes, self.episodes), self.episodes, 'episodes')
 
     def left(self, iteration: int, episodes: int) -> float:
-        """Return how many iterations are to come, if episodes end as often as so far."""
+        """Return the expected number of remaining iterations, at the present rate of episodes."""
         left = self.iterations - iteration
         if not self.episodes or not episodes:
             return left

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training run from nothing to a policy: demonstrate, clone, fine-tune by PPO.
+"""Training run: demonstrations, cloning, and fine-tuning by PPO.
 
-Equal seeds give equal weights, bit for bit, whichever fleet it flies in, of however many
-simulators, however often they restart, and whether or not the run was stopped and resumed.
+Equal seeds give equal weights, bit for bit, regardless of the fleet and its number of simulators,
+of simulator restarts, and of whether the run was stopped and resumed.
 """
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ class Trainer:
     ) -> None:
         """Prepare a run; nothing flies yet.
 
-        :param report: is told of each iteration, and of what else happens.
+        :param report: called with a status for each iteration and each event.
         :param expert: the pilot to imitate; by default the scripted one with the gains of the
             settings.
-        :param stop_requested: asked before each step and each minibatch.
-        :param say: is told the lines of episodes, where the settings ask for them.
-        :raises ValueError: when there are to be demonstrations and the scripted pilot cannot fly
-            the world, or when a setting is not for it.
+        :param stop_requested: called before each step and each minibatch.
+        :param say: called with a line for each episode, if the settings ask for it.
+        :raises ValueError: when demonstrations are needed and the scripted pilot cannot fly the
+            world, or when a setting does not fit the world.
         """
         spec = self._spec = fleet.spec
         config = fit_copies(config, spec.num_envs)
@@ -77,13 +77,13 @@ class Trainer:
             expert = scripted_teacher(
                 spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
         self._expert = expert if config.demonstration.demonstration_episodes else None
-        self._ending = StopCriterion(
+        self._stop_criterion = StopCriterion(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
         self._learner = Learner(spec, config)
-        self._journal = MetricsLogger(folder, report)
+        self._metrics = MetricsLogger(folder, report)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
-        self._journal.keep(stages=(*imitation, 'finetune'))
+        self._metrics.keep(stages=(*imitation, 'finetune'))
         self._state = RunState(
             Curriculum.begin(config.curriculum),
             ReverseCurriculum.begin(config.curriculum, spec))
@@ -92,23 +92,23 @@ class Trainer:
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             config.ppo.num_groups)
-        self._crew = InterruptibleFleet(fleet, stop_requested, self._journal.message)
-        self._worlds = GroupWorlds(spec, config, self._crew.fly)
-        self._selector = Selector(spec, config, self._journal, self._crew.fly)
-        self._keeper = CheckpointWriter(spec, config, folder, self._journal)
+        self._fleet = InterruptibleFleet(fleet, stop_requested, self._metrics.message)
+        self._worlds = GroupWorlds(spec, config, self._fleet.fly)
+        self._selector = Selector(spec, config, self._metrics, self._fleet.fly)
+        self._checkpoints = CheckpointWriter(spec, config, folder, self._metrics)
 
     def run(self) -> Result:
-        """Train until done or asked to stop; from where the folder's run ended, if it has one.
+        """Train until done or asked to stop; resumes the folder's run, if it has one.
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
-        :raises OSError: when the folder cannot be written; the last checkpoint is whole.
+        :raises OSError: when the folder cannot be written; the last checkpoint is complete.
         """
         finished = False
-        saved = self._folder.newest(self._journal.message)
+        saved = self._folder.newest(self._metrics.message)
         try:
             if saved is None:
-                preflight.try_starts(self._crew.fly, self._config)
-                self._journal.take_up(0, 0)
+                preflight.try_starts(self._fleet.fly, self._config)
+                self._metrics.take_up(0, 0)
                 self._folder.write_config(run_state.description(self._spec, self._config))
                 self._imitate()
                 self._begin_finetuning()
@@ -118,7 +118,7 @@ class Trainer:
             finished = True
         except EnvironmentClosed:
             begun = any(self._folder.checkpoints.iterdir())
-            self._journal.message(
+            self._metrics.message(
                 'stopped; a resumed run goes on from here' if begun else
                 'stopped before the first checkpoint; a resumed run begins anew')
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
@@ -129,35 +129,35 @@ class Trainer:
         self._worlds.take(path, tensors)
         self._learner.load(path, tensors)
         self._folder.go_on_from(path)
-        self._journal.take_up(self._state.lines, self._state.steps)
+        self._metrics.take_up(self._state.lines, self._state.steps)
         if self._config.run.episode_lines:
             for line in self._folder.lines():
                 self._score_lines.add(line.get('scores', ()))
-        # To hear now whether the simulators take them, and not when there is work to be lost.
-        preflight.try_snapshots(self._crew.fly, path, self._worlds.snapshots)
-        # Some settings may be others now, such as how many episodes are evaluated.
+        # Fails now if the simulators refuse them, before there is work to lose.
+        preflight.try_snapshots(self._fleet.fly, path, self._worlds.snapshots)
+        # Some settings may have changed, such as the number of evaluated episodes.
         self._folder.write_config(run_state.description(self._spec, self._config))
         self._selector.tell(self._state.best)
-        self._journal.keep(saved=f'{path.parent.name}/{path.name}')
+        self._metrics.keep(saved=f'{path.parent.name}/{path.name}')
         self._begin_stage_finetune()
-        self._journal.message(f'resumed from {path.name}')
+        self._metrics.message(f'resumed from {path.name}')
 
     def _imitate(self) -> None:
         """Clone the expert into the policy."""
         if self._expert is None:
             return
         imitation = Imitation(
-            self._spec, self._config, self._expert, self._crew.fly, self._journal,
-            self._crew.poll_learning)
+            self._spec, self._config, self._expert, self._fleet.fly, self._metrics,
+            self._fleet.poll_learning)
         imitation.teach(self._learner.policy)
         self._state = replace(self._state, steps=self._state.steps + imitation.steps)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
-        self._keeper.save_clone(self._learner.policy, self._state)
+        self._checkpoints.save_clone(self._learner.policy, self._state)
 
     def _begin_finetuning(self) -> None:
-        """Score the clone, put the world at the first level and save: iteration 0.
+        """Evaluate the clone, reset the worlds to the first level and save: iteration 0.
 
-        Where there is no clone, there is nothing worth a flight yet.
+        Without a clone, the untrained policy is not evaluated.
         """
         self._begin_stage_finetune()
         self._reset_world()
@@ -166,7 +166,7 @@ class Trainer:
         self._finish_iteration(best, level=self._state.curriculum.level, **numbers)
 
     def _begin_stage_finetune(self) -> None:
-        self._journal.begin(
+        self._metrics.begin(
             'finetune', self._config.ppo.iterations, self._state.iteration, self._progress())
 
     def _finetune(self) -> None:
@@ -176,27 +176,27 @@ class Trainer:
             try:
                 self._iterate()
             except (RuntimeError, TimeoutError, ValueError):
-                # Asked to stop, or there is nobody to fly any more: what was learnt is kept.
+                # Stopped, or no simulator is left: save what was learned.
                 self._state = state
-                self._keeper.save(tensors, self._learner.policy, state)
+                self._checkpoints.save(tensors, self._learner.policy, state)
                 raise
 
     def _done(self) -> bool:
         state = self._state
-        return self._ending.reached(state.iteration, state.episodes, state.best_return)
+        return self._stop_criterion.reached(state.iteration, state.episodes, state.best_return)
 
     def _progress(self) -> Progress:
-        return self._ending.progress(self._state.iteration, self._state.episodes)
+        return self._stop_criterion.progress(self._state.iteration, self._state.episodes)
 
     def _iterate(self) -> None:
-        """Fly a roll-out, learn from it, and see what follows."""
+        """Run one iteration: roll-out, update, evaluation and checkpoint."""
         iteration, state = self._state.iteration + 1, self._state
         rollout, policy = self._rollout, self._learner.policy
         flown = self._worlds.roll_out(rollout, policy, state)
         episodes = in_order(flown)
         with tensor_threads(self._config.run.threads):
             diagnostics, learning_rate = self._learner.learn(
-                iteration, rollout, self._crew.poll_learning)
+                iteration, rollout, self._fleet.poll_learning)
         outcomes = self._spec.outcomes
         self._state = replace(
             state.advance(
@@ -224,9 +224,9 @@ class Trainer:
         self._state = replace(self._state, steps=self._state.steps + steps)
 
     def _select(self, due: bool) -> tuple[Score | None, dict[str, Any]]:
-        """Fly the policy without noise if that is due, as it is in the end.
+        """Evaluate the policy without noise if that is due, or if this is the last iteration.
 
-        :return: its score if it is the best so far, and numbers for the log.
+        :return: its score if it is the best so far, and values for the log.
         """
         if not (due or self._done()):
             return None, {}
@@ -238,19 +238,19 @@ class Trainer:
         return best, selected.numbers
 
     def _finish_iteration(self, best: Score | None, message: str = '', **numbers: Any) -> None:
-        """Write the log's line, and the files that are due."""
+        """Write the log line, and the files that are due."""
         state, interval = self._state, self._config.run.checkpoint_interval
         due = best or self._done() or state.iteration % interval == 0
         if best:
             told = f'best policy so far: return {best.mean_return:.1f}'
             message = f'{message}, {told}' if message else told
-        self._journal.entry(
+        self._metrics.entry(
             state.iteration, state.steps, message,
-            0.0 if self._done() else self._ending.left(state.iteration, state.episodes),
+            0.0 if self._done() else self._stop_criterion.left(state.iteration, state.episodes),
             self._progress(), **numbers)
-        self._state = replace(state, lines=self._journal.lines)
+        self._state = replace(state, lines=self._metrics.lines)
         if due:
-            self._keeper.save(self._tensors(), self._learner.policy, self._state, best)
+            self._checkpoints.save(self._tensors(), self._learner.policy, self._state, best)
 
     def _tensors(self) -> Tensors:
         return {**self._learner.tensors(), **self._worlds.tensors()}

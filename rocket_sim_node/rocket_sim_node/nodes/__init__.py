@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes: parameters in, one `main` each."""
+"""Nodes of this package: read parameters, run the core, one `main` each."""

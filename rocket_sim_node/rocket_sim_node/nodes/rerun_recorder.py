@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `rerun_recorder`: listens to a simulator and an agent, and records what it hears.
+"""Node `rerun_recorder`: records the states of a simulator and the training of an agent.
 
-Nothing waits for it: it may start late, fall behind, die and come back.
+No other node depends on it: it may start late, fall behind, die and be restarted.
 """
 from __future__ import annotations
 
@@ -42,20 +42,21 @@ from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 _SPIN_PERIOD = 0.2
-"""s; the events executor needs a finite time-out, and Python looks after signals in between"""
+"""Seconds per spin; the events executor needs a finite time-out, for signals."""
 _QUIET = 0.2
 _DRAIN = 1.5
-"""s without a message after which, and s after which at the latest, a recorder told to end does"""
+"""When asked to stop, the recorder waits until no message came for the first time, s, and at most
+for the second."""
 _DRAINED_AT_ONCE = 20
 _AGENT_GONE = 3.0
-"""s without anybody who might report a training after which it is over"""
+"""Seconds without a publisher of training status after which a training counts as over."""
 _NICENESS = 10
-"""how far it stands behind simulator and agent where there are not cores enough"""
+"""Niceness relative to simulator and agent, when there are not enough cores."""
 
 
 @dataclass(frozen=True)
 class Destinations:
-    """Where recordings go; several at once, or none at all."""
+    """Destinations of recordings; any number, including none."""
 
     output: str = setting(
         '', '', 'file to write, .rrd; it appears under its name at the end, an existing one is '
@@ -70,10 +71,10 @@ class Destinations:
 
 
 class RecorderNode:
-    """Hands messages to a recorder; `count` says how many there were."""
+    """Passes messages to a recorder; `count` is the number received."""
 
     def __init__(self, node: Node, recorder: Recorder) -> None:
-        """Subscribe."""
+        """Create the subscriptions."""
         self._node = node
         self._recorder = recorder
         self._agent_there = time.monotonic()
@@ -84,7 +85,7 @@ class RecorderNode:
             (msg.TrainingStatus, 'training', self._on_training, qos.EVENTS),
         ):
             node.create_subscription(kind, topic, callback, profile)
-        # A count of publishers does not remap names.
+        # `count_publishers` does not apply remapping.
         self._training = node.resolve_topic_name('training')
 
     def _on_world(self, message: msg.World) -> None:
@@ -106,12 +107,12 @@ class RecorderNode:
             self._recorder.training(training_from_message(message))
 
     def tick(self) -> None:
-        """Have logged what has waited long enough."""
+        """Log the data that has waited long enough."""
         with leaving_out(self._node, 'flight'):
             self._recorder.tick()
 
     def close(self) -> None:
-        """Have all finished that can be."""
+        """Finish everything that can be finished."""
         try:
             with leaving_out(self._node, 'flight'):
                 self._recorder.log_the_rest()
@@ -119,7 +120,7 @@ class RecorderNode:
             self._recorder.close()
 
     def look_after_agents(self) -> None:
-        """Tell the recorder when the last agent has gone; it may not have been able to say so."""
+        """Tell the recorder when the last agent is gone, as the agent may not have reported it."""
         now = time.monotonic()
         if self._node.count_publishers(self._training):
             self._agent_there = now
@@ -129,7 +130,7 @@ class RecorderNode:
 
 
 def training_from_message(message: msg.TrainingStatus) -> Training:
-    """Return an agent's report; where there are no levels, level 0, there is no curve either."""
+    """Return an agent's report; without a curriculum (level 0) it has no level curve."""
     values = {line.value: float(getattr(message, line.value)) for line in LINES}
     if not message.level:
         del values['level']
@@ -147,7 +148,7 @@ def record(node: Node, executor: Executor) -> None:
 
     def note(level: str, text: str) -> None:
         logger = node.get_logger()
-        # One call for each: a logger refuses another severity from the same place.
+        # Separate calls: a logger rejects different severities from the same line.
         if level == 'ERROR':
             logger.error(text)
         elif level == 'WARN':
@@ -185,7 +186,7 @@ def record(node: Node, executor: Executor) -> None:
 
 
 def _drain(executor: Executor, heard: RecorderNode) -> None:
-    """Take what is still on its way: simulator and agent may be ending as well."""
+    """Receive messages still in transit, as simulator and agent may be stopping as well."""
     end = time.monotonic() + _DRAIN
     before = -1
     while before != heard.count and time.monotonic() < end:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What node `simulator` does: it serves a world to an agent."""
+"""Body of node `simulator`: create a world from parameters and serve it to an agent."""
 from __future__ import annotations
 
 import math
@@ -23,13 +23,13 @@ from rocket_sim_node.worlds.rocket import conditions
 
 _ONE_OBSERVATION = SettingInfo(
     'observation', 'standard', '', 'what pilots see', 0.0, math.inf, ('standard',))
-"""of worlds that have no other"""
+"""Setting for worlds with only one kind of observation."""
 _MODES = {'lockstep': World.LOCKSTEP, 'realtime': World.REALTIME}
 
 
 @dataclass(frozen=True)
 class SimulatorParameters:
-    """Parameters of the node; those of the world stand beside them."""
+    """Parameters of the node itself; the world's are declared beside them."""
 
     world: str = setting('rocket', '', 'which world', choices=worlds.names())
     num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ENVS)
@@ -56,9 +56,9 @@ class SimulatorParameters:
 
 
 def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dict[str, Any]:
-    """Declare the settings of the world and return their values.
+    """Declare the world's settings and return their values.
 
-    :raises ParameterError: for one out of range, and for what this world does not have.
+    :raises ParameterError: for a value out of range, or a setting that this world lacks.
     """
     infos = worlds.settings(options.world)
     known = {info.name for info in infos}
@@ -68,7 +68,7 @@ def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dic
         raise ParameterError(
             f'parameter conditions: got {options.conditions!r}, expected nominal, as world '
             f'{options.world!r} has no others')
-    # Launch files give it to any world.
+    # Launch files pass it to every world.
     values = parameters.declare_infos((*infos, _ONE_OBSERVATION))
     del values[_ONE_OBSERVATION.name]
     return values

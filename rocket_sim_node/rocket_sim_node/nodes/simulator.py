@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `simulator`: N rockets of one world, stepped as one batch by the agent's actions."""
+"""Node `simulator`: N rockets of one world, stepped as one batch by an agent's actions."""
 from __future__ import annotations
 
 from rocket_sim_node.wire.dds.transport import SharedMemory

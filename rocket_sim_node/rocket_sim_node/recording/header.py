@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What stands at the head of a recording: the scene, and the styles of what will come."""
+"""Start of a recording: the static scene, and the styles of what follows."""
 from __future__ import annotations
 
 import rerun as rr
@@ -17,22 +17,22 @@ from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 
-def head(stage: WorldInfo, look: Look, live: bool) -> Put:
-    """Return what logs the head of a recording of a world.
+def head(info: WorldInfo, look: Look, live: bool) -> Put:
+    """Return a function that logs the start of a world's recording.
 
-    :param look: what the recording shows.
-    :param live: with something to be seen until the first flight begins.
+    :param look: layout of the recording.
+    :param live: whether to show a vehicle until the first flight begins.
     """
     def put(stream: rr.RecordingStream) -> None:
-        shown = scenery(stage.world)
-        shown.static(stream, stage)
+        shown = scenery(info.world)
+        shown.static(stream, info)
         plots.log_styles(stream, entities.ROCKET, shown.recorded)
         if look.unusual:
-            conditions_log.log_style(stream, stage)
+            conditions_log.log_style(stream, info)
         if look.training:
             training_plots.log_styles(stream)
-            log_backdrop(stream, stage, BEFORE_TRAINING)
+            log_backdrop(stream, info, BEFORE_TRAINING)
         if live:
-            log_backdrop(stream, stage, BEFORE_FLIGHT)
+            log_backdrop(stream, info, BEFORE_FLIGHT)
 
     return put

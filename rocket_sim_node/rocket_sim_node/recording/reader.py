@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights read back from a recording, as arrays."""
+"""Reader that returns the flights of a recording as arrays."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -19,19 +19,18 @@ from rocket_sim_node.recording.trajectories.trajectory import tilt_of
 F32 = NDArray[np.float32]
 EMPTY: F32 = np.zeros((0, 0), np.float32)
 ARROW = 0.9
-"""m of velocity arrow per m/s in recordings that do not say it"""
+"""m of velocity arrow per m/s, in recordings that do not store it."""
 
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
-    """One recorded flight: n samples, z up, SI units, float32 as they are stored.
+    """One recorded flight: n samples, z up, SI units, float32 as stored.
 
     `time` `(n,)` s since it began, `start` s on the recording's `sim_time`; `position` and
-    `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world, and the `tilt` it gives,
-    deg; `throttle` 0 to 1, `fuel` kg (of no meaning where none is burnt) and `reward` of the step
-    that led there (0 for the first, NaN where it was not kept) `(n,)`. `summary` holds row,
-    episode, return and what else is known of the end. `pilot` is the key of who flew, where
-    several are compared.
+    `velocity` `(n, 3)`; `orientation` `(n, 4)` x y z w, body to world, and the derived `tilt`,
+    deg; `throttle` 0 to 1, `fuel` kg (meaningless in worlds without fuel) and `reward` of the step
+    that led there (0 for the first, NaN if not recorded) `(n,)`. `summary` holds row, episode,
+    return and other results. `pilot` is the pilot's key in a comparison.
     """
 
     row: int
@@ -51,9 +50,9 @@ class RecordedTrajectory:
 
 
 def trajectories(path: Path | str) -> list[RecordedTrajectory]:
-    """Return the flights of a recording in their order, also when they are of several worlds.
+    """Return the flights of a recording in order, even if they are of several worlds.
 
-    :raises OSError: when there is no such file, or it is none of ours.
+    :raises OSError: when there is no such file, or it is not one of our recordings.
     """
     if not Path(path).is_file():
         raise FileNotFoundError(2, 'no such recording', str(path))
@@ -62,7 +61,7 @@ def trajectories(path: Path | str) -> list[RecordedTrajectory]:
     try:
         for chunk in opened(path).stream():
             for entity, tables in ((entities.ROCKET, rockets), (entities.LANDINGS, landings)):
-                # In a comparison the scene is there once for each pilot, below the pilot's key.
+                # A comparison has one copy of the scene per pilot, below the pilot's key.
                 if chunk.entity_path.endswith(entity) and 'step' in chunk.timeline_names:
                     pilot = chunk.entity_path.removesuffix(entity).strip('/')
                     tables.setdefault(pilot, []).append(chunk.to_record_batch())
@@ -77,7 +76,7 @@ def trajectories(path: Path | str) -> list[RecordedTrajectory]:
 def _flights(
     pilot: str, rockets: list[pa.RecordBatch], landings: list[pa.RecordBatch],
 ) -> list[RecordedTrajectory]:
-    """Return what one pilot flew."""
+    """Return the flights of one pilot."""
     step = np.concatenate([_column(batch, 'step') for batch in rockets])
     order = np.argsort(step, kind='stable')
     step = step[order]
@@ -91,7 +90,7 @@ def _flights(
         records = (items[0] for items in batch.column('Episode:summary').to_pylist())
         for record, end in zip(records, _column(batch, 'sim_time') / 1e9, strict=True):
             first, count = int(np.searchsorted(step, record['first_step'])), record['samples']
-            # Taken apart flight by flight: in another world a row may have more numbers.
+            # Converted flight by flight: rows of another world may have more values.
             flights.append(_trajectory(record, float(end), pilot, {
                 name: _numbers(values, count)
                 for component, column in columns.items()
@@ -100,7 +99,7 @@ def _flights(
 
 
 def _fields(component: str, cells: pa.Array) -> Iterator[tuple[str, pa.Array]]:
-    """Give a component, or each field of it when it holds records, as `<archetype>:<field>`."""
+    """Yield a component, or each field of it if it holds records, as `<archetype>:<field>`."""
     if not pa.types.is_struct(cells.type.value_type):
         yield component, cells
         return
@@ -110,7 +109,7 @@ def _fields(component: str, cells: pa.Array) -> Iterator[tuple[str, pa.Array]]:
 
 
 def _cells(batch: pa.RecordBatch, name: str, batches: list[pa.RecordBatch]) -> pa.Array:
-    """Return a component, a list in each row; empty ones where a batch does not have it."""
+    """Return a component, a list in each row; empty lists for a batch without it."""
     if name in batch.schema.names:
         return batch.column(name)
     kind = next(b.schema.field(name).type for b in batches if name in b.schema.names)
@@ -129,7 +128,7 @@ def _trajectory(
         throttle, fuel = part['Flight:engine'].T
         fuel = fuel * (tank / np.float32(100))
         reward = part['Flight:reward'][:, 1]
-    else:  # a comparison's, one line to a plot
+    else:  # of a comparison, one line per plot
         throttle = part['Flight:throttle'][:, 0]
         if part.get('Flight:fuel_used', EMPTY).size:
             fuel = tank - part['Flight:fuel_used'][:, 0]
@@ -145,12 +144,12 @@ def _trajectory(
 
 
 def _column(batch: pa.RecordBatch, name: str) -> NDArray[np.int64]:
-    """Return a timeline `(rows,)`, sequences as they are and durations in ns."""
+    """Return a timeline `(rows,)`; sequences unchanged, durations in ns."""
     return np.asarray(batch.column(name).cast('int64').to_numpy(zero_copy_only=False))
 
 
 def _numbers(array: pa.Array, rows: int) -> F32:
-    """Return a component with k numbers in every row, `(rows, k)`; k is 0 where there is none."""
+    """Return a component with k numbers in every row, `(rows, k)`; k is 0 if it is missing."""
     while hasattr(array, 'flatten') and array.type.num_fields:
         array = array.flatten()
     if pa.types.is_null(array.type) or not len(array):
@@ -159,6 +158,6 @@ def _numbers(array: pa.Array, rows: int) -> F32:
 
 
 def _velocity(orientation: F32, arrow: F32, record: dict[str, Any]) -> F32:
-    """Return the velocity `(n, 3)` of which the arrow in the body's frame is a picture."""
+    """Return the velocity `(n, 3)` from its arrow in the body frame."""
     world = to_world(orientation.astype(np.float64), arrow.astype(np.float64))
     return np.asarray(world / record.get('arrow', ARROW), np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From samples and training reports to recordings."""
+"""Recorder: turns samples and training reports into recordings."""
 from __future__ import annotations
 
 import operator
@@ -31,43 +31,43 @@ from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
 
 EARLY = 200
-"""messages kept that come before the description of their world"""
+"""Maximum messages kept that arrive before the description of their world."""
 MOST_HELD = 16
-"""flights that wait to be recorded together"""
+"""Number of flights after which waiting ones are recorded."""
 HELD = 5.0
-"""s that flights wait for others, where nobody watches"""
+"""Seconds that flights wait for others to be recorded together, without live viewers."""
 
 
 class Recorder:
-    """Puts the flights of some rockets one after another on a timeline, with the training beside.
+    """Puts rockets' flights one after another on a timeline, along with the training.
 
     Flights that overlapped in the simulation are shown in the order in which they ended, with a
-    short pause after each; so `sim_time` is the time of the recording. Where a live viewer is
-    among the sinks, one flight at a time is shown while it goes on, and those that end meanwhile
-    come after it. Where none is and no agent learns, flights wait some seconds for others with
-    which they settle.
+    short pause after each, so `sim_time` is the recording's own time. With a live viewer among the
+    sinks, one flight at a time is shown while in progress, and those that end meanwhile follow it.
+    Without one, and while no agent learns, flights wait some seconds so that several can be
+    settled together.
     """
 
     def __init__(
-        self, choice: RecordingFilter, sinks: Sequence[Sink], note: Note,
+        self, selection: RecordingFilter, sinks: Sequence[Sink], note: Note,
         clock: Callable[[], float] = time.monotonic, settle: Settle | None = None,
     ) -> None:
         """Begin an empty recording.
 
-        :param settle: asked after flights that are recorded while no agent learns; what it
-            returns is shown after each of them, before the next one.
+        :param settle: called for flights that are recorded while no agent learns; the motion that
+            it returns is shown after each of them, before the next one.
         """
-        self._choice = choice
+        self._selection = selection
         self._sinks = sinks
         self._clock = clock
-        self._buffers = {row: TrajectoryBuffer() for row in choice.rows}
-        self._stage: WorldInfo | None = None
+        self._buffers = {row: TrajectoryBuffer() for row in selection.rows}
+        self._world: WorldInfo | None = None
         self._session = 0
         self._over = False
         self._early: list[tuple[int, Samples]] = []
         self._unusual = False
         self._training: TrainingRecorder | None = None
-        self._reel = Timeline(choice, sinks, note, settle)
+        self._timeline = Timeline(selection, sinks, note, settle)
         self._live = any(sink.live for sink in sinks)
         self._follower = Follower(self._buffers, clock)
         self._held: list[Trajectory] = []
@@ -76,46 +76,46 @@ class Recorder:
     @property
     def steps(self) -> int:
         """Steps recorded."""
-        return self._reel.steps
+        return self._timeline.steps
 
     @property
     def flights(self) -> int:
         """Flights recorded."""
-        return self._reel.flights
+        return self._timeline.flights
 
-    # What comes in
+    # Input
 
-    def world(self, stage: WorldInfo) -> None:
-        """Take note of a world; what came before it was kept for it."""
-        if stage == self._stage:
+    def world(self, info: WorldInfo) -> None:
+        """Set the world, and process samples that arrived before its description."""
+        if info == self._world:
             return
         try:
             self._finish_all()
-        finally:  # be it that the flights of the world before cannot be shown
-            self._stage = stage
-            self._begin(stage)
+        finally:  # even if flights of the previous world cannot be shown
+            self._world = info
+            self._begin(info)
         early, self._early = self._early, []
         for session, samples in early:
             self.states(session, samples)
 
     def states(self, session: int, samples: Samples) -> None:
-        """Take samples in the order in which they were taken.
+        """Add samples in the order in which they were taken.
 
-        A new session ends all flights that were under way. Samples may overtake the description
-        of their world on the wire: they wait for it.
+        A new session ends all flights in progress. Samples may arrive before the description of
+        their world; they are kept until then.
 
-        :raises ValueError: when they have not the legs or conditions that their world has.
+        :raises ValueError: when their legs or conditions are not those of their world.
         """
-        if self._stage is None:
+        if self._world is None:
             self._early = [*self._early, (session, samples)][-EARLY:]
             return
-        legs = scenery(self._stage.world).legs
+        legs = scenery(self._world.world).legs
         if legs and samples.layout.legs != legs:
             raise ValueError(f'contact: for {samples.layout.legs} legs, expected {legs}, as world '
-                             f'{self._stage.world!r} has')
-        if not self._unusual and unusual(samples.values, samples.layout, self._stage):
+                             f'{self._world.world!r} has')
+        if not self._unusual and unusual(samples.values, samples.layout, self._world):
             self._unusual = True
-            self._begin(self._stage)
+            self._begin(self._world)
         if session != self._session:
             self._let_go()
             self._session = session
@@ -132,27 +132,27 @@ class Recorder:
             self._show_under_way()
 
     def training(self, training: Training) -> None:
-        """Take an agent's report."""
+        """Add an agent's report."""
         if self._training is None:
             self._training = TrainingRecorder(self._put, self._clock)
-            if self._stage is not None:  # otherwise it is done when the world is known
-                self._begin(self._stage)
-        if training.learning != self._reel.learning:
+            if self._world is not None:  # otherwise done when the world is known
+                self._begin(self._world)
+        if training.learning != self._timeline.learning:
             self._finish_all()
         elif self._training.news(training):
-            self._record_held(now=True)  # which were flown before it
-        self._training.add(training, self._reel.end, self._dt)
-        self._reel.learning = training.learning
-        self._reel.iteration = self._training.iteration
+            self._record_held(now=True)  # they were flown before this report
+        self._training.add(training, self._timeline.end, self._dt)
+        self._timeline.learning = training.learning
+        self._timeline.iteration = self._training.iteration
 
     def training_is_over(self) -> None:
-        """Take note that no agent is there any more that might report."""
-        if self._reel.learning:
+        """Note that there is no agent left to report."""
+        if self._timeline.learning:
             self._finish_all()
-            self._reel.learning = False
+            self._timeline.learning = False
 
     def tick(self) -> None:
-        """Log what has waited long enough; call it once a second or so."""
+        """Log data that has waited long enough; call it about once a second."""
         if self._training is not None:
             self._training.tick(self._dt)
         if self._follower.stalled:
@@ -162,7 +162,7 @@ class Recorder:
     def close(self) -> None:
         """Log what is left and finish all recordings.
 
-        A flight that was under way is kept only when no other was recorded.
+        A flight in progress is kept only if no other was recorded.
         """
         with ExitStack() as stack:
             for sink in self._sinks:
@@ -170,32 +170,32 @@ class Recorder:
             self.log_the_rest()
 
     def log_the_rest(self) -> None:
-        """Log what is left, once; nothing is to come after that."""
+        """Log what is left, once; nothing may be added afterwards."""
         if self._over:
             return
         self._over = True
         followed = self._follower.flight
-        if self._stage is not None and not self.flights and not self._held:
+        if self._world is not None and not self.flights and not self._held:
             rows = [row for row, buffer in self._buffers.items() if len(buffer) > 1]
             if rows:
                 row = followed.row if followed is not None and followed.row in rows else rows[0]
-                self._reel.record([self._buffers[row].finish(row, '')], self._stage)
+                self._timeline.record([self._buffers[row].finish(row, '')], self._world)
                 self._follower.end()
         self._finish_all()
         if self._training is not None:
             self._training.flush(self._dt)
 
-    # What becomes of it
+    # Recording
 
     @property
     def _dt(self) -> float:
-        return self._stage.dt if self._stage is not None else 0.02
+        return self._world.dt if self._world is not None else 0.02
 
-    def _begin(self, stage: WorldInfo) -> None:
-        """Log what stands at the head of the recording of a world."""
-        look = Look(stage.world, self._training is not None, self._unusual)
+    def _begin(self, info: WorldInfo) -> None:
+        """Log the start of a world's recording."""
+        look = Look(info.world, self._training is not None, self._unusual)
         for sink in self._sinks:
-            sink.begin(head(stage, look, sink.live), look)
+            sink.begin(head(info, look, sink.live), look)
 
     def _put(self, put: Put) -> None:
         for sink in self._sinks:
@@ -204,7 +204,7 @@ class Recorder:
     def _add(
         self, row: int, buffer: TrajectoryBuffer, samples: Samples,
     ) -> Iterator[tuple[int, Trajectory]]:
-        """Take samples of one rocket: the rest of a flight, whole flights, the start of one.
+        """Add samples of one rocket: the rest of a flight, whole flights, the start of one.
 
         :return: flights that ended, each with its last step.
         """
@@ -218,43 +218,43 @@ class Recorder:
             buffer.extend(samples.take(slice(start, None)))
 
     def _name(self, outcome: int) -> str:
-        assert self._stage is not None
-        names = self._stage.outcomes
+        assert self._world is not None
+        names = self._world.outcomes
         return names[outcome] if outcome < len(names) else f'outcome {outcome}'
 
     def _finish(self, flight: Trajectory) -> None:
-        """Record a flight that has ended, if it is wanted; now, or after the one followed."""
-        assert self._stage is not None
+        """Record an ended flight, if it is wanted: now, or after the followed one."""
+        assert self._world is not None
         followed = self._follower.follows(flight.row, flight.episode)
-        landed = flight.outcome == self._stage.outcomes[0]
-        if not followed and not self._choice.wanted(
-                flight.episode, landed=landed, learning=self._reel.learning):
+        landed = flight.outcome == self._world.outcomes[0]
+        if not followed and not self._selection.wanted(
+                flight.episode, landed=landed, learning=self._timeline.learning):
             return
-        waits = self._follower.busy if self._live else self._reel.settles
+        waits = self._follower.busy if self._live else self._timeline.settles
         if waits and not followed:
             if not self._held:
                 self._held_since = self._clock()
             self._held.append(flight)
             self._record_held()
             return
-        taken = self._reel.record([flight], self._stage)
+        taken = self._timeline.record([flight], self._world)
         if followed and taken:
             self._follower.end()
         elif followed:
             self._let_go()
 
     def _finish_all(self) -> None:
-        """Leave the flight that is followed, record those that wait: others are to come."""
+        """Stop following the current flight, and record all waiting ones."""
         self._let_go()
         self._record_held(now=True)
 
     def _record_held(self, now: bool = False) -> None:
-        """Record flights that waited long enough.
+        """Record flights that have waited long enough.
 
-        That is until there is nothing more to be seen of the one followed; or, where there is no
-        viewer, for HELD. MOST_HELD is enough in either case.
+        They wait until the followed flight has been shown; without a viewer, for HELD seconds. In
+        either case at most MOST_HELD wait.
 
-        :param now: be that as it may; not while one is followed.
+        :param now: do not wait, unless a flight is followed.
         """
         if not self._held or self._follower.flight is not None:
             return
@@ -262,31 +262,31 @@ class Recorder:
         due = (not self._follower.busy if self._live
                else self._clock() - self._held_since >= HELD)
         if now or many or due:
-            assert self._stage is not None
+            assert self._world is not None
             held, self._held = self._held, []
-            self._reel.record(held, self._stage)
+            self._timeline.record(held, self._world)
 
-    # What is seen while it happens
+    # Live view
 
     def _show_under_way(self) -> None:
-        """Show more of the flight that is followed, or begin to follow one."""
-        assert self._stage is not None
+        """Show more of the followed flight, or begin to follow one."""
+        assert self._world is not None
         if self._follower.lost:
             self._let_go()
         self._record_held()
         flight = self._follower.look(self._sure)
         if flight is not None:
-            self._reel.show(flight, self._stage)
+            self._timeline.show(flight, self._world)
 
     def _sure(self, episode: int) -> bool:
-        """Tell whether a flight will be shown in the end, however it ends."""
-        return self._reel.open and self._choice.wanted(
-            episode, landed=True, learning=self._reel.learning)
+        """Return whether a flight will be recorded, however it ends."""
+        return self._timeline.open and self._selection.wanted(
+            episode, landed=True, learning=self._timeline.learning)
 
     def _let_go(self) -> None:
-        """Leave a flight unfinished that was followed; what waited for its end is recorded."""
+        """Stop following a flight before its end; record the flights that waited for it."""
         flight = self._follower.flight
-        if flight is not None and self._stage is not None:
-            self._reel.leave(flight, self._stage)
+        if flight is not None and self._world is not None:
+            self._timeline.leave(flight, self._world)
             self._follower.end()
             self._record_held(now=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of recordings, rendered by the viewer without a screen."""
+"""Headless rendering of recordings to images, by the viewer."""
 from __future__ import annotations
 
 import io
@@ -16,25 +16,26 @@ from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 from rocket_sim_node.recording.sinks.rewrite import rewrite
 
 BARS = (36, 32)
-"""Pixels of the viewer's bars at the top and at the bottom."""
+"""Heights of the viewer's top and bottom bars, pixels."""
 HINT = (
     'a Vulkan driver is missing; one that needs no graphics card comes with: '
     'apt-get install --no-install-recommends mesa-vulkan-drivers')
 
 
 class RendererMissing(rerun_program.ViewerError):
-    """There is no graphics driver to render with."""
+    """There is no graphics driver for rendering."""
 
 
 def render(
     recording: Path, times: Sequence[float], *, size: tuple[int, int] = (1600, 900),
     tab: str = 'flight', patience: float = 30.0,
 ) -> list[Image.Image]:
-    """Return what the viewer shows of a recording at some times (s on `sim_time`).
+    """Return the viewer's images of a recording at some times (s on `sim_time`).
 
-    On the tab 'training' times are iterations instead.
+    On the tab 'training', times are iterations instead.
 
-    :param size: of the window, pixels; its bars are cut off from the pictures.
+    :param size: of the window, pixels; its bars are cropped from the images.
+    :param patience: time limit of each step, s.
     :raises RendererMissing: when this machine has no graphics driver.
     :raises rerun_program.ViewerError: when the viewer fails, or a view of it reports an error.
     """
@@ -73,7 +74,7 @@ def render(
 
 
 def _wait_for_load(client: ViewerClient, patience: float) -> None:
-    """Wait until the viewer has read what it was told to open."""
+    """Wait until the viewer has loaded the recording."""
     deadline = time.monotonic() + patience
     state = client.get_state()
     while state.loading or state.active_recording is None:
@@ -85,7 +86,7 @@ def _wait_for_load(client: ViewerClient, patience: float) -> None:
 
 
 def _settled(client: ViewerClient, patience: float) -> Image.Image:
-    """Return the picture when it has stopped to change."""
+    """Return the image once it no longer changes."""
     deadline = time.monotonic() + patience
     last, same = b'', 0
     while same < 2 and time.monotonic() < deadline:
@@ -98,7 +99,7 @@ def _settled(client: ViewerClient, patience: float) -> Image.Image:
 
 
 def _complain(client: ViewerClient) -> None:
-    """Raise what the viewer itself complains of."""
+    """Raise the errors that the viewer displays."""
     complaints = [
         f'{view.name}: {report.summary} {report.details or ""}'
         for view in client.get_state().views for report in view.reports

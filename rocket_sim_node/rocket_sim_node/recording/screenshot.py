@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command `screenshot`: a picture of a recording, made without a screen."""
+"""Command `screenshot`: render an image of a recording without a screen."""
 from __future__ import annotations
 
 import math
@@ -18,8 +18,8 @@ from rocket_sim_node.settings import setting
 
 BURN_HEIGHT = 26.0
 BURN_PART = 0.3
-"""The picture `at:=burn` is taken so many m above the end of the flight, or at so much of the
-height from which it fell, whichever is lower."""
+"""`at:=burn` is at this height, m, above the end of the flight, or at this fraction of its
+initial height, whichever is lower."""
 MOMENTS = ('burn', 'touchdown', 'end')
 
 
@@ -40,9 +40,9 @@ class ScreenshotSettings:
 
 
 def moment(picture: ScreenshotSettings, flights: list[RecordedTrajectory]) -> float:
-    """Return the time of the picture, s on the recording's `sim_time`.
+    """Return the time of the image, s on the recording's `sim_time`.
 
-    :raises ValueError: when there is no such flight or moment.
+    :raises ValueError: when there is no such flight or time.
     """
     if picture.at not in MOMENTS:
         try:
@@ -70,17 +70,17 @@ def moment(picture: ScreenshotSettings, flights: list[RecordedTrajectory]) -> fl
 
 
 def take(picture: ScreenshotSettings) -> str:
-    """Make a picture; return what to say of it.
+    """Make an image; return the text to print.
 
-    :raises ValueError: when there is no such flight or moment.
-    :raises OSError: when the recording cannot be read, or the picture not be written.
+    :raises ValueError: when there is no such flight or time.
+    :raises OSError: when the recording cannot be read, or the image cannot be written.
     :raises ViewerError: when the viewer cannot show it.
     """
     recording = Path(picture.recording)
     flights = trajectories(recording)
     if picture.tab != 'flight' and any(flight.pilot for flight in flights):
         raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
-    # The timeline of a training counts iterations: the last one.
+    # The timeline of a training counts iterations; the last one is shown.
     when = 2**31 if picture.tab == 'training' else moment(picture, flights)
     image, = render(recording, [when], size=(picture.width, picture.height), tab=picture.tab)
     Path(picture.output).parent.mkdir(parents=True, exist_ok=True)

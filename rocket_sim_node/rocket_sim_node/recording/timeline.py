@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The timeline of a recording, on which flights are put one after another."""
+"""Timeline of a recording, on which flights follow one another."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -18,20 +18,20 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
 
 Settle: TypeAlias = Callable[[Sequence[Trajectory], WorldInfo], list[Settling | None]]
-"""Says what becomes of each rocket after its flight, or None where nothing does."""
+"""Function that returns the motion of each rocket after its flight, or None."""
 
 
 class Timeline:
-    """Knows where the recording ends, and how much room it has left.
+    """Position of the end of the recording, and its remaining capacity.
 
-    `learning` says whether an agent learns, `iteration` is that of its run, if one has reported.
+    `learning` is whether an agent learns, `iteration` that of its run, if one has reported.
     """
 
     def __init__(
-        self, choice: RecordingFilter, sinks: Sequence[Sink], note: Note, settle: Settle | None,
+        self, selection: RecordingFilter, sinks: Sequence[Sink], note: Note, settle: Settle | None,
     ) -> None:
-        """Begin with nothing on it."""
-        self._choice = choice
+        """Begin empty."""
+        self._selection = selection
         self._sinks = sinks
         self._note = note
         self._settle = settle
@@ -39,51 +39,51 @@ class Timeline:
         self.learning = False
         self.iteration: int | None = None
         self.end = 0
-        """step at which the next flight begins"""
+        """Step at which the next flight begins."""
         self.steps = 0
         self.flights = 0
 
     @property
     def open(self) -> bool:
-        """Whether viewers go on seeing what flies."""
+        """Whether viewers still see new flights."""
         return not (self.learning and True in self._full)
 
     @property
     def settles(self) -> bool:
-        """Whether it is asked what becomes of rockets."""
+        """Whether flights are followed beyond touchdown."""
         return self._settle is not None and not self.learning
 
-    def record(self, flights: Sequence[Trajectory], stage: WorldInfo) -> bool:
-        """Log flights at the end, one after another; return whether anybody takes all of them.
+    def record(self, flights: Sequence[Trajectory], info: WorldInfo) -> bool:
+        """Log flights at the end, one after another; return whether all of them were accepted.
 
-        When the recording is full, live viewers go on seeing what flies, unless an agent learns.
+        When the recording is full, live viewers still see new flights, unless an agent learns.
         """
         settlings: Sequence[Settling | None] = [None] * len(flights)
-        # Of flights that nobody sees nobody need know what became of them.
+        # Flights that are not shown need no settling.
         if self.settles and (self._shown or self._room > 0):
             assert self._settle is not None
             try:
-                settlings = self._settle(flights, stage)
+                settlings = self._settle(flights, info)
             except ValueError as error:
                 self._note('WARN', f'what became of {len(flights)} flights is not shown: {error}')
         taken = [
-            self._record(flight, stage, settling)
+            self._record(flight, info, settling)
             for flight, settling in zip(flights, settlings, strict=True)]
         return all(taken)
 
     @property
     def _room(self) -> int:
-        """Steps that may still be recorded."""
+        """Number of steps that may still be recorded."""
         if self.learning in self._full:
             return 0
-        return self._choice.room(learning=self.learning) - self.steps
+        return self._selection.room(learning=self.learning) - self.steps
 
     @property
     def _shown(self) -> bool:
-        """Whether viewers see what is not recorded."""
+        """Whether viewers see flights that are not recorded."""
         return not self.learning and any(sink.live for sink in self._sinks)
 
-    def _record(self, flight: Trajectory, stage: WorldInfo, settling: Settling | None) -> bool:
+    def _record(self, flight: Trajectory, info: WorldInfo, settling: Settling | None) -> bool:
         learning = self.learning
         steps = len(flight) + (len(settling.values) if settling is not None else 0)
         fits = steps <= self._room
@@ -94,34 +94,34 @@ class Timeline:
                 + (' until the agent has learnt' if learning else '')))
         if not fits and not self._shown:
             return False
-        put = self._put_of(flight, stage, settling)
+        put = self._put_of(flight, info, settling)
         taken = [(sink, sink.flight(put)) for sink in self._sinks if fits or sink.live]
-        # A file may have been given up; where there is one, what a viewer sees is not recorded.
+        # A file may have been closed early; if there is one, flights seen only live do not count.
         files = [took for sink, took in taken if not sink.live]
         if fits and (any(files) or not files):
             self.steps += steps
             self.flights += 1
-        self.end += steps + pause_steps(stage)
+        self.end += steps + pause_steps(info)
         return True
 
-    def show(self, flight: Trajectory, stage: WorldInfo) -> None:
-        """Show live what there is of a flight that goes on."""
-        # Its last sample may be drawn otherwise when there are more.
-        self._show(flight, stage, self.end + len(flight) - 1)
+    def show(self, flight: Trajectory, info: WorldInfo) -> None:
+        """Show the present part of a flight in progress live."""
+        # Without its last sample, whose drawing may depend on later ones.
+        self._show(flight, info, self.end + len(flight) - 1)
 
-    def leave(self, flight: Trajectory, stage: WorldInfo) -> None:
-        """Show live that a flight broke off; the next one begins after it."""
-        end = self.end + len(flight) + pause_steps(stage)
-        self._show(flight, stage, end)
+    def leave(self, flight: Trajectory, info: WorldInfo) -> None:
+        """Show live that a flight was aborted; the next one begins after it."""
+        end = self.end + len(flight) + pause_steps(info)
+        self._show(flight, info, end)
         self.end = end
 
-    def _show(self, flight: Trajectory, stage: WorldInfo, until: int) -> None:
-        put = self._put_of(flight, stage)
+    def _show(self, flight: Trajectory, info: WorldInfo, until: int) -> None:
+        put = self._put_of(flight, info)
         for sink in self._sinks:
             sink.under_way(put, until)
 
     def _put_of(
-        self, flight: Trajectory, stage: WorldInfo, settling: Settling | None = None,
+        self, flight: Trajectory, info: WorldInfo, settling: Settling | None = None,
     ) -> Put:
-        place = Timepoint(self.end, self.iteration)
-        return lambda stream: log_flight(stream, flight, stage, place, settling)
+        at = Timepoint(self.end, self.iteration)
+        return lambda stream: log_flight(stream, flight, info, at, settling)

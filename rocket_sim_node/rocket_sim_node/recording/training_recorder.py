@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An agent's reports on their way into a recording."""
+"""Buffering and logging of an agent's training reports."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -10,18 +10,18 @@ from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.sinks.base import Put
 
 PERIOD, LONGEST_PERIOD = 10.0, 120.0
-"""s of wall clock for which reports are gathered before they are logged: at first, and at most"""
+"""Initial and maximum buffering period of reports, s of wall clock."""
 PERIOD_SHARE = 1 / 60
-"""of the training so far, for which reports are gathered when that is longer"""
+"""Buffering period as a fraction of the training time so far, if that is longer."""
 MOST_GATHERED = 500
-"""reports; that is enough for a chunk, and however fast a training is, little memory"""
+"""Maximum number of buffered reports: enough for a chunk, and little memory."""
 
 
 class TrainingRecorder:
-    """Gathers what an agent reports and logs it together; at once where a stage begins.
+    """Buffers an agent's reports and logs them together; at once when a stage begins.
 
-    Each logging adds chunks to the recording, and each chunk some 2 KiB to its table of contents:
-    the longer a training, the more is gathered.
+    Each logging adds chunks to the recording, and each chunk some 2 KiB to its table of contents.
+    So the buffering period grows with the length of the training.
     """
 
     def __init__(self, put: Callable[[Put], None], clock: Callable[[], float]) -> None:
@@ -39,36 +39,36 @@ class TrainingRecorder:
 
     @property
     def iteration(self) -> int:
-        """The number of the run's iteration, counted through all stages."""
+        """The run's iteration, counted through all stages."""
         return self._iterations.count
 
     def news(self, training: Training) -> bool:
-        """Tell whether a report begins a stage or has something to say."""
+        """Return whether a report begins a stage or has a message."""
         return training.stage != self._stage or bool(training.message)
 
     def add(self, training: Training, step: int, dt: float) -> None:
-        """Take a report that came at a step of the recording.
+        """Add a report that was received at a step of the recording.
 
         :param dt: s, of a step.
         """
         new_stage = training.stage != self._stage
         self._stage = training.stage
-        place = Timepoint(step, self._iterations.add(training))
+        at = Timepoint(step, self._iterations.add(training))
         if not self._pending and not self._texts:
             self._pending_since = self._clock()
         if training.learning:
-            self._pending.add(place, training.values)
+            self._pending.add(at, training.values)
         if new_stage:
-            self._put(lambda stream: training_plots.log_stage(stream, training.stage, place, dt))
+            self._put(lambda stream: training_plots.log_stage(stream, training.stage, at, dt))
         text = training.message or (f'stage {training.stage}' if new_stage else '')
         if text:
-            self._texts.append((place, f'{training.stage}: {text}', 'INFO'))
+            self._texts.append((at, f'{training.stage}: {text}', 'INFO'))
         if text and (new_stage or not training.learning):
             self.flush(dt)
         self.tick(dt)
 
     def tick(self, dt: float) -> None:
-        """Log what has waited long enough."""
+        """Log reports that have waited long enough."""
         if not self._pending and not self._texts:
             return
         now = self._clock()
@@ -77,7 +77,7 @@ class TrainingRecorder:
             self.flush(dt)
 
     def flush(self, dt: float) -> None:
-        """Log what waits."""
+        """Log all buffered reports."""
         if self._pending:
             places, values = self._pending.take()
             self._put(lambda stream: training_plots.log_training(stream, places, values, dt))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The states of rockets over time, from a simulator or from a world in this process."""
+"""States of rockets over time, from a simulator or from a world in this process."""

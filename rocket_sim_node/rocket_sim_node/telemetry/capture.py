@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States of a world in this process as samples, with z up: no simulator, no wire."""
+"""Telemetry of a world in this process as z-up samples, without a simulator node."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from rocket_sim_node.worlds.base import Telemetry
 
 
 def joined(parts: Sequence[tuple[int, Telemetry]]) -> Samples:
-    """Return telemetry of several steps as samples, in that order.
+    """Return telemetry of several steps as samples, in the same order.
 
-    :param parts: the simulator's step and the states at it; at least one.
+    :param parts: steps and the states at each; at least one.
     """
     def join(name: str) -> NDArray[Any]:
         values = np.concatenate([getattr(part, name) for _, part in parts])

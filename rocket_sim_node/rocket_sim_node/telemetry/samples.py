@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""States of rockets as they come from a simulator."""
+"""Samples of rockets' states, as received from a simulator."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 FLYING = 255
-"""The outcome of a sample whose flight still goes on."""
+"""Outcome of a sample whose episode has not ended."""
 
 FIELDS = {
     'time': slice(0, 1), 'position': slice(1, 4), 'orientation': slice(4, 8),
@@ -22,23 +22,24 @@ FIELDS = {
     'contact_force': slice(23, 26), 'commanded_throttle': slice(26, 27),
     'disturbance': slice(27, 30),
 }
-"""Where the quantities of every world lie in a row of numbers."""
+"""Columns of the quantities that every world has."""
 
 WIDTH = 30
-"""Numbers in a row of a world that has neither legs nor terrain nor conditions."""
+"""Number of columns of a world without legs, terrain and conditions."""
 
 _MOST_EACH = 1024
-"""legs, heights of terrain or conditions of a world: a flight keeps them for each of its steps"""
+"""Maximum number of legs, terrain heights or conditions; a trajectory stores them for each
+step."""
 
 OWN_FIELDS = ('contact', 'leg_angle', 'terrain', 'conditions')
-"""Quantities that follow those of :data:`FIELDS`, as wide as the world has them."""
+"""Quantities after those of :data:`FIELDS`; their widths depend on the world."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the quantities of a world lie in a row.
+    """Columns of a world's quantities in a row of values.
 
-    It has L legs, H heights of terrain and C conditions that are drawn for each episode.
+    The world has L legs, H terrain heights and C conditions that are drawn for each episode.
     """
 
     legs: int = 0
@@ -47,7 +48,7 @@ class Layout:
 
     @property
     def width(self) -> int:
-        """Numbers in a row."""
+        """Number of columns."""
         return WIDTH + 2 * self.legs + self.heights + self.conditions
 
     def place(self, name: str) -> slice:
@@ -61,11 +62,11 @@ class Layout:
 
 
 NO_LAYOUT = Layout()
-"""That of a world with none of them."""
+"""Layout of a world with none of them."""
 
 
 def _per_sample(name: str, values: NDArray[Any], count: int) -> int:
-    """Return how many numbers of a quantity each sample has."""
+    """Return how many numbers a quantity has per sample."""
     if np.size(values) and (not count or np.size(values) % count):
         raise ValueError(
             f'{name}: {np.size(values)} values, expected a multiple of {count}, the samples')
@@ -77,10 +78,10 @@ def _per_sample(name: str, values: NDArray[Any], count: int) -> int:
 
 @dataclass(frozen=True)
 class Samples:
-    """S samples, each of one rocket at one step; see RocketState.msg for the meaning.
+    """S samples, each of one rocket at one step; RocketState.msg defines the quantities.
 
-    World frame with z up (REP 103), SI units. `step`, `row`, `episode`, `outcome` are `(S,)`
-    whole numbers, `values` is `(S, layout.width)`.
+    World frame with z up (REP 103), SI units. `step`, `row`, `episode`, `outcome` are integer
+    arrays `(S,)`, `values` is `(S, layout.width)`.
     """
 
     step: I64
@@ -95,11 +96,11 @@ class Samples:
         cls, step: NDArray[Any], row: NDArray[Any], episode: NDArray[Any],
         outcome: NDArray[Any], **quantities: NDArray[Any],
     ) -> Samples:
-        """Make samples from one array per quantity.
+        """Create samples from one array per quantity.
 
-        :param quantities: every name of :data:`FIELDS`, `(S, k)` or flattened row-major, and
+        :param quantities: all names of :data:`FIELDS`, `(S, k)` or flattened row-major, and
             those of :data:`OWN_FIELDS` that the world has.
-        :raises ValueError: when one is missing or of another length, naming it.
+        :raises ValueError: when one is missing or has the wrong length, naming it.
         """
         count = len(step)
         none = np.empty(0)
@@ -125,7 +126,7 @@ class Samples:
         return cls(whole[0], whole[1], whole[2], whole[3], values, layout)
 
     def take(self, index: NDArray[Any] | slice) -> Samples:
-        """Return the chosen samples."""
+        """Return the selected samples."""
         return Samples(
             self.step[index], self.row[index], self.episode[index], self.outcome[index],
             self.values[index], self.layout)

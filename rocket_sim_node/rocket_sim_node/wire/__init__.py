@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wire: lock-step reinforcement learning over DDS, both ends of it."""
+"""Client and server for lock-step reinforcement learning over DDS."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worlds: vectorised simulations of landing rockets. No ROS in here.
+"""Vectorised simulations of landing rockets, without ROS.
 
 >>> world = make('rocket', num_envs=256, seed=1, level=7)
 >>> observation = world.reset()

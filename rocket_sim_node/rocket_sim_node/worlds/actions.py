@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actions are checked once, here, before anything flies on them."""
+"""Validation and clipping of a batch's actions."""
 from __future__ import annotations
 
 from functools import lru_cache
@@ -17,17 +17,17 @@ _LARGEST = float(np.finfo(np.float32).max)
 def _bounds(
     low: tuple[float, ...], high: tuple[float, ...], num_envs: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    # Of the batch's shape: broadcasting a row of three to N would loop N times over three.
+    # Arrays of the batch's shape: broadcasting a row of three to N would loop N times over three.
     return np.tile(low, (num_envs, 1)), np.tile(high, (num_envs, 1))
 
 
 def checked_action(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
     """Return the batch's actions, clipped to their bounds.
 
-    :param action: `(N, A)` numbers when the world is continuous, `(N,)` whole numbers otherwise.
+    :param action: `(N, A)` numbers when the world is continuous, `(N,)` integers otherwise.
     :return: `(N, A)` float64, or `(N,)` int64.
-    :raises ValueError: when shape or kind is wrong or a value is not finite or no action; the
-        message names row, column and value.
+    :raises ValueError: for a wrong shape or type, a value that is not finite, or an unknown
+        discrete action; the message names row, column and value.
     """
     if not spec.continuous:
         return _choices(spec, np.asarray(action))
@@ -38,18 +38,18 @@ def checked_action(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 
 
 def idle_action(spec: WorldSpec) -> NDArray[Any]:
-    """Return the batch's actions where nobody gives any, as `checked_action` would."""
+    """Return the idle actions of the batch, in the form of `checked_action`."""
     if not spec.continuous:
         return np.full(spec.num_envs, int(spec.action_idle[0]))
     return np.tile(np.array(spec.action_idle, np.float64), (spec.num_envs, 1))
 
 
 def commanded(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
-    """Return the batch's actions as they travel: checked, not clipped.
+    """Return the batch's actions as sent to a simulator: validated, not clipped.
 
-    Who flies them clips them, and counts what was beyond the bounds.
+    The simulator clips them, and counts values beyond the bounds.
 
-    :param action: as for `checked_action`, which makes the same of what is returned here.
+    :param action: as for `checked_action`, whose result for the returned array is the same.
     :return: `(N, A)` float32, or `(N,)` int64.
     :raises ValueError: as `checked_action`.
     """
@@ -62,7 +62,7 @@ def commanded(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 
 
 def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
-    """Return continuous actions once they are known to be finite numbers, one for each entry."""
+    """Return continuous actions after checking their shape and that they are finite."""
     shape = (spec.num_envs, len(spec.action_names))
     if action.shape != shape or action.dtype.kind not in 'fiu':
         raise ValueError(
@@ -79,7 +79,7 @@ def _finite(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 
 
 def _choices(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
-    """Return discrete actions once they are known to be there."""
+    """Return discrete actions after checking that they exist."""
     if action.shape != (spec.num_envs,) or action.dtype.kind not in 'iu':
         raise ValueError(
             f'action: got {action.dtype} of shape {action.shape}, '
@@ -94,18 +94,18 @@ def _choices(spec: WorldSpec, action: NDArray[Any]) -> NDArray[Any]:
 
 
 class Clipped:
-    """How many commands were beyond their bounds, by axis, and which one the last time."""
+    """Number of clipped commands by axis, and a description of the last one."""
 
     def __init__(self, spec: WorldSpec) -> None:
-        """Begin with none."""
+        """Begin with counts of 0."""
         self._spec = spec
         self._counts = np.zeros(len(spec.action_names), np.int64)
         self._last: tuple[NDArray[Any], NDArray[Any]] | None = None
 
     def note(self, given: NDArray[Any], flown: NDArray[Any]) -> bool:
-        """Compare a batch's actions as they came with what `checked_action` made of them.
+        """Compare a batch's actions before and after `checked_action`.
 
-        :return: whether there was something to clip.
+        :return: whether any value was clipped.
         """
         if not self._spec.continuous:
             return False
@@ -118,12 +118,12 @@ class Clipped:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many, by name of the axis; a command is a value of one rocket for one axis."""
+        """Counts by axis name; a command is one rocket's value for one axis."""
         return dict(zip(self._spec.action_names, self._counts.tolist(), strict=True))
 
     @property
     def last(self) -> str:
-        """Row, axis, value and bounds of the last one; empty before the first."""
+        """Row, axis, value and bounds of the last clipped command; empty if there is none."""
         if self._last is None:
             return ''
         given, beyond = self._last

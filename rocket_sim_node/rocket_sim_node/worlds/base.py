@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every world is to those who use it, in this process or at the far end of the wire."""
+"""Interfaces and data types of worlds, in this process or on a remote simulator."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -17,17 +17,17 @@ F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 NO_OUTCOME = 255
-"""The outcome of an episode that still goes on."""
+"""Outcome of an episode that has not ended."""
 
 
 @dataclass(frozen=True)
 class WorldSpec:
-    """The shape of a world: enough to build a policy for it and to speak to it.
+    """The shape of a world: all that is needed to build a policy and to exchange messages.
 
     Continuous actions are `(N, A)` float32 within `action_low` and `action_high`; discrete ones
-    `(N,)` whole numbers from 0 to `action_count` - 1. `action_idle` is what a rocket flies when
-    nobody steers it: engine off, no torque (for a discrete world, one number). `condition_names`
-    are those of what is drawn for each episode, the columns of `Telemetry.conditions`.
+    `(N,)` integers from 0 to `action_count` - 1. `action_idle` is applied when no agent is in
+    control: engine off, no torque (for a discrete world, one number). `condition_names` are the
+    conditions drawn for each episode, the columns of `Telemetry.conditions`.
     """
 
     name: str
@@ -45,17 +45,17 @@ class WorldSpec:
     condition_names: tuple[str, ...] = ()
 
     def after_reset(self, settings: Mapping[str, float]) -> WorldSpec:
-        """Return the shape of this world with the settings that a reset puts into force."""
+        """Return the shape of this world after a reset with these settings."""
         return replace(self, settings={**self.settings, **settings})
 
     @property
     def observation_size(self) -> int:
-        """D, numbers in an observation."""
+        """D, number of entries of an observation."""
         return len(self.observation_names)
 
     @property
     def action_size(self) -> int:
-        """A, numbers in an action (1 when discrete)."""
+        """A, number of entries of an action (1 when discrete)."""
         return len(self.action_names) if self.continuous else 1
 
 
@@ -65,14 +65,14 @@ class Episodes:
 
     Speed (m/s), tilt (deg) and distance (m, horizontally from the pad) are those of the last
     step, which for a touchdown of `rocket` is the first step at or below touchdown height. In
-    `rocket_planar`, where it may stand for a while, speed and tilt of a touchdown are those at
-    first contact.
+    `rocket_planar`, where the rocket may stand for a while, a touchdown's speed and tilt are
+    those at first contact.
 
     `fuel_used` and `fuel_left` are kg. `hover_time` (s) is the time with the engine on, above
     touchdown height and slower than 2 m/s at the beginning of a step; `ignitions` counts how
     often the engine went from off to on; `control_effort` is the mean over the steps of the sum
     of the throttle's change (0 to 1) and the absolute values of both RCS commands, as commanded.
-    `lunar_lander` has no tanks and none of these: all five are 0 there.
+    `lunar_lander` models none of these: all five are 0.
     """
 
     row: NDArray[np.int64]
@@ -95,12 +95,12 @@ class Episodes:
 
     @classmethod
     def concatenate(cls, parts: list[Episodes]) -> Episodes:
-        """Join the episodes of several steps, in order."""
+        """Return the episodes of several steps joined in order."""
         parts = parts or [NO_EPISODES]
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
     def take(self, index: NDArray[Any] | slice) -> Episodes:
-        """Return the chosen entries."""
+        """Return the selected entries."""
         return Episodes(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
@@ -114,13 +114,13 @@ NO_EPISODES = Episodes(
 
 @dataclass(frozen=True)
 class Telemetry:
-    """Physical state of S rockets, world frame with y up; see RocketState.msg for the meaning.
+    """Physical state of S rockets, world frame with y up; RocketState.msg defines the quantities.
 
     Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w; `contact` and `leg_angle`
-    are `(S, L)`, L = 0 in worlds without legs; `terrain` is `(S, H)`, H = 0 where the ground is
-    flat; the rest is `(S,)`. `commanded_throttle`, 0 to 1, is what was asked for at this step;
-    `disturbance` m/s^2 is side acceleration plus gust; `conditions` `(S, C)` are the values drawn
-    for the episode, in the order of `conditions.DRAWN_NAMES`, C = 0 in worlds without conditions.
+    are `(S, L)`, L = 0 in worlds without legs; `terrain` is `(S, H)`, H = 0 for flat ground; the
+    rest is `(S,)`. `commanded_throttle`, 0 to 1, is the command of this step; `disturbance`
+    m/s^2 is side acceleration plus gust; `conditions` `(S, C)` are the values drawn for the
+    episode, in the order of `conditions.DRAWN_NAMES`, C = 0 in worlds without conditions.
     """
 
     row: NDArray[np.int64]
@@ -147,19 +147,19 @@ class Telemetry:
     conditions: F64
 
     def take(self, index: NDArray[Any] | slice) -> Telemetry:
-        """Return the chosen samples."""
+        """Return the selected samples."""
         return Telemetry(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 class VectorEnv(Protocol):
     """N rockets stepped as one batch: a world in this process, or a client of a simulator.
 
-    `step` answers `(observation, reward, terminated, truncated, info)`: `(N, D)` float32, `(N,)`
+    `step` returns `(observation, reward, terminated, truncated, info)`: `(N, D)` float32, `(N,)`
     float32, two `(N,)` bool. Rockets that finish begin their next episode in the same step, so
-    that the observation is the new episode's first. `info` has
+    the observation is the new episode's first. `info` has
 
     - `final_rows` `(K,)`: the rows that finished;
-    - `final_observation` `(K, D)`: the last observation of the episode that ended;
+    - `final_observation` `(K, D)`: the last observation of each ended episode;
     - `episodes`: an :class:`Episodes` with one entry for each.
     """
 
@@ -171,11 +171,10 @@ class VectorEnv(Protocol):
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes and return the first observation `(N, D)`.
 
-        :param seed: where the random streams start; None begins the next episodes of the seed in
-            force.
+        :param seed: seed of the random streams; None begins the next episodes of the current seed.
         :param settings: curriculum settings and, in worlds of rockets, conditions as
-            `conditions.flatten` takes them, on top of those the world was made with, until the
-            next reset.
+            `conditions.flatten` takes them. They override the settings of the world's creation
+            until the next reset.
         :raises ValueError: for an unknown setting or one out of range; nothing changes.
         """
         ...
@@ -183,17 +182,17 @@ class VectorEnv(Protocol):
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all rockets by one step.
 
-        :raises ValueError: for actions of the wrong shape or kind, or that are not finite;
+        :raises ValueError: for actions of the wrong shape or type, or that are not finite;
             nothing changes.
         """
         ...
 
     def snapshot(self) -> bytes:
-        """Return the exact state of all rockets, to be given to `restore`."""
+        """Return the exact state of all rockets, for `restore`."""
         ...
 
     def restore(self, state: bytes) -> F32:
-        """Put all rockets back into a snapshot and return their observation `(N, D)`.
+        """Restore all rockets from a snapshot and return their observation `(N, D)`.
 
         :raises ValueError: when it is damaged or of another world or size; nothing changes.
         """
@@ -201,35 +200,35 @@ class VectorEnv(Protocol):
 
 
 class SimulatedWorld(VectorEnv, Protocol):
-    """A world in this process, which can also be looked into: what a simulator serves."""
+    """A world in this process that also exposes its full state; served by a simulator."""
 
     def observe(self) -> F32:
-        """Return the observation `(N, D)` of the present state."""
+        """Return the observation `(N, D)` of the current state."""
         ...
 
     def capture(self, rows: NDArray[np.integer] | slice) -> F64:
-        """Return a copy of the physical state of the chosen rockets, `(K, S)`, a row a quantity.
+        """Return a copy of the physical state of the selected rockets, `(K, S)`, a row a quantity.
 
-        Which they are is the world's affair, but for the first, which rocket it is. Captures of
-        several steps can be put side by side; `telemetry_of` reads them. Cheap, as it is done at
-        each step, and cheaper with a slice.
+        The first row is the index of the rocket; each world defines the others. Captures of
+        several steps can be concatenated; `telemetry_of` decodes them. It must be cheap, as it is
+        called in each step, and is cheaper with a slice.
         """
         ...
 
     @property
     def captured_ends(self) -> F64:
-        """The last states, `(K, S)`, of the rockets that finished at the last step."""
+        """The final states, `(K, S)`, of the rockets that finished at the last step."""
         ...
 
     def telemetry_of(self, captured: F64) -> Telemetry:
-        """Return what a capture `(K, S)` says."""
+        """Return the telemetry that a capture `(K, S)` holds."""
         ...
 
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the chosen rockets, S of them."""
+        """Return the physical state of the selected rockets, S of them."""
         ...
 
     @property
     def finished(self) -> Telemetry:
-        """Last states of the rockets that finished at the last step, with their outcomes."""
+        """Final states of the rockets that finished at the last step, with their outcomes."""
         ...

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights: work with a simulator, written so that many can be flown at once.
+"""Jobs: units of work with a simulator, written as generators so that many can run in parallel.
 
-A flight is a generator. It yields a command and is sent the environment's answer, until it
-returns its result:
+A job yields commands, receives the environment's answers, and returns its result:
 
->>> def drop(seed: int) -> Flight[float]:
+>>> def drop(seed: int) -> Job[float]:
 ...     observation = yield Reset(seed)
 ...     observation, reward, terminated, truncated, info = yield engine_off
 ...     return float(reward.sum())
 
-It begins with `Reset` or `Restore`, so it does not matter where it is flown, nor how often it has
-been begun before: a fleet may fly it anywhere, and again when a simulator was lost.
+It begins with `Reset` or `Restore`, so it does not matter where it runs or how often it was
+started: a fleet may run it on any simulator, and again when a simulator was lost.
 """
 from __future__ import annotations
 
@@ -35,12 +34,12 @@ from rocket_sim_node.worlds.base import WorldSpec
 
 T = TypeVar('T')
 MAX_ATTEMPTS = 20
-"""How often a flight is begun before its restarts are taken for a fault."""
+"""Number of attempts at a job before its restarts are treated as a fault."""
 
 
 @dataclass(frozen=True)
 class Reset:
-    """Begin new episodes; answered with the observation `(N, D)`, as by `VectorEnv.reset`."""
+    """Begin new episodes; answered with the observation `(N, D)`, as `VectorEnv.reset` is."""
 
     seed: int | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -48,27 +47,27 @@ class Reset:
 
 @dataclass(frozen=True)
 class Restore:
-    """Go back into a snapshot; answered with the observation `(N, D)`."""
+    """Restore a snapshot; answered with the observation `(N, D)`."""
 
     state: bytes
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Tell the exact state; answered with bytes."""
+    """Take a snapshot of the exact state; answered with bytes."""
 
 
 Command = Reset | Restore | Snapshot | NDArray[Any]
-"""What a flight yields; an array is an action, answered as by `VectorEnv.step`."""
+"""What a job yields; an array is an action, answered as by `VectorEnv.step`."""
 Job = Generator[Command, Any, T]
 
 
 class Fleet(Protocol):
-    """Environments of one kind, one or many, that fly what they are given."""
+    """One or more environments of the same kind that run jobs."""
 
     @property
     def spec(self) -> WorldSpec:
-        """The shape that the world of each has."""
+        """The shape of each environment's world."""
         ...
 
     def fly(
@@ -77,43 +76,43 @@ class Fleet(Protocol):
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
-        """Fly them all and yield their results, in order.
+        """Run all jobs and yield their results in order.
 
-        :param flights: begin a flight each time they are called.
-        :param poll: called before each step; may raise, which ends all flights.
-        :param report: is told of flights that were begun anew.
-        :raises EnvironmentRestarted: when a flight was lost again and again.
+        :param flights: functions that start a job each time they are called.
+        :param poll: called before each step; an exception it raises ends all jobs.
+        :param report: called with a text when a job is restarted.
+        :raises EnvironmentRestarted: when a job was lost too often.
         """
         ...
 
 
 class LastSnapshot:
-    """Remembers the snapshot that an environment is at.
+    """The snapshot that an environment is at, to skip a redundant restore.
 
-    A roll-out mostly begins where the last one ended: that way back need not be gone.
+    Most roll-outs begin where the last one ended, so their restore would change nothing.
     """
 
     def __init__(self) -> None:
-        """Begin somewhere unknown."""
+        """Begin with an unknown state."""
         self.state: bytes | None = None
         self._observation: F32 | None = None
 
     def note(self, command: Command, answer: Any) -> None:
-        """Take note of what was done."""
+        """Record an executed command."""
         if isinstance(command, Snapshot):
             self.state = answer
             return
         self.state = None
         self._observation = answer[0] if isinstance(command, np.ndarray) else answer
 
-    def cast_off(self) -> None:
-        """Forget where the environment is."""
+    def forget(self) -> None:
+        """Forget the environment's state."""
         self.state = self._observation = None
 
     def answer(self, command: Command) -> F32 | None:
-        """Return the answer of a command that would change nothing; None when it has to be done.
+        """Return the answer of a command that would change nothing; None if it must be executed.
 
-        What follows is the same either way, bit for bit.
+        What follows is identical either way, bit for bit.
         """
         if isinstance(command, Restore) and self.state == command.state:
             self.state = None
@@ -122,15 +121,15 @@ class LastSnapshot:
 
 
 def no_command(found: object) -> TypeError:
-    """Return the error for what a flight cannot ask for."""
+    """Return the error for an object that is not a command."""
     return TypeError(
         f'a flight: got {type(found).__name__}, expected Reset, Restore, Snapshot or an array')
 
 
 def execute(env: VectorEnv, command: Command) -> Any:
-    """Have an environment do what a flight wants; return the answer.
+    """Execute a job's command in an environment; return the answer.
 
-    :raises TypeError: for what is no command.
+    :raises TypeError: for an object that is not a command.
     """
     if isinstance(command, np.ndarray):
         return env.step(command)
@@ -145,44 +144,44 @@ def execute(env: VectorEnv, command: Command) -> Any:
 
 def fly(
     env: VectorEnv, flight: Job[T], poll: Callable[[], None] = lambda: None,
-    mooring: LastSnapshot | None = None,
+    last: LastSnapshot | None = None,
 ) -> T:
-    """Fly one flight and return its result.
+    """Run one job and return its result.
 
     :param poll: called before each step; may raise.
-    :param mooring: what is known of where the environment is.
-    :raises EnvironmentRestarted: what was flown is lost.
+    :param last: the environment's last snapshot, if known.
+    :raises EnvironmentRestarted: when the job's progress is lost.
     """
-    mooring = mooring or LastSnapshot()
+    last = last or LastSnapshot()
     answer: Any = None
     try:
         while True:
             command = flight.send(answer)
-            answer = mooring.answer(command)
+            answer = last.answer(command)
             if answer is None:
                 poll()
                 answer = execute(env, command)
-                mooring.note(command, answer)
+                last.note(command, answer)
     except StopIteration as end:
         result: T = end.value
         return result
     except BaseException:
-        mooring.cast_off()
+        last.forget()
         flight.close()
         raise
 
 
 class SerialFleet:
-    """Flies one flight after the other, dealt to its environments in turn. A `Fleet`."""
+    """A `Fleet` that runs one job after the other, on its environments in turn."""
 
     def __init__(self, *envs: VectorEnv) -> None:
-        """Take environments of one kind, one or more."""
+        """Use one or more environments of the same kind."""
         self._envs = envs
-        self._moorings = [LastSnapshot() for _ in envs]
+        self._snapshots = [LastSnapshot() for _ in envs]
 
     @property
     def spec(self) -> WorldSpec:
-        """The shape that the world of each has."""
+        """The shape of each environment's world."""
         return self._envs[0].spec
 
     def fly(
@@ -191,12 +190,12 @@ class SerialFleet:
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
-        """Fly them all and yield their results, in order; see :class:`Fleet`."""
+        """Run all jobs and yield their results in order; see :class:`Fleet`."""
         for number, begin in enumerate(flights):
-            place = number % len(self._envs)
+            index = number % len(self._envs)
             for attempt in range(1, MAX_ATTEMPTS + 1):
                 try:
-                    result = fly(self._envs[place], begin(), poll, self._moorings[place])
+                    result = fly(self._envs[index], begin(), poll, self._snapshots[index])
                     break
                 except EnvironmentRestarted as error:
                     report(f'simulator restarted, work begins again: {error}')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Counter-based random numbers: every rocket's every episode has a stream of its own.
+"""Counter-based random numbers: each episode of each rocket has its own stream.
 
-A spawn is a pure function of (seed, row, episode), whatever the other rockets do and however many
-there are. So two pilots can be compared from equal starts, and a roll-out can be repeated from
-any moment without saving a generator.
+A spawn is a pure function of (seed, row, episode), independent of the other rockets and their
+number. So two pilots can be compared from equal starts, and a roll-out can be repeated from any
+moment without saving a generator.
 """
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
 _AHEAD = 32
-"""Most episodes of a rocket drawn at once."""
+"""Maximum episodes of a rocket drawn at once."""
 _STORED = 2**16
-"""Most episodes of all rockets together that are kept drawn."""
+"""Maximum episodes of all rockets together that are stored."""
 _SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
 
 
@@ -43,9 +43,9 @@ def _seed_key(seed: int) -> NDArray[np.uint64]:
 
 
 def check_seed(seed: object) -> None:
-    """Check that a seed for `reset` is one.
+    """Check a seed for `reset`.
 
-    :raises ValueError: when it is no whole number from 0 to 2**63 - 1.
+    :raises ValueError: when it is not an integer from 0 to 2**63 - 1.
     """
     if not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
         raise ValueError(f'seed is {seed}, expected 0 to 2**63 - 1, a whole number')
@@ -57,14 +57,14 @@ def keys(
     episode: NDArray[np.integer],
     attempt: int = 0,
 ) -> NDArray[np.uint64]:
-    """Return where the streams of episodes begin, `(K,)`, for `numbers`.
+    """Return the keys of episodes' streams, `(K,)`, for `numbers`.
 
-    :param seed: any whole number from 0 to 2**64 - 1.
+    :param seed: any integer from 0 to 2**64 - 1.
     :param row: `(K,)` rockets.
     :param episode: `(K,)` episodes of those rockets.
-    :param attempt: another value gives fresh streams, for rejection sampling.
+    :param attempt: another value gives new streams, for rejection sampling.
     """
-    # Arrays of whole numbers wrap modulo 2**64 without a warning: what the generator is made of.
+    # Integer arrays wrap modulo 2**64 without a warning, as the generator requires.
     key = _seed_key(seed)
     for counter in (row.astype(np.uint64), episode.astype(np.uint64), np.uint64(attempt)):
         key = _mix((key ^ counter) + _GAMMA)
@@ -77,7 +77,7 @@ def numbers(
     """Return numbers in [-1, 1) of streams, `(draws, K)` float64 with 53 random bits.
 
     :param key: `(K,)`, as `keys` returns them.
-    :param first: how many numbers to pass over, one for all streams or `(K,)`.
+    :param first: how many numbers to skip, one for all streams or `(K,)`.
     """
     place = np.arange(1, draws + 1, dtype=np.uint64)[:, None] + np.asarray(first, np.uint64)
     words = _mix(key + place * _GAMMA)
@@ -91,7 +91,7 @@ def uniform(
     draws: int,
     attempt: int = 0,
 ) -> NDArray[np.float64]:
-    """Return numbers in [-1, 1), `(draws, K)`, the same for the same arguments on every machine.
+    """Return numbers in [-1, 1), `(draws, K)`, equal for equal arguments on every machine.
 
     The arguments are those of `keys` and `numbers`.
     """
@@ -104,10 +104,10 @@ def normal(
     """Return standard normal numbers of streams, `(draws, K)`.
 
     By Box and Muller, 'A note on the generation of random normal deviates', Annals of
-    Mathematical Statistics 29, 1958: of two uniform numbers, two normal ones.
+    Mathematical Statistics 29, 1958: two normal numbers from two uniform ones.
 
     :param key: `(K,)`, as `keys` returns them.
-    :param first: how many calls with as many draws to pass over, one for all streams or `(K,)`.
+    :param first: how many calls with as many draws to skip, one for all streams or `(K,)`.
     """
     pairs = (draws + 1) // 2
     unit = numbers(key, 2 * pairs, 2 * pairs * np.asarray(first))
@@ -118,19 +118,20 @@ def normal(
 
 
 class DrawnAhead:
-    """What the next few episodes of each rocket begin with, drawn many at a time.
+    """Store of the initial values of each rocket's next episodes, drawn many at a time.
 
-    A draw costs the calls it makes, hardly the numbers it draws, and a step seldom ends more than
-    a few episodes. As a stream depends on (seed, row, episode) alone, drawing ahead changes none.
+    The cost of a draw is mostly per call, and a step rarely ends more than a few episodes. As a
+    stream depends on (seed, row, episode) alone, drawing ahead does not change it.
     """
 
     def __init__(
         self, num_envs: int,
         make: Callable[[NDArray[np.integer], NDArray[np.integer]], tuple[NDArray[Any], ...]],
     ) -> None:
-        """Draw nothing yet.
+        """Begin with an empty store.
 
-        :param make: returns arrays `(K, ...)`, what episodes `(K,)` of rows `(K,)` begin with.
+        :param make: returns arrays `(K, ...)` of initial values for episodes `(K,)` of rows
+            `(K,)`.
         """
         self._make = make
         self._ahead = max(1, min(_AHEAD, _STORED // num_envs))
@@ -143,7 +144,7 @@ class DrawnAhead:
     def take(
         self, row: NDArray[np.integer], episode: NDArray[np.integer],
     ) -> list[NDArray[Any]]:
-        """Return what `make` would, for rows `(K,)` and their episodes."""
+        """Return the result of `make` for rows `(K,)` and their episodes."""
         slot = episode - self._from[row]
         missing = np.flatnonzero((slot < 0) | (slot >= self._ahead))
         if missing.size:

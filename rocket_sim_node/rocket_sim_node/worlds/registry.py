@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worlds by name."""
+"""Registry of worlds by name."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -47,7 +47,7 @@ def _entry(name: str) -> _Entry:
 
 
 def settings(name: str) -> tuple[SettingInfo, ...]:
-    """Return what can be set in a world.
+    """Return the settings of a world.
 
     :raises ValueError: for an unknown world.
     """
@@ -55,10 +55,10 @@ def settings(name: str) -> tuple[SettingInfo, ...]:
 
 
 def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of `values` that can be set in a world, for `make`.
+    """Return those of `values` that are settings of a world, in the types that `make` takes.
 
-    Worlds say more of themselves than can be set, and on the wire all of it is a number: what is
-    1.0 there may be a switch here, or a choice. `make` checks the rest.
+    A world's description has more values than its settings, and sends them all as numbers: 1.0
+    may stand for a switch, or a choice. `make` validates the rest.
 
     :raises ValueError: for an unknown world.
     """
@@ -76,10 +76,10 @@ def reset_settings(name: str) -> tuple[str, ...]:
 
 
 def make(name: str, num_envs: int = 1, seed: int = 0, **values: Any) -> SimulatedWorld:
-    """Make a world of `num_envs` rockets.
+    """Create a world of `num_envs` rockets.
 
     :param name: one of `names()`.
-    :param seed: where the random streams start, 0 to 2**63 - 1.
+    :param seed: seed of the random streams, 0 to 2**63 - 1.
     :param values: settings by name, the rest by default; see `settings(name)`. Worlds of rockets
         take conditions as `conditions.flatten` does.
     :raises ValueError: for an unknown world or setting, or a value out of range.

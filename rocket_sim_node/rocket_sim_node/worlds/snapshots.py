@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots of a world as bytes: a NumPy archive that is checked before it is believed."""
+"""Snapshots of a world as bytes: a NumPy archive that is validated before use."""
 from __future__ import annotations
 
 import io
@@ -16,7 +16,7 @@ from rocket_sim_node.worlds.base import WorldSpec
 
 Arrays = dict[str, NDArray[Any]]
 
-# What NumPy and zipfile raise for damaged archives and for headers of arrays that are none.
+# Errors of NumPy and zipfile for damaged archives and invalid array headers.
 _UNREADABLE = (
     ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, NotImplementedError,
     OverflowError, MemoryError, SyntaxError, struct.error, tokenize.TokenError,
@@ -24,13 +24,13 @@ _UNREADABLE = (
 )
 
 _LARGEST = 1e15
-"""No state of a world comes near; sums of greater ones could end up infinite."""
+"""Far beyond any state of a world; sums of greater values could become infinite."""
 _MOST = 2**62
-"""of steps or episodes; nobody gets there by counting"""
+"""Limit of steps or episodes, out of reach by counting."""
 
 
 def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
-    """Return the arrays as bytes that `unpack` takes."""
+    """Return the arrays as bytes for `unpack`."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, world=np.array(spec.name), **arrays)
     return buffer.getvalue()
@@ -41,8 +41,8 @@ def unpack(
 ) -> Arrays:
     """Return the arrays in a snapshot, checked against those of a world of the same kind.
 
-    :param like: arrays of the names, shapes and kinds that are expected.
-    :param any_length: those of them that may be of another length than expected.
+    :param like: arrays with the expected names, shapes and types.
+    :param any_length: names of arrays whose length may differ.
     :raises ValueError: when the bytes are damaged, of another world or size, or not finite.
     """
     try:
@@ -72,7 +72,7 @@ def unpack(
 
 
 def check_counts(arrays: Arrays, *names: str) -> None:
-    """Check what is counted up; a seed is not, and may be the largest number there is.
+    """Check counters; not for seeds, which may be the largest integer.
 
     :raises ValueError: naming the array.
     """
@@ -84,7 +84,7 @@ def check_counts(arrays: Arrays, *names: str) -> None:
 
 
 def check_range(arrays: Arrays, low: float, high: float, *names: str) -> None:
-    """Check numbers that are within bounds in every world.
+    """Check values whose bounds hold in every world.
 
     :raises ValueError: naming the array.
     """
@@ -96,9 +96,8 @@ def check_range(arrays: Arrays, low: float, high: float, *names: str) -> None:
 def _arrays(state: bytes) -> Arrays:
     """Return the arrays of an archive of `numpy.savez`.
 
-    Its own reader would unpack what was compressed, and make room for what a header promises,
-    before anybody could look: a few bytes would take all memory. Here an array is no longer than
-    the bytes it came in.
+    NumPy's own reader would decompress data and allocate what a header promises before any check:
+    a few bytes could exhaust memory. Here an array is no larger than the bytes of its entry.
 
     :raises Exception: one of `_UNREADABLE`.
     """

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The landing with the least fuel and the one with the least time, start by start."""
+"""Minimum-fuel and minimum-time landings from given starts."""

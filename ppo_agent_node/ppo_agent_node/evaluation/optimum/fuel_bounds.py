@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The least fuel that lands a rocket: what a fuel figure has to be compared with.
+"""Minimum fuel of a straight landing, as a reference for fuel figures.
 
 For a soft landing straight down with bounded thrust, free end time and fuel as the cost, the
 maximum principle allows one switch: free fall, then full throttle until speed and height vanish
 together (Meditch, 'On the problem of optimal thrust programming for a lunar soft landing', IEEE
 Transactions on Automatic Control 9, 1964). Braking later and harder loses less to gravity, as
-each second aloft under power costs g of the speed that fuel buys; drag only adds to the case for
-a fast coast. So no straight drop to rest takes less fuel, in continuous time.
+each second in flight under power costs g of the speed that fuel buys; drag makes a fast coast even
+better. So no straight drop to rest takes less fuel, in continuous time.
 
 Limits. A touchdown need not be at rest: at 3 m/s, which still counts as landed, some 30 kg less
-will do. Flights that start off the axis, drifting or tilted need more, and the bound does not know
-it. A world that advances in steps deviates by what one step at full throttle burns (3.4 kg).
+suffice. Flights that start off the axis, drifting or tilted need more, which the bound ignores. A
+world that advances in steps deviates by what one step at full throttle burns (3.4 kg).
 """
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _TABLE_SIZE = 257
 
 
 class StraightDropBound:
-    """Minimum fuel of vertical drops from one height, for any speed at the start.
+    """Minimum fuel of vertical drops from one height, for any initial speed.
 
     With q the flow and c v^2 the drag at full throttle, a burn of length T ends at rest at
-    touchdown height with the mass m0 - q T. Integrated backwards from there by T it tells where,
-    and how fast, it must have begun; free fall from the start leads to a speed at that height.
-    The two agree at one T, found by bisection.
+    touchdown height with the mass m0 - q T. Integrating backwards from there by T gives height and
+    speed at its beginning; free fall from the start gives a speed at that height. The two agree
+    at one T, found by bisection.
     """
 
     def __init__(self, settings: Mapping[str, float], spawn_height: float | None = None) -> None:
-        """Take the vehicle's constants.
+        """Store the vehicle's constants.
 
         :param settings: of a rocket world, by name, as in `WorldSpec.settings`.
-        :param spawn_height: m, where it differs from that of the settings.
+        :param spawn_height: m, if it differs from that of the settings.
         :raises KeyError: when a constant is missing.
         """
         height = settings['spawn_height'] if spawn_height is None else spawn_height
@@ -55,12 +55,12 @@ class StraightDropBound:
         self._table: tuple[F64, F64] | None = None
 
     def fuel(self, velocity: F64) -> F64:
-        """Return the least fuel `(K,)` kg; NaN where full tanks and full throttle cannot stop it.
+        """Return the minimum fuel `(K,)` kg; NaN if full tanks and full throttle cannot stop it.
 
         Interpolated in a table over the speed, to better than 0.01 kg.
 
         :param velocity: `(K,)` m/s, vertical and upwards, at the start. A climb counts as rest,
-            which keeps the bound a lower one.
+            so that the result remains a lower bound.
         """
         speed = np.maximum(-np.asarray(velocity, np.float64), 0.0)
         if not speed.size:
@@ -76,13 +76,13 @@ class StraightDropBound:
         return fuel
 
     def burn_time(self, speed: F64) -> F64:
-        """Return how long the burn lasts `(K,)` s, given the downward speed at the start, m/s."""
+        """Return the burn times `(K,)` s, given the downward speed at the start, m/s."""
         low = np.zeros_like(speed)
         high = np.full_like(speed, self.longest_burn)
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             height, ignition_speed = self._ignition(middle)
-            # A longer burn takes more height and more speed away than the drop supplies.
+            # A longer burn consumes more height and speed than the drop supplies.
             enough = (height >= self.drop) | (ignition_speed >= self._fall(speed, height))
             low, high = np.where(enough, low, middle), np.where(enough, middle, high)
         height, ignition_speed = self._ignition(high)
@@ -90,7 +90,7 @@ class StraightDropBound:
         return np.where(met, high, np.nan)
 
     def flight_time(self, speed: F64) -> F64:
-        """Return how long such a flight lasts, `(K,)` s.
+        """Return the durations of such flights, `(K,)` s.
 
         Free fall with drag from v0 to v takes (artanh(k v) - artanh(k v0)) / (k g), where 1 / k
         is the terminal speed, sqrt(m g / c).

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The soft landing in a given number of steps as a second-order cone program.
+"""Soft landing in a given number of steps, as a second-order cone program.
 
 Lossless convexification (Acikmese and Ploen, 'Convex programming approach to powered descent
 guidance for Mars landing', Journal of Guidance, Control, and Dynamics 30, 2007): the acceleration
-u = T / m stands for the thrust T, a variable sigma >= |u| for its magnitude, and the velocity
-w = v_e ln(m_0 / m) that the fuel burnt could buy for the mass. Then the motion is linear, and
+u = T / m replaces the thrust T, a variable sigma >= |u| its magnitude, and the mass is replaced by
+the velocity that the burned fuel could buy, w = v_e ln(m_0 / m). Then the motion is linear, and
 
     sigma <= F_max / m_0 e^(w / v_e)
 
-is the only bound that is not convex. Its tangent replaces it, which lies below. What the linear
-motion leaves out, drag and the mass that changes within a block of steps, is added as a constant
-that the last solution has told: see `LandingProgram.correction`.
+is the only bound that is not convex. It is replaced by its tangent, which lies below. The
+nonlinear rest of the motion, drag and the mass change within a block of steps, is added as a
+constant computed from the previous solution: see `LandingProgram.correction`.
 
 The thrust is held over blocks of steps. Each block advances as the world does in as many steps.
 """
@@ -27,12 +27,12 @@ from ppo_agent_node.evaluation.optimum.point_mass import F64
 from ppo_agent_node.evaluation.optimum.point_mass import PointMass
 
 TOUCH_SPEED = 0.01
-"""m/s, downwards at touchdown: at rest it would have been at that height a step before already."""
+"""m/s, downwards at touchdown: at rest it would have reached that height a step earlier."""
 _WIDTH = 11
-"""variables of a block: u (3) and sigma during it, position (3), velocity (3) and w after it"""
+"""Variables of a block: u (3) and sigma during it, position (3), velocity (3) and w after it."""
 _SIGMA, _POSITION, _VELOCITY, _W = 3, 4, 7, 10
 _MISS_COST = 50.0
-"""m/s of w for each metre too high: far more than the way down costs"""
+"""m/s of w per metre of height missed: a penalty far above the cost of descending."""
 _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 
 
@@ -41,25 +41,25 @@ class Plan:
     """A solution of the program, K blocks."""
 
     acceleration: F64
-    """`(K, 3)` m/s^2, thrust over mass"""
+    """`(K, 3)` m/s^2, thrust over mass."""
     position: F64
-    """`(K + 1, 3)` m from the pad's point, at the ends of blocks"""
+    """`(K + 1, 3)` m from the target point on the pad, at the ends of blocks."""
     velocity: F64
-    """`(K + 1, 3)` m/s"""
+    """`(K + 1, 3)` m/s."""
     spent: F64
-    """`(K + 1,)` m/s, w"""
+    """`(K + 1,)` m/s, w."""
     miss: float
-    """m, how far above the pad it comes to rest; 0 where the steps suffice"""
+    """m, height above the pad at which it comes to rest; 0 if the steps suffice."""
 
 
 class LandingProgram:
-    """The program of one vehicle; start, steps and corrections change from solve to solve."""
+    """The program of one vehicle; start, steps and corrections vary between solves."""
 
     def __init__(self, vehicle: PointMass, blocks: int, tilt_limit: float) -> None:
-        """Lay out variables and constraints.
+        """Define variables and constraints.
 
         :param blocks: K.
-        :param tilt_limit: deg, how far the thrust may lean.
+        :param tilt_limit: deg, maximum tilt of the thrust.
         """
         self.vehicle, self.blocks = vehicle, blocks
         self._lean = float(np.cos(np.deg2rad(tilt_limit)))
@@ -67,7 +67,7 @@ class LandingProgram:
         self._solver: clarabel.DefaultSolver | None = None
 
     def lengths(self, steps: int) -> NDArray[np.int64]:
-        """Return how many steps each block has, `(K,)`, as equal as whole numbers can be."""
+        """Return the number of steps of each block, `(K,)`, as equal as integers allow."""
         ends = np.linspace(0, steps, self.blocks + 1).astype(np.int64)
         lengths: NDArray[np.int64] = np.diff(ends)
         return lengths
@@ -75,12 +75,12 @@ class LandingProgram:
     def solve(
         self, position: F64, velocity: F64, steps: int, spent: F64, correction: F64,
     ) -> Plan | None:
-        """Return the best landing after so many steps, None where there is none.
+        """Return the best landing after `steps` steps, None if there is none.
 
-        :param position: `(3,)` m from the pad's point.
+        :param position: `(3,)` m from the target point on the pad.
         :param velocity: `(3,)` m/s.
-        :param spent: `(K,)` m/s, w at which the bound of the thrust has its tangents.
-        :param correction: `(K, 7)` what position, velocity and w gain in each block beside the
+        :param spent: `(K,)` m/s, w at which the thrust bound is linearised.
+        :param correction: `(K, 7)` changes of position, velocity and w in each block beside the
             linear motion.
         """
         matrix, bound = self._matrix(steps, spent), self._bound(
@@ -105,11 +105,11 @@ class LandingProgram:
         return plan.acceleration * self._mass(plan)[:, None]
 
     def correction(self, plan: Plan, steps: int) -> F64:
-        """Return by how much the world's motion differs from the linear one in each block.
+        """Return the difference of the world's motion from the linear one in each block.
 
-        All blocks are flown at once, each from its own beginning.
+        All blocks are simulated at once, each from its own beginning.
 
-        :param steps: of the flight; those of the plan, or others to which it shall be stretched.
+        :param steps: of the flight; those of the plan, or others to which it is to be stretched.
         :return: `(K, 7)` of position, m, velocity, m/s, and w, m/s.
         """
         v, lengths = self.vehicle, self.lengths(steps)
@@ -135,7 +135,7 @@ class LandingProgram:
         return mass
 
     def _times(self, steps: int) -> tuple[F64, F64]:
-        """Return the durations of blocks, s, and what an acceleration is worth in metres, s^2."""
+        """Return the durations of blocks, s, and the displacement per unit acceleration, s^2."""
         count: F64 = (self.lengths(steps) * self.vehicle.substeps).astype(np.float64)
         dt = self.vehicle.dt / self.vehicle.substeps
         time: F64 = count * dt
@@ -148,7 +148,7 @@ class LandingProgram:
         return bound * (1 - spent / v.exhaust_speed), bound / v.exhaust_speed
 
     def _matrix(self, steps: int, spent: F64) -> sparse.csc_array:
-        """Return the constraints' matrix; its pattern is the same for all arguments."""
+        """Return the constraint matrix; its sparsity pattern is the same for all arguments."""
         k, time = self.blocks, self._times(steps)
         _, slope = self._tangent(spent)
         one, block = np.ones(k), np.arange(k)
@@ -178,7 +178,7 @@ class LandingProgram:
         entries.append((np.array([height + 1]), np.array([end]), -one[:1]))
         for column in range(_POSITION, _W):
             rows(1, (column, one, 0))
-        # Inequalities: the bound of sigma, the lean, the ground, the fuel, the miss.
+        # Inequalities: the bound of sigma, the tilt, the ground, the fuel, the miss.
         rows(k, (_SIGMA, one, 0), (_W, -slope, 1))
         rows(k, (_SIGMA, self._lean * one, 0), (1, -one, 0))
         rows(k - 1, (_POSITION + 1, -one, 1))
@@ -195,7 +195,7 @@ class LandingProgram:
     def _bound(
         self, position: F64, velocity: F64, steps: int, spent: F64, correction: F64,
     ) -> F64:
-        """Return the constraints' right-hand side."""
+        """Return the right-hand side of the constraints."""
         v, k = self.vehicle, self.blocks
         time, weight = self._times(steps)
         motion = correction.copy()

@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Minimum fuel and minimum time of soft landings of the rocket worlds, start by start.
+"""Minimum fuel and minimum time of soft landings in the rocket worlds, for a given start.
 
-For each number of steps a cone program says whether a soft landing exists and what fuel it takes
-(see `landing_program`). Least time is the smallest number with a landing; from there on fuel
-first falls and then rises, as hovering costs, and least fuel is where it turns.
+For each number of steps a cone program determines whether a soft landing exists and its fuel (see
+`landing_program`). Minimum time is the smallest number with a landing. With more steps fuel first
+falls and then rises, as hovering costs fuel; minimum fuel is at the turning point.
 
-The attitude's dynamics are left out: the thrust may point anywhere within the tilt limit, at once,
-in flight and at touchdown. A real vehicle has to turn first, so both are lower bounds for it, and
-the return has a ceiling: that of a touchdown at no speed, tilt and distance after the least time.
+Attitude dynamics are ignored: the thrust may point anywhere within the tilt limit, at once, in
+flight and at touchdown. A real vehicle has to turn first, so both are lower bounds for it, and the
+return has an upper bound: that of a touchdown at no speed, tilt and distance after the minimum
+time.
 
-Two details of the bounds. A thrust that is held over blocks of steps costs a little more than one
-that changes with each. And touchdown is at 1 cm/s: a landing that is faster needs less fuel, by
-some 10 kg for each m/s.
+Two details of the bounds. A thrust that is held over blocks of steps costs slightly more than one
+that changes in each step. And touchdown is at 1 cm/s: a faster landing needs less fuel, by some
+10 kg for each m/s.
 """
 from __future__ import annotations
 
@@ -28,31 +29,31 @@ from rocket_sim_node.worlds.rocket import conditions
 
 BLOCKS = 60
 _LANDS = 1e-5
-"""m, a miss that counts as none"""
+"""m, tolerance of the miss."""
 _SETTLED, _EXACT = 1e-3, 1e-7
-"""m and m/s, changes of the corrections: while the steps are searched, and in the end"""
+"""m and m/s, tolerances of the corrections: during the search for the steps, and at its end."""
 _REPEATS = 6
 _GROWTH = 1.1
-"""of the steps, where so few have no plan at all"""
+"""Factor by which the number of steps is increased while there is no plan."""
 _FASTER = 1.15
-"""how much faster than a straight drop a flight may be at its fastest"""
+"""Maximum factor between the highest speeds of a flight and of a straight drop."""
 
 
 @dataclass(frozen=True)
 class Landing:
-    """A soft landing as a point mass, in the world's steps."""
+    """A soft landing of a point mass, in the world's steps."""
 
     steps: int
     fuel: float
-    """kg"""
+    """kg."""
     time: F64
-    """`(S + 1,)` s, from 0"""
+    """`(S + 1,)` s, from 0."""
     position: F64
-    """`(S + 1, 3)` m, y up, of the vehicle's origin"""
+    """`(S + 1, 3)` m, y up, of the vehicle's origin."""
     velocity: F64
-    """`(S + 1, 3)` m/s"""
+    """`(S + 1, 3)` m/s."""
     thrust: F64
-    """`(S, 3)` N, held for a step each"""
+    """`(S, 3)` N, each held for a step."""
 
 
 @dataclass(frozen=True)
@@ -61,20 +62,19 @@ class Optimum:
 
     least_fuel: Landing
     least_time: Landing
-    """of those as short the one that takes the least fuel"""
+    """Of equally short landings, the one with the least fuel."""
 
 
 class LandingOptimiser:
-    """Solves starts of one vehicle. One at a time: it keeps the solver's memory."""
+    """Solves starts of one vehicle, one at a time, as it reuses the solver's memory."""
 
     def __init__(self, settings: Mapping[str, float], blocks: int = BLOCKS) -> None:
-        """Take the vehicle's constants.
+        """Store the vehicle's constants.
 
         :param settings: of a rocket world, by name, as in `WorldSpec.settings`.
-        :param blocks: in how many parts, as equal as steps allow, a flight holds its thrust.
-        :raises ValueError: for a vehicle without weight, thrust or fuel, or one that does not
-            fly by the nominal model: with a throttle that cannot be closed it would be another
-            problem, not a convex one.
+        :param blocks: number of nearly equal parts of a flight in which the thrust is constant.
+        :raises ValueError: for a vehicle without weight, thrust or fuel, or one that does not fly
+            by the nominal model: a minimum throttle would make the problem non-convex.
         :raises KeyError: when a constant is missing.
         """
         for name in ('gravity', 'max_thrust', 'fuel'):
@@ -89,7 +89,7 @@ class LandingOptimiser:
         self._most_steps = int(np.floor(settings['time_limit'] / self._vehicle.dt + 1e-9))
 
     def solve(self, position: F64, velocity: F64) -> Optimum | None:
-        """Return the best landings, None where no landing is possible.
+        """Return the best landings, None if no landing is possible.
 
         :param position: `(3,)` m, y up, of the vehicle's origin at the start.
         :param velocity: `(3,)` m/s.
@@ -116,7 +116,7 @@ class LandingOptimiser:
             least_time=self._fly(position, velocity, quick, least_steps))
 
     def _fly(self, position: F64, velocity: F64, plan: Plan, steps: int) -> Landing:
-        """Return what the plan's thrust does to the world's point mass."""
+        """Return the motion of the world's point mass under the plan's thrust."""
         thrust = np.repeat(self._program.thrust(plan), self._program.lengths(steps), axis=0)
         state = position[None], velocity[None], np.array([self._vehicle.mass])
         states = [state]
@@ -131,22 +131,22 @@ class LandingOptimiser:
 
 
 class _Search:
-    """The search for the best numbers of steps from one start.
+    """Search for the best numbers of steps from one start.
 
-    Successive convexification: each solution tells the next program what the linear motion lacks
-    (Szmuk, Acikmese and Berning, 'Successive convexification for fuel-optimal powered landing
-    with aerodynamic drag and non-convex constraints', AIAA 2016-0378), be it for as many steps
-    or for a few more or less.
+    Successive convexification: each solution provides the nonlinear corrections of the next
+    program (Szmuk, Acikmese and Berning, 'Successive convexification for fuel-optimal powered
+    landing with aerodynamic drag and non-convex constraints', AIAA 2016-0378), whose number of
+    steps may differ slightly.
     """
 
     def __init__(
         self, program: LandingProgram, position: F64, velocity: F64, most_steps: int,
     ) -> None:
-        """Take a start.
+        """Store the start.
 
-        :param position: `(3,)` m from the pad's point.
+        :param position: `(3,)` m from the target point on the pad.
         :param velocity: `(3,)` m/s.
-        :param most_steps: that a flight may take.
+        :param most_steps: maximum steps of a flight.
         """
         self._program, self._position, self._velocity = program, position, velocity
         self._most = most_steps
@@ -155,10 +155,10 @@ class _Search:
         self._last: Plan | None = None
 
     def least_steps(self) -> int | None:
-        """Return the smallest number of steps with a landing, None where there is none.
+        """Return the smallest number of steps with a landing, None if there is none.
 
-        A step more comes to rest about as much lower as the fastest fall covers in it, so that
-        the miss says how many are lacking.
+        An additional step lowers the height at rest by about the distance of the fastest step, so
+        the miss indicates how many are lacking.
         """
         steps, drop = self._straight_drop()
         short, enough, miss = 0, 0, np.nan
@@ -178,7 +178,7 @@ class _Search:
             if enough and steps >= enough:
                 steps = enough - 1 if steps == enough else (short + enough) // 2
             steps = min(steps, self._most)
-        # A step that was enough by a hair may not be once all corrections are exact.
+        # A number of steps that just suffices may fail once all corrections have converged.
         while enough <= self._most:
             exact = self.exact(enough)
             if exact is not None and exact.miss < _LANDS:
@@ -187,9 +187,9 @@ class _Search:
         return None
 
     def _straight_drop(self) -> tuple[int, float]:
-        """Return the steps of a straight drop, and how far it falls in the fastest of them, m.
+        """Return the steps of a straight drop, and the distance of its fastest step, m.
 
-        Without drag, and with the deceleration of the dry mass: rather too few steps.
+        Without drag, and with the deceleration of the dry mass, so that the steps are too few.
         """
         v = self._program.vehicle
         braking = max(v.max_thrust / v.dry_mass - v.gravity, 0.1 * v.gravity)
@@ -217,7 +217,7 @@ class _Search:
         return middle
 
     def _valley(self, low: int, middle: int, high: int) -> int:
-        """Return where the parabola through the fuel of three numbers of steps is lowest."""
+        """Return the minimum of the parabola through the fuel of three numbers of steps."""
         left, right = ((self._spent(step) - self._spent(middle)) / (step - middle)
                        for step in (low, high))
         bend = (right - left) / (high - low)
@@ -227,18 +227,18 @@ class _Search:
         return round(middle - slope / (2 * bend))
 
     def _spent(self, steps: int) -> float:
-        """Return w at the end of the plan for so many steps, m/s; infinite where there is none."""
+        """Return w at the end of the plan for `steps` steps, m/s; infinite if there is none."""
         plan = self._plan(steps) if steps <= self._most else None
         return float(plan.spent[-1]) if plan is not None else np.inf
 
     def _plan(self, steps: int) -> Plan | None:
-        """Return the plan for so many steps, exact enough to compare it with others."""
+        """Return the plan for `steps` steps, with sufficient accuracy for comparisons."""
         if steps not in self._plans:
             self._plans[steps] = self._solve(steps, _SETTLED)
         return self._plans[steps]
 
     def exact(self, steps: int) -> Plan | None:
-        """Return the plan for so many steps, repeated until nothing changes."""
+        """Return the plan for `steps` steps, iterated to convergence."""
         if steps not in self._exact:
             known = self._plan(steps)
             self._last = known or self._last
@@ -246,7 +246,7 @@ class _Search:
         return self._exact[steps]
 
     def _solve(self, steps: int, tolerance: float) -> Plan | None:
-        """Return a plan whose corrections change no more than that, m and m/s."""
+        """Return a plan whose corrections have converged to the tolerance, m and m/s."""
         program = self._program
         if self._last is None:
             spent, correction = np.zeros(program.blocks), np.zeros((program.blocks, 7))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rocket as a point mass: world `rocket` step by step, with thrust in any direction at once."""
+"""Point-mass model of a rocket: world `rocket` step by step, with thrust in any direction."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,20 +16,20 @@ class PointMass:
     """The vehicle of a rocket world without its attitude; the world's own integration."""
 
     dt: float
-    """s, the world's step"""
+    """s, the world's step."""
     substeps: int
     dry_mass: float
-    """kg"""
+    """kg."""
     fuel: float
-    """kg, at the start"""
+    """kg, at the start."""
     max_thrust: float
-    """N"""
+    """N."""
     exhaust_speed: float
-    """m/s, specific impulse times g"""
+    """m/s, specific impulse times g."""
     gravity: float
-    """m/s^2"""
+    """m/s^2."""
     drag: float
-    """kg/m, drag over the square of the speed"""
+    """kg/m, drag over the square of the speed."""
 
     @staticmethod
     def of(settings: Mapping[str, float]) -> PointMass:

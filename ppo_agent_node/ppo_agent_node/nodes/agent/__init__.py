@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What node `ppo_agent` does."""
+"""Modes of node `ppo_agent`: training and inference."""

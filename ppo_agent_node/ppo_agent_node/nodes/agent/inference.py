@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flying a trained policy as a node."""
+"""Mode `infer`: flies a trained policy."""
 from __future__ import annotations
 
 from dataclasses import dataclass

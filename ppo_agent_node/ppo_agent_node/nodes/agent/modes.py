@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What node `ppo_agent` does: it trains, or flies."""
+"""Dispatch of node `ppo_agent` to its mode: training or inference."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -17,12 +17,12 @@ _MODES = {'train': train, 'infer': infer}
 
 @dataclass(frozen=True)
 class AgentParameters:
-    """What the node does; further parameters depend on it."""
+    """Mode of the node; further parameters depend on it."""
 
     mode: str = setting('train', '', 'train a policy, or fly one', choices=tuple(_MODES))
 
 
 def act(node: Node, executor: Executor) -> int:
-    """Do what the parameters say."""
+    """Run the mode that the parameters select."""
     parameters = Parameters(node)
     return _MODES[parameters.declare(AgentParameters).mode](node, executor, parameters)

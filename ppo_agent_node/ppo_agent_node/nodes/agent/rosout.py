@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What other nodes warn of, on the terminal of this one."""
+"""Display of other nodes' warnings on this node's terminal."""
 from __future__ import annotations
 
 import sys
@@ -18,16 +18,15 @@ _ROSOUT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def show_warnings(node: Node, terminal: Terminal) -> None:
-    """Show what other nodes of this namespace warn of, where a display keeps them off the screen.
+    """Show warnings of other nodes in this namespace, which a display would otherwise hide.
 
-    The address of a live view is shown as well: people wait for it.
-
-    So does what this node warns of itself, where its own log goes to a file.
+    The address of a live view is shown too, as users wait for it, and so are this node's own
+    warnings if its log goes to a file.
     """
     if not terminal.live:
         return
     own = sys.stderr.isatty()
-    # A logger is called as its node, with points for slashes.
+    # A logger has the name of its node, with dots for slashes.
     here = node.get_namespace().strip('/').replace('/', '.')
     prefix = f'{here}.' if here else ''
     skipped = prefix + node.get_name() if own else ''

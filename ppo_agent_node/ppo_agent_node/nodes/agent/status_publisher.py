@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a training says: on the terminal and, the same, on `training`."""
+"""Publisher of a training's status, on the terminal and on topic `training`."""
 from __future__ import annotations
 
 import os
@@ -18,14 +18,14 @@ from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.wire.dds import qos
 
 STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
-"""set where launch_scripts/train says at the very end how to resume"""
+"""Set if launch_scripts/train itself prints how to resume."""
 
 
 class StatusPublisher:
-    """Tells of a run."""
+    """Reports the status of a run."""
 
     def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
-        """Begin with where it is."""
+        """Report where the run is."""
         self._terminal, self._folder = terminal, folder
         self._namespace = node.get_namespace()
         self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
@@ -36,22 +36,22 @@ class StatusPublisher:
         show_warnings(node, terminal)
 
     def report(self, status: Status) -> None:
-        """Tell of an iteration of learning, or of what happened in between."""
+        """Report an iteration of learning, or an event."""
         status = replace(status, stages=(*status.stages, 'evaluate'))
         self._last = status
         self._tell(status)
 
     def report_evaluation(self, status: Status) -> None:
-        """Tell of the flights that follow; what is known of the run stays known."""
+        """Report evaluation flights, with the known status of the run."""
         self._tell(replace(
             status, **self._last.of_run(), elapsed=time.monotonic() - self._began,
             progress=status.iteration, goal=status.iterations, unit='episodes',
             saved=status.saved or self._last.saved))
 
     def advise(self, simulators: str) -> None:
-        """Say how to resume, if nobody else will; of a run that never began leave nothing.
+        """Print how to resume, unless the parent process does; remove a run that never began.
 
-        :param simulators: namespaces of those that fly, as the agent was given them.
+        :param simulators: namespaces of the simulators, as given to the agent.
         """
         if STARTED_BY_TRAIN in os.environ:
             return

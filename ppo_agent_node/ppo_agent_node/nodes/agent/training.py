@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training run as a node: settings from parameters, reports to the terminal and `training`."""
+"""Mode `train`: a training run with settings from parameters and reports on `training`."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ class TrainingParameters:
 
 
 def train(node: Node, executor: Executor, parameters: Parameters) -> int:
-    """Train in the simulator of this namespace, evaluate, plot; return the exit status."""
+    """Train with the simulators of this namespace, evaluate, plot; return the exit status."""
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
@@ -73,21 +73,21 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             tick()
             return stopping.requested()
 
-        if not folder.finished:  # a finished run stays one when it cannot be taken up
+        if not folder.finished:  # a finished run stays finished if it cannot be opened
             folder.mark_unfinished()
-        teller = StatusPublisher(node, terminal, folder)
+        publisher = StatusPublisher(node, terminal, folder)
         try:
             config = _config(parameters, options.preset, fleet.connect().name, saved)
             require_lockstep(fleet)
             result = Trainer(
-                fleet, config, folder, teller.report, stop_requested=stop_requested,
+                fleet, config, folder, publisher.report, stop_requested=stop_requested,
                 say=terminal.say).run()
             if result.finished:
                 folder.mark_unfinished()
                 try:
-                    _evaluate(fleet, config, folder, teller, terminal, tick)
+                    _evaluate(fleet, config, folder, publisher, terminal, tick)
                 except EnvironmentClosed:
-                    teller.report_evaluation(Status(
+                    publisher.report_evaluation(Status(
                         stage='evaluate', message='stopped; a resumed run evaluates anew'))
                     raise
                 folder.mark_finished()
@@ -95,15 +95,15 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except EnvironmentClosed:
             pass
         except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
-            teller.advise(options.simulators)
+            publisher.advise(options.simulators)
             raise
         except NothingLanded:
-            folder.mark_finished()  # a resumed run would come to the same
+            folder.mark_finished()  # a resumed run would have the same result
             raise
         except (ValueError, OSError):
             folder.withdraw()
             raise
-        teller.advise(options.simulators)
+        publisher.advise(options.simulators)
     return 0
 
 
@@ -119,12 +119,12 @@ def _run_path(options: TrainingParameters) -> Path:
 
 
 def _check_given(node: Node, parameters: Parameters) -> None:
-    """Check the parameters of the run as far as can be without its world.
+    """Check the parameters of the run as far as possible without its world.
 
-    Which preset fills in the rest is known only when the simulator has said what world it is;
-    but nobody shall wait for one to be told of a misspelt name.
+    Which preset provides the other values is known only after the simulator has described its
+    world, but a misspelt name should be reported without waiting for one.
 
-    :raises ParameterError: for an unknown name, a value of another kind or out of range.
+    :raises ParameterError: for an unknown name, a value of the wrong type or out of range.
     """
     infos = {info.name: info for info in training_config.describe()}
     known = [*node.get_parameters_by_prefix(''), *infos]
@@ -140,7 +140,7 @@ def _check_given(node: Node, parameters: Parameters) -> None:
 
 
 def _saved_settings(folder: RunFolder) -> dict[str, Any]:
-    """Return the settings of the run that is resumed, by name."""
+    """Return the settings of the resumed run, by name."""
     saved = folder.read_config().get('training', {})
     if not isinstance(saved, dict):
         raise ValueError(f'{folder.config}: training is {saved!r}, expected names and values')
@@ -150,10 +150,10 @@ def _saved_settings(folder: RunFolder) -> dict[str, Any]:
 def _config(
     parameters: Parameters, preset: str, world: str, saved: dict[str, Any],
 ) -> Config:
-    """Return the settings: those given, else those of the run resumed, else the preset's.
+    """Return the settings: given ones, else those of the resumed run, else the preset's.
 
-    A preset other than the default one that is named when a run is resumed has to be the one that
-    it was begun with; `default` says nothing, since launch files always name it.
+    When a run is resumed with a preset other than `default`, it must be the one that the run began
+    with; `default` means nothing, since launch files always pass it.
     """
     values = saved
     if not saved or preset != TrainingParameters.preset:
@@ -163,19 +163,19 @@ def _config(
 
 
 def _evaluate(
-    fleet: SimulatorFleet, config: Config, folder: RunFolder, teller: StatusPublisher,
+    fleet: SimulatorFleet, config: Config, folder: RunFolder, publisher: StatusPublisher,
     terminal: Terminal,
     tick: Callable[[], None],
 ) -> None:
-    """Fly the best policy on fresh starts; write the figures and all plots."""
+    """Fly the best policy on new starts; write the figures and all plots."""
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
-        config.run.evaluation_seed, level, folder.path, teller.report_evaluation, folder.name,
+        config.run.evaluation_seed, level, folder.path, publisher.report_evaluation, folder.name,
         tick, settings=config.curriculum.task_settings(level), training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
-    teller.report_evaluation(Status(
+    publisher.report_evaluation(Status(
         stage='done', level=level, landing_rate=summary['landing_rate'], landing_rate_low=low,
         landing_rate_high=high, mean_return=summary['mean_return'], saved='evaluation.json',
         message=f'everything is in {folder.path}'))

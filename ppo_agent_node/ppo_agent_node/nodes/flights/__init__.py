@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How nodes reach a simulator and fly it."""
+"""Flights by nodes: connection to a simulator, evaluation, hand flying."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of conditions as the node makes it: flown, told, and written to a folder."""
+"""Table of conditions by a node: flights, progress reports and files."""
 from __future__ import annotations
 
 import time
@@ -17,7 +17,7 @@ from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
 
 _PERIOD = 0.5
-"""s between reports of progress, at least"""
+"""Minimum seconds between progress reports."""
 
 
 def fly_and_write_table(
@@ -28,8 +28,8 @@ def fly_and_write_table(
     """Fly pilots under all conditions and return the table.
 
     :param episodes: of each cell.
-    :param folder: where `conditions.json`, `.md`, `.csv`, `plots/` and `report.html` go, the last
-        two with what else the folder holds of a run; None: nowhere.
+    :param folder: destination of `conditions.json`, `.md`, `.csv`, `plots/` and `report.html`;
+        the last two include other files of a run in the folder. None: no files.
     :param poll: called before each step.
     :raises ValueError: for a world that has no conditions.
     """
@@ -57,7 +57,7 @@ def fly_and_write_table(
     def write() -> None:
         if folder is not None:
             conditions_files.write(folder, table)
-            # It draws, and what draws takes its time to import: not before a run can begin.
+            # Imported here: plotting libraries are slow to import, and must not delay the start.
             from ppo_agent_node.commands.report import write_report
 
             write_report(folder)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the nodes of this package reach a simulator."""
+"""Connection of this package's nodes to simulators."""
 from __future__ import annotations
 
 import hashlib
@@ -22,15 +22,15 @@ from rocket_sim_node.worlds import EnvironmentRestarted
 
 EXPECTED_ERRORS = (
     ParameterError, WireTimeout, SimulatorBusy, EnvironmentRestarted, ValueError, OSError)
-"""What can go wrong from outside: told in one line that names it, without a traceback."""
+"""Errors with external causes: reported in one line, without a traceback."""
 
 
 @dataclass(frozen=True)
 class ConnectionParameters(ConnectionConfig):
-    """How long to wait for the simulator."""
+    """Time limits of the connection to the simulator."""
 
     def link_options(self) -> ConnectionOptions:
-        """Return them as the wire takes them."""
+        """Return them as options of a connection."""
         return ConnectionOptions(self.resend_after, self.patience, self.acknowledge)
 
 
@@ -49,23 +49,23 @@ def make_fleet(
 
 
 def require_lockstep(client: Client | SimulatorFleet) -> None:
-    """Check that no step can be missed.
+    """Check that the simulator runs in lock-step, so that no step can be missed.
 
-    :raises ValueError: when the simulator goes by the clock.
+    :raises ValueError: when it runs in real time.
     """
     if client.realtime:
         raise ValueError('simulator: mode is realtime, expected lockstep')
 
 
 def agent_of_run(run: Path) -> int:
-    """Return the identity of a run: the same when it is resumed, so that it may go on at once."""
+    """Return a run's identity, the same when it is resumed, so that it may continue at once."""
     return agent_named(str(run.resolve()))
 
 
 def agent_named(name: str) -> int:
-    """Return the identity of who is called so on this machine.
+    """Return the identity for a name on this machine.
 
-    Containers may share the name of their host: what tells them apart is their root.
+    Containers may share the host's name; their root directory distinguishes them.
     """
     root = os.stat('/')
     name = f'{socket.gethostname()}:{root.st_dev}:{root.st_ino}:{name}'

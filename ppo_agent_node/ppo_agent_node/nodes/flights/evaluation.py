@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An evaluation as the nodes do it: flown, told, and written to a folder."""
+"""Evaluation by a node: flights, progress reports and files."""
 from __future__ import annotations
 
 import functools
@@ -21,7 +21,7 @@ from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
 
 _REPORTS = 20
-"""reports of progress, at most"""
+"""Maximum number of progress reports."""
 
 
 def fly_and_write(
@@ -29,15 +29,15 @@ def fly_and_write(
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
     optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, **extra: Any,
 ) -> dict[str, Any]:
-    """Evaluate a pilot and return the figures; a simulator that restarts is flown anew.
+    """Evaluate a pilot and return the figures; restarts if the simulator does.
 
     :param level: curriculum level, 0: the simulator's own.
-    :param folder: where `evaluation.json`, `episodes.csv`, `plots/` and `report.html` go, the
-        last two with what else the folder holds of a run; None: nowhere.
+    :param folder: destination of `evaluation.json`, `episodes.csv`, `plots/` and `report.html`;
+        the last two include other files of a run in the folder. None: no files.
     :param poll: called before each step.
-    :param optimum_sample: how many starts to solve for their optimum; 0: none.
-    :param settings: what else the world is reset with, such as conditions.
-    :param extra: facts to be kept with the figures.
+    :param optimum_sample: number of starts to solve for their optimum; 0: none.
+    :param settings: further reset settings, such as conditions.
+    :param extra: facts to store with the figures.
     """
     start = time.monotonic()
     told = 0
@@ -69,12 +69,12 @@ def fly_and_write(
         optimum = solve_sample(result, optimum_sample)
         summary = metrics.summarise(result, **optimum.figures(result), **extra)
         if folder is not None:
-            # Of an evaluation before: it would not be of the same flights.
+            # From an earlier evaluation: its episodes would not match.
             (folder / 'episodes.csv').unlink(missing_ok=True)
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(
                 folder / 'episodes.csv', episode_table.from_result(result, optimum))
-            # It draws, and what draws takes its time to import: not before a run can begin.
+            # Imported here: plotting libraries are slow to import, and must not delay the start.
             from ppo_agent_node.commands.report import write_report
 
             write_report(folder)

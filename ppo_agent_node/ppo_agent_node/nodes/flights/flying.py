@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flying a simulator with a pilot that does not learn, for as long as wanted."""
+"""Continuous flight of a pilot that does not learn."""
 from __future__ import annotations
 
 import time
@@ -15,11 +15,11 @@ from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
 
 _REPORT_PERIOD = 5.0
-"""s between two lines on the log"""
+"""Seconds between two log lines."""
 
 
 class Tally:
-    """How episodes ended."""
+    """Counts of episodes by outcome."""
 
     def __init__(self, outcomes: tuple[str, ...]) -> None:
         """Count from 0."""
@@ -29,16 +29,16 @@ class Tally:
 
     @property
     def count(self) -> int:
-        """Episodes."""
+        """Number of episodes."""
         return int(self._counts.sum())
 
     def add(self, ended: Episodes) -> None:
-        """Count some more."""
+        """Add ended episodes."""
         self._counts += np.bincount(ended.outcome, minlength=len(self._outcomes))
         self._return += float(ended.episode_return.sum())
 
     def __str__(self) -> str:
-        """Return one line: how many ended how, and the mean return."""
+        """Return one line: episodes by outcome, and the mean return."""
         counts = [f'{name} {count}' for name, count in zip(
             self._outcomes, self._counts.tolist(), strict=True) if count]
         mean = self._return / self.count if self.count else float('nan')
@@ -48,11 +48,11 @@ class Tally:
 def fly(
     node: Node, client: Client, pilot: Pilot, seed: int, episodes: int, **settings: float,
 ) -> None:
-    """Fly until `episodes` have ended (0: for ever), or this process is asked to end.
+    """Fly until `episodes` have ended (0: forever), or this process is asked to stop.
 
-    Those that end first count, whoever flies them; `evaluation.runner` is fair to long ones.
-    The log says every few seconds how they ended, for ever of those few seconds, and in the end
-    of all. A simulator that comes back is reset and flown on, from other starts.
+    The first episodes that end count, of any rocket; `evaluation.runner` avoids that bias. The log
+    has a line every few seconds on the episodes since the last line, if flying forever, and
+    finally one on all of them. A simulator that restarts is reset and flown on, from other starts.
     """
     outcomes = client.spec.outcomes
     total, recent = Tally(outcomes), Tally(outcomes)
@@ -68,7 +68,7 @@ def fly(
         except EnvironmentRestarted as error:
             node.get_logger().warning(f'{error}: starting anew')
             observation = None
-            seed += 1  # those that were flown count already
+            seed += 1  # the episodes flown so far are already counted
             continue
         except EnvironmentClosed:
             break

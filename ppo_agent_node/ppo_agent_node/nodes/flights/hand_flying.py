@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights by hand: keys to actions, step by step, and instruments back to the terminal."""
+"""Hand flying: keys to actions step by step, and instruments back to the terminal."""
 from __future__ import annotations
 
 import math
@@ -45,42 +45,42 @@ from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 
 _FRAME = 1 / 15
-"""s between two pictures in flight"""
+"""Seconds between screen updates in flight."""
 _IDLE = 0.05
-"""s between two looks at the keys on the ground"""
+"""Seconds between checks of the keys between flights."""
 _LOST = (SimulatorBusy, WireTimeout, EnvironmentRestarted)
 _NEXT = ('', 'r: next start   t: this start again   h: help   q: quit')
 
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """Where flights begin."""
+    """Start of flights."""
 
     seed: int
     level: int
-    """0: there are none, or as the simulator has it"""
+    """0: the world has no levels, or the simulator's own."""
 
     @property
     def settings(self) -> dict[str, float]:
-        """Settings for the reset."""
+        """Reset settings."""
         return level_setting(self.level)
 
 
 class HandFlying:
-    """The flights of one person at one terminal.
+    """Flights of one person at one terminal.
 
-    Each begins with a reset, when the person says so. Between flights nobody has control of the
-    simulator, and nothing falls.
+    Each begins with a reset on the person's command. Between flights control of the simulator is
+    released, and the world does not advance.
     """
 
     def __init__(
         self, node: Node, client: Client, terminal: RawTerminal, cockpit: Cockpit,
         pilot: KeyboardPilot, start: EpisodeStart, place: str,
     ) -> None:
-        """Take all that is needed; `client` is connected.
+        """Store the components; `client` is connected.
 
-        :param place: where one can watch, or ''.
-        :raises ValueError: when the world says what its vehicle cannot be; names it.
+        :param place: address of the live view, or ''.
+        :raises ValueError: when the world's settings are impossible for a vehicle; names them.
         """
         self._node, self._client, self._terminal = node, client, terminal
         self._cockpit, self._pilot, self._start = cockpit, pilot, start
@@ -107,7 +107,7 @@ class HandFlying:
             msg.RocketState, 'state', self._on_state, qos.EVENTS)
 
     def run(self) -> None:
-        """Fly, flight after flight, until told to stop."""
+        """Run flight after flight until stopped."""
         start, flown = self._start, False
         command = self._rest(start)
         while command != QUIT:
@@ -117,16 +117,16 @@ class HandFlying:
             command = self._fly(start) or self._rest(start)
 
     def tally(self) -> str:
-        """Return how it went so far; empty before the first flight."""
+        """Return a summary of the flights; empty before the first."""
         total = sum(self._flights.values())
         if not total:
             return ''
         return f'landed {self._flights["landed"]} of {total}, best return {self._best:.1f}'
 
-    # On the ground
+    # Between flights
 
     def _rest(self, start: EpisodeStart) -> str:
-        """Wait for what the person wants next."""
+        """Wait for the person's next command."""
         view = self._view
         view.flying = False
         self._draw(start)
@@ -143,7 +143,7 @@ class HandFlying:
                 self._draw(start)
 
     def _commands(self, seconds: float = 0.0) -> list[str]:
-        """Read the keys: those of the controls go to the pilot, commands are returned.
+        """Read the keys: controls go to the pilot, commands are returned.
 
         :raises EnvironmentClosed: when the terminal has gone.
         """
@@ -153,16 +153,16 @@ class HandFlying:
         return self._keys.take(data, time.monotonic())
 
     def _take_errors(self) -> bool:
-        """Show the last line that the log had; return whether there was one."""
+        """Show the last line of the log; return whether there was one."""
         lines = [line for line in self._terminal.errors() if line.strip()]
         if lines:
             self._view.message = lines[-1]
         return bool(lines)
 
-    # In the air
+    # In flight
 
     def _fly(self, start: EpisodeStart) -> str | None:
-        """Fly from a start; return the command that broke the flight off, if one did."""
+        """Fly from a start; return the command that aborted the flight, if one did."""
         view = self._view
         view.help, view.flying, view.notes, view.message = False, True, [], ''
         self._expert = None
@@ -174,7 +174,7 @@ class HandFlying:
         except _LOST as error:
             view.notes = [('bold red', str(error)), ('', 'r: fly   q: quit')]
         finally:
-            # Nobody in control: the simulator waits, and others may have it.
+            # Release control: the simulator waits, and other agents may take it.
             self._client.close()
         return None
 
@@ -196,7 +196,7 @@ class HandFlying:
             if mine.size:
                 self._touch_down(start, info, watch)
                 return None
-            # In lock-step the state comes many steps at a time, and so late.
+            # In lock-step the state arrives many steps at a time, and thus late.
             flown = self._tank.time if self._client.realtime else steps * self._spec.dt
             watch.see(flown, readings, self._tank.mass, self._pilot.throttle(now))
             if now - self._drawn > _FRAME:
@@ -207,7 +207,7 @@ class HandFlying:
                 time.sleep(max(due - time.monotonic(), 0.0))
 
     def _touch_down(self, start: EpisodeStart, info: dict[str, Any], watch: Watch) -> None:
-        """Tell how a flight ended."""
+        """Report the end of a flight."""
         rows = np.flatnonzero(info['episodes'].row == 0)
         if not rows.size:
             self._view.notes = [('', 'how it ended got lost on the way'), ('', ''), _NEXT]
@@ -220,16 +220,16 @@ class HandFlying:
         self._report()
 
     def _report(self, expert: FlightSummary | None = None) -> None:
-        """Put what there is to say after a flight below the instruments."""
+        """Show the debriefing below the instruments."""
         self._view.notes = [
             *debrief(self._flown[0], expert, self._flown[1]), ('', ''), _NEXT]
 
     def _let_the_expert_fly(self) -> None:
-        """Go on with the flight to compare with, a few steps, so that keys need not wait."""
+        """Advance the expert's flight by a few steps, so that keys are handled in between."""
         if self._expert is None:
             return
         over = True
-        with suppress(ValueError):  # an expert that cannot fly such a vehicle
+        with suppress(ValueError):  # the expert may not support this vehicle
             over = self._expert.go_on()
         if over:
             self._report(self._expert.flight)
@@ -245,7 +245,7 @@ class HandFlying:
         self._terminal.draw(self._cockpit.lines(self._view))
 
     def _on_state(self, message: msg.RocketState) -> None:
-        """Take what is not observed: of the first vehicle, in the flight under way."""
+        """Store unobserved quantities of the first vehicle in the current flight."""
         if message.session != self._client.session:
             return
         with leaving_out(self._node, 'state'):
@@ -255,10 +255,10 @@ class HandFlying:
                 self._tank = self._tank_of(mine[-1])
 
     def _tank_of(self, sample: F64) -> Tank:
-        """Return what a sample says of the vehicle.
+        """Return the quantities of a sample.
 
         :param sample: `(D,)`; see :data:`FIELDS`.
-        :raises ValueError: for what this vehicle cannot be, naming it.
+        :raises ValueError: for impossible values of this vehicle, naming them.
         """
         full = self._full
         seen = {}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot that identifies its vehicle in flight."""
+"""Scripted pilot that identifies its vehicle in flight."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The expert of vehicles that are not by the book: it identifies them in flight, and predicts.
+"""Expert for off-nominal vehicles: identifies them in flight and predicts their state.
 
-It flies the expert's laws on the state in which its command will arrive, a Smith predictor
-(Smith, 'Closer control of loops with dead time', 1957), for the engine, RCS and side acceleration
-that it has identified, and inverts the engine's lag.
+It applies the expert's laws to the state in which its command will take effect, a Smith predictor
+(Smith, 'Closer control of loops with dead time', 1957), for the identified engine, RCS and side
+acceleration, and inverts the engine's lag.
 """
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class EstimatorSettings(ExpertSettings):
 
 
 class ExpertEstimator(StatefulExpert):
-    """Lands rockets whose mass, thrust, RCS, lag, delay and side wind are not told. A `Pilot`."""
+    """Lands rockets with unknown mass, thrust, RCS, lag, delay and side wind. A `Pilot`."""
 
     name = 'expert_estimator'
     settings_class = EstimatorSettings
@@ -89,7 +89,7 @@ class ExpertEstimator(StatefulExpert):
         self._prepare(0)
 
     def _prepare(self, count: int) -> None:
-        """Forget all flights, and be ready for `count` rockets."""
+        """Forget all flights, and prepare for `count` rockets."""
         v, gain = self.vehicle, self.settings
         self._count = count
         self._identification = Identification(
@@ -109,23 +109,23 @@ class ExpertEstimator(StatefulExpert):
         return super().__call__(observation)
 
     def _note(self, action: F32) -> None:
-        """Take note of the action `(N, 3)` that was flown since the last call."""
+        """Record the action `(N, 3)` applied since the last call."""
         throttle = (action[:, 0].astype(np.float64) + 1) / 2
         self._identification.command(throttle, action[:, 1:].T.astype(np.float64))
-        # Fuel flows as the engine follows.
+        # Fuel flow follows the engine's actual throttle.
         self._memory.command(throttle + (self._now - throttle) * self._kept(self._found.lag))
 
     def _look(self, observation: F32) -> ObservedState:
-        """Return what will be seen when the command arrives."""
-        v, gain, sight = self.vehicle, self.settings, super()._look(observation)
-        fresh = self._memory.look(sight)
-        mass = self._book_mass(sight)
+        """Return the predicted observation at the time the command takes effect."""
+        v, gain, state = self.vehicle, self.settings, super()._look(observation)
+        fresh = self._memory.look(state)
+        mass = self._book_mass(state)
         self._identification.forget(fresh)
-        self._identification.learn(sight, mass, ~fresh, VELOCITY * self._filter.noise)
+        self._identification.learn(state, mass, ~fresh, VELOCITY * self._filter.noise)
         found = self._identification.estimate()
-        speed = np.sqrt((sight.velocity**2).sum(axis=0))
-        sight = self._filter.update(
-            sight, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
+        speed = np.sqrt((state.velocity**2).sum(axis=0))
+        state = self._filter.update(
+            state, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)
         noisy = self._filter.noise > 0
         self._found = found = replace(
             found, strength=np.where(noisy, self._filter.strength, found.strength),
@@ -135,21 +135,21 @@ class ExpertEstimator(StatefulExpert):
         self.profile = self._flared(self._descent(self._full - v.gravity))
         self._lateral = replace(self._lateral, least_time=np.where(
             noisy, max(gain.lateral_time, gain.noisy_lateral_time), gain.lateral_time))
-        return self._predict(sight, mass, found)
+        return self._predict(state, mass, found)
 
-    def _predict(self, sight: ObservedState, mass: F64, found: Estimate) -> ObservedState:
-        """Return the state after the commands that are under way, step by step as the world."""
+    def _predict(self, state: ObservedState, mass: F64, found: Estimate) -> ObservedState:
+        """Return the state after the pending commands, integrated step by step like the world."""
         v, commands = self.vehicle, self._identification.commands
         dt, rows = v.dt, np.arange(self._count)
         kept = self._kept(found.lag)
-        height, lateral, velocity = sight.height, sight.lateral, sight.velocity
-        up, spin, self._now = sight.up, sight.spin, found.throttle
+        height, lateral, velocity = state.height, state.lateral, state.velocity
+        up, spin, self._now = state.up, state.spin, found.throttle
         full = v.max_thrust * found.strength / mass
         for step in range(min(int(found.delay.max(initial=0)), DELAYS - 1)):
             flying = step < found.delay
             asked = commands[np.maximum(found.delay - 1 - step, 0), :, rows].T
             throttle = asked[0] + (self._now - asked[0]) * kept
-            now = ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
+            now = ObservedState(height, state.origin_height, lateral, velocity, up, spin)
             push = self._acceleration(now, throttle * full, mass)
             torque = np.stack((asked[1], np.zeros_like(height), asked[2])) * self._spin_up
             faster = velocity + push * dt
@@ -159,32 +159,32 @@ class ExpertEstimator(StatefulExpert):
             height = np.where(flying, height + velocity[1] * dt, height)
             lateral = np.where(flying, lateral + velocity[::2] * dt, lateral)
             up = np.where(flying, turn(up, spin, dt), up)
-        return ObservedState(height, sight.origin_height, lateral, velocity, up, spin)
+        return ObservedState(height, state.origin_height, lateral, velocity, up, spin)
 
-    def _acceleration(self, sight: ObservedState, push: F64, mass: F64) -> F64:
-        """Return the acceleration `(3, N)` m/s^2 under an engine that gives `push` `(N,)`."""
-        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) / mass
-        acceleration: F64 = sight.up * push - drag * sight.velocity
+    def _acceleration(self, state: ObservedState, push: F64, mass: F64) -> F64:
+        """Return the acceleration `(3, N)` m/s^2 for an engine acceleration `push` `(N,)`."""
+        drag = self._drag * np.sqrt((state.velocity**2).sum(axis=0)) / mass
+        acceleration: F64 = state.up * push - drag * state.velocity
         acceleration[1] += self._found.fall - self.vehicle.gravity
         acceleration[::2] += self._found.side
         return acceleration
 
     def _kept(self, lag: F64) -> F64:
-        """Return which part of its throttle `(N,)` an engine keeps over a step."""
+        """Return the part of its throttle `(N,)` that a lagging engine keeps over a step."""
         kept: F64 = np.exp(-self.vehicle.dt / np.maximum(lag, 1e-9))
         return kept
 
-    def _book_mass(self, sight: ObservedState) -> F64:
-        """Return the mass `(N,)` kg by the book: that at spawn less the fuel commanded."""
+    def _book_mass(self, state: ObservedState) -> F64:
+        """Return the nominal mass `(N,)` kg: the mass at spawn less the commanded fuel."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
-        mass: F64 = np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        mass: F64 = np.where(np.isnan(left), super()._mass(state), v.dry_mass + left)
         return mass
 
     def _flared(self, profile: Descent) -> Descent:
         """Return a descent with a flare no sharper than lag and noise allow.
 
-        It aims at a touchdown so fast that the height may be off, and the speed.
+        Its touchdown speed leaves a margin for errors of height and speed.
         """
         assert isinstance(profile, DescentProfile)
         gain = self.settings
@@ -196,31 +196,31 @@ class ExpertEstimator(StatefulExpert):
             profile, flare_rate=rate,
             touchdown_speed=profile.touchdown_speed + gain.noise_margin * (rate * height + speed))
 
-    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
-        """Return what thrust shall do sideways, held against the side acceleration."""
+    def _pull(self, state: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
+        """Return the lateral thrust to apply, including compensation of the side acceleration."""
         way = drift_upright(self._found.side, to_go.burn, self.settings.side_upright_time)
         pull = self._lateral.pull(
-            sight.lateral - way.x, sight.drift - way.drift, push + way.opposed, to_go)
+            state.lateral - way.x, state.drift - way.drift, push + way.opposed, to_go)
         rate = np.where(to_go.coast > 0, pull.rate, pull.rate - way.opposed_rate)
         return Pull(pull.acceleration - way.opposed, rate)
 
-    def _mass(self, sight: ObservedState) -> F64:
-        """Return the mass `(N,)` kg that the thrust by the book moves as it was seen to."""
-        mass: F64 = self._book_mass(sight) / self._found.strength
+    def _mass(self, state: ObservedState) -> F64:
+        """Return the effective mass `(N,)` kg, by the observed effect of nominal thrust."""
+        mass: F64 = self._book_mass(state) / self._found.strength
         return mass
 
-    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
-        """Return the deceleration `(N,)` m/s^2 wanted; an engine that lags is lit earlier."""
+    def _brake(self, profile: Descent, state: ObservedState, to_go: TimeToGo) -> F64:
+        """Return the wanted deceleration `(N,)` m/s^2; a lagging engine is lit earlier."""
         lead = np.where(self._memory.lit, 0.0, self._found.lag)
         fall = self.vehicle.gravity * lead
-        velocity = sight.velocity.copy()
+        velocity = state.velocity.copy()
         velocity[1] -= fall
-        later = sight._replace(
-            height=sight.height - (sight.speed + fall / 2) * lead, velocity=velocity)
+        later = state._replace(
+            height=state.height - (state.speed + fall / 2) * lead, velocity=velocity)
         return super()._brake(profile, later, to_go)
 
-    def _throttle(self, profile: Descent, sight: ObservedState, wanted: F64) -> F64:
-        """Return the throttle `(N,)` to command so that the engine gives what is wanted."""
+    def _throttle(self, profile: Descent, state: ObservedState, wanted: F64) -> F64:
+        """Return the throttle `(N,)` to command to a lagging engine for the wanted one."""
         kept = self._kept(self._found.lag * self.settings.lag_inverted)
         asked = (np.clip(wanted, 0.0, 1.0) - self._now * kept) / (1 - kept)
         throttle: F64 = np.clip(asked, 0.0, 1.0)

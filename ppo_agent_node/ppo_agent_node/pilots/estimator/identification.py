@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identifying a vehicle in flight from what it was told and what it did.
+"""In-flight identification of a vehicle from its commands and observed motion.
 
-Least squares on a bank of models, one for each delay and each engine lag that may be (multiple
-model estimation: Magill, 'Optimal adaptive estimation of sampled stochastic processes', 1965).
-The RCS answers at once, so the turns tell the delay; the vertical acceleration tells lag and
-strength of the engine, which a horizontal disturbance does not touch; what is left of the
-horizontal one is the side acceleration.
+Least squares on a bank of models, one for each possible delay and engine lag (multiple model
+estimation: Magill, 'Optimal adaptive estimation of sampled stochastic processes', 1965). The RCS
+has no lag, so turns reveal the delay. The vertical acceleration, which is not affected by
+horizontal disturbances, reveals lag and strength of the engine. The rest of the horizontal
+acceleration is the side acceleration.
 """
 from __future__ import annotations
 
@@ -20,44 +20,44 @@ from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 DELAYS = 6
-"""Delays thought possible: 0 to 5 steps."""
+"""Number of modelled delays: 0 to 5 steps."""
 LAGS = np.linspace(0.0, 0.3, 25)
-"""s, time constants thought possible"""
+"""s, modelled time constants."""
 _STRENGTH, _TURNING = (0.8, 1.25), (0.4, 1.2)
 """Bounds of the factors of engine and RCS."""
 
 
 @dataclass
 class Estimate:
-    """What N vehicles are thought to be like."""
+    """Estimated properties of N vehicles."""
 
     delay: NDArray[np.int64]
-    """`(N,)` steps"""
+    """`(N,)` steps."""
     lag: F64
-    """`(N,)` s"""
+    """`(N,)` s."""
     strength: F64
-    """`(N,)`, factor of the engine's acceleration"""
+    """`(N,)`, factor of the engine's acceleration."""
     turning: F64
-    """`(N,)`, factor of the RCS's"""
+    """`(N,)`, factor of the RCS's angular acceleration."""
     side: F64
-    """`(2, N)` m/s^2, along x and z"""
+    """`(2, N)` m/s^2, along x and z."""
     fall: F64
-    """`(N,)` m/s^2, acceleration upwards beyond gravity by the book, from before the ignition"""
+    """`(N,)` m/s^2, upward acceleration beyond nominal gravity, measured before ignition."""
     throttle: F64
-    """`(N,)`, what the engine gives at present"""
+    """`(N,)`, actual throttle of the engine."""
 
 
 class Identification:
-    """Learns from the flights of N rockets, row by row."""
+    """Identifies N vehicles, row by row."""
 
     def __init__(
         self, vehicle: RocketSettings, count: int, memory: float, expected: float,
         spread: float,
     ) -> None:
-        """Begin with the vehicle as it should be.
+        """Begin with the nominal vehicle.
 
-        :param memory: s, in which what was measured of the side acceleration is forgotten.
-        :param expected: factor of the engine's acceleration before it was measured.
+        :param memory: s, time constant for forgetting measurements of the side acceleration.
+        :param expected: prior factor of the engine's acceleration.
         :param spread: standard deviation of that factor among vehicles.
         """
         self._vehicle, self._expected, self._spread = vehicle, expected, spread
@@ -66,7 +66,7 @@ class Identification:
         self._drag = 0.5 * vehicle.air_density * vehicle.drag_coefficient * vehicle.drag_area
         self._rows = np.arange(count)
         self.commands = np.zeros((DELAYS, 3, count))
-        """throttle, torque about X and Z of the last steps, newest first, as flown"""
+        """Throttle, torque about X and Z of the last steps, newest first, as applied."""
         self._throttle = np.zeros((DELAYS, len(LAGS), count))
         self._turned = np.zeros((3, DELAYS, count))
         self._pushed = np.zeros((3, DELAYS, len(LAGS), count))
@@ -76,38 +76,38 @@ class Identification:
         self._variance = np.full(count, _EXACT**2)
 
     def forget(self, rows: Bools) -> None:
-        """Begin anew with the rows `(N,)` that are marked."""
+        """Reset the marked rows `(N,)`."""
         for array in (self.commands, self._throttle, self._turned, self._pushed, self._side,
                       self._side_weight, self._fall, self._fallen):
             array[..., rows] = 0.0
 
     def command(self, throttle: F64, torque: F64) -> None:
-        """Take note of what is told: throttle `(N,)` 0 to 1 and torque `(2, N)`."""
+        """Record a command: throttle `(N,)` 0 to 1 and torque `(2, N)`."""
         self.commands[1:] = self.commands[:-1]
         self.commands[0, 0] = np.where(throttle > self._vehicle.throttle_cutoff, throttle, 0.0)
         self.commands[0, 1:] = torque
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, sight: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
-        """Learn from the step that ended.
+    def learn(self, state: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
+        """Update with the step that ended.
 
-        :param mass: `(N,)` kg by the book, during the step.
-        :param known: `(N,)` rows of which the step's start was seen, too.
-        :param noise: `(N,)` m/s, standard deviation of the speeds seen.
+        :param mass: `(N,)` kg, nominal, during the step.
+        :param known: `(N,)` rows for which the start of the step was observed too.
+        :param noise: `(N,)` m/s, standard deviation of the observed speeds.
         """
         v, before = self._vehicle, self._before
-        self._before = sight
+        self._before = state
         self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
         if before is None or not known.any():
             return
-        # As a sum of squares of y, y u and u u for each model y = factor u.
-        turn = (sight.spin - before.spin)[::2] / v.dt
+        # Expanded into sums of y y, y u and u u for each model y = factor u.
+        turn = (state.spin - before.spin)[::2] / v.dt
         asked = self.commands[:, 1:] * (v.rcs_torque / v.inertia)
         self._turned += np.stack((
             np.broadcast_to((turn**2).sum(axis=0), asked[:, 0].shape),
             (turn * asked).sum(axis=1), (asked**2).sum(axis=1))) * known
-        change = (sight.velocity - before.velocity) / v.dt
+        change = (state.velocity - before.velocity) / v.dt
         drag = self._drag * np.sqrt((before.velocity**2).sum(axis=0)) / mass
         change += drag * before.velocity
         change[1] += v.gravity
@@ -127,12 +127,12 @@ class Identification:
         self._side_weight = weight
 
     def _mean_fall(self) -> F64:
-        """Return the acceleration `(N,)` m/s^2 of falls beyond gravity: none until measured."""
+        """Return the acceleration `(N,)` m/s^2 of falls beyond gravity; 0 until measured."""
         fall: F64 = self._fall / (self._fallen + self._variance / _FALL_SPREAD**2)
         return fall
 
     def _models(self) -> Estimate:
-        """Return the likeliest models, side acceleration left out."""
+        """Return the most likely models, without side acceleration."""
         rows = self._rows
         squares, product, power = self._turned
         turning = _fit(product, power, 1.0, 1e-3, _TURNING)
@@ -149,24 +149,24 @@ class Identification:
             self._mean_fall(), self._throttle[delay, lag, rows])
 
     def estimate(self) -> Estimate:
-        """Return what the vehicles are thought to be like now."""
+        """Return the current estimate of the vehicles."""
         return self._models()
 
 
 _EXACT = 0.05
-"""m/s^2 by which a model may be off without noise"""
+"""m/s^2, model error in the absence of noise."""
 _FALL_SPREAD = 0.1
-"""m/s^2, standard deviation of gravity"""
+"""m/s^2, standard deviation of gravity."""
 _AKAIKE = 2.0
-"""what a lag has to explain, in units of the variance of noise: one parameter (Akaike, 1974)"""
+"""Minimum gain of a lag, in units of the variance of noise: one parameter (Akaike, 1974)."""
 _SLIGHT = 1e-6
-"""(m/s^2)^2 or (rad/s^2)^2 by which, of models that say the same, the first is preferred"""
+"""(m/s^2)^2 or (rad/s^2)^2, by which the first of equivalent models is preferred."""
 
 
 def _fit(
     product: F64, power: F64, expected: float, weight: float | F64, bounds: tuple[float, float],
 ) -> F64:
-    """Return the factor of least squares, towards what is expected while little is known."""
+    """Return the least-squares factor, regularised towards the expected one."""
     factor: F64 = np.clip(
         (product + weight * expected) / (power + weight), *bounds)
     return factor

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kalman filters of noisy sights, which learn how noisy they are and what pushes the vehicle.
+"""Kalman filters of noisy observations, which also estimate noise and disturbance.
 
-Position and velocity are noisy, and so is the up vector, but not the spin: an axis that is turned
-by the spin seen tells the noise of the one that is seen next. Where there is none, sights are
-passed on as they are. (Kalman, 'A new approach to linear filtering and prediction problems',
-1960.)
+Position, velocity and up vector are noisy, but the spin is not: an axis turned by the observed
+spin, compared with the next observed axis, reveals the noise. Without noise, observations pass
+unchanged. (Kalman, 'A new approach to linear filtering and prediction problems', 1960.)
 """
 from __future__ import annotations
 
@@ -15,16 +14,16 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 
 POSITION, VELOCITY, ANGLE = 0.5, 0.2, np.deg2rad(1.0)
-"""m, m/s and rad: standard deviations of a sensor noise of 1."""
+"""m, m/s and rad: standard deviations for a sensor noise of 1."""
 _NONE = 0.02
-"""noise below which there is taken to be none"""
+"""Noise below which it is treated as zero."""
 
 
 _TINY = 1e-30
 
 
 def turn(axis: F64, spin: F64, dt: float) -> F64:
-    """Return an axis `(3, N)` after a step of turning with `spin` `(3, N)` rad/s (Rodrigues)."""
+    """Return an axis `(3, N)` rotated for a step with `spin` `(3, N)` rad/s (Rodrigues)."""
     rate = np.maximum(np.sqrt((spin**2).sum(axis=0)), 1e-12)
     about, angle = spin / rate, rate * dt
     turned: F64 = (
@@ -36,14 +35,14 @@ def turn(axis: F64, spin: F64, dt: float) -> F64:
 class AxisFilter:
     """Filters position, velocity and a factor of a known acceleration, `(A, N)` each.
 
-    x'' = f + b u, with f and u known and b to be learnt; A axes that are alike share `covariance`
+    x'' = f + b u, with known f and u and unknown b; A equivalent axes share `covariance`
     `(3, 3, N)`, of x, v and b.
     """
 
     def __init__(self, axes: int, count: int, dt: float, factor: float, spread: float) -> None:
-        """Begin with nothing seen.
+        """Begin without observations.
 
-        :param factor: b before anything is seen, and `spread` its standard deviation.
+        :param factor: prior of b, and `spread` its standard deviation.
         """
         self._dt, self._factor, self._spread = dt, factor, spread
         self.position, self.velocity = np.zeros((axes, count)), np.zeros((axes, count))
@@ -51,7 +50,7 @@ class AxisFilter:
         self.covariance = np.zeros((3, 3, count))
 
     def begin(self, rows: Bools, position: F64, velocity: F64, noise: F64) -> None:
-        """Begin rows `(N,)` anew where they are seen."""
+        """Reset rows `(N,)` to their observed state."""
         self.position = np.where(rows, position, self.position)
         self.velocity = np.where(rows, velocity, self.velocity)
         self.factor = np.where(rows, self._factor, self.factor)
@@ -61,12 +60,12 @@ class AxisFilter:
         self.covariance = np.where(rows, first, self.covariance)
 
     def predict(self, known: F64, times: F64, disturbance: float, wandering: float) -> None:
-        """Advance by a step, semi-implicitly as the world does.
+        """Advance by a step, semi-implicitly like the world.
 
         :param known: `(A, N)` m/s^2, f.
         :param times: `(N,)` u.
-        :param disturbance: m/s^2, standard deviation of what is not known.
-        :param wandering: of b, in the root of a second.
+        :param disturbance: m/s^2, standard deviation of unknown accelerations.
+        :param wandering: random walk of b, per root of a second.
         """
         dt = self._dt
         self.velocity = self.velocity + (known + self.factor * times) * dt
@@ -83,41 +82,41 @@ class AxisFilter:
         self.covariance = p
 
     def correct(self, position: F64, velocity: F64, noise: F64) -> None:
-        """Learn from what is seen, `(A, N)`, with sensors of this noise `(N,)`: one by one."""
-        for place, seen, deviation in ((0, position, POSITION), (1, velocity, VELOCITY)):
+        """Update with observations `(A, N)` of sensor noise `(N,)`, one by one."""
+        for index, seen, deviation in ((0, position, POSITION), (1, velocity, VELOCITY)):
             p = self.covariance
-            missed = seen - (self.position if place == 0 else self.velocity)
-            gain = p[:, place] / np.maximum(p[place, place] + (deviation * noise)**2, _TINY)
+            missed = seen - (self.position if index == 0 else self.velocity)
+            gain = p[:, index] / np.maximum(p[index, index] + (deviation * noise)**2, _TINY)
             self.position = self.position + gain[0] * missed
             self.velocity = self.velocity + gain[1] * missed
             self.factor = self.factor + gain[2] * missed
-            self.covariance = p - gain[:, None] * p[place][None]
+            self.covariance = p - gain[:, None] * p[index][None]
 
 
 class AxisOfBody:
-    """The up vector, `(3, N)`, turned by the spin and corrected by what is seen; its noise."""
+    """The up vector, `(3, N)`, rotated by the spin, corrected by observations; and its noise."""
 
     def __init__(self, count: int, dt: float) -> None:
-        """Begin with nothing seen."""
+        """Begin without observations."""
         self._dt = dt
         self._squares = np.zeros(count)
         self.seen = np.zeros(count)
-        """`(N,)` sights of the flight so far"""
+        """`(N,)` number of observations of the current flight."""
         self.up = np.zeros((3, count))
 
     @property
     def noise(self) -> F64:
-        """`(N,)` the noise of the sensors, 1 for the deviations above, as far as is known."""
+        """`(N,)` estimated noise of the sensors, 1 for the deviations above."""
         noise = np.sqrt(self._squares / np.maximum(self.seen - 1, 1.0))
         return np.where(noise < _NONE, 0.0, noise)
 
-    def update(self, sight: ObservedState, fresh: Bools) -> None:
-        """Take note of what is seen; `fresh` rows begin anew."""
+    def update(self, state: ObservedState, fresh: Bools) -> None:
+        """Update with an observation; `fresh` rows are reset."""
         self.seen = np.where(fresh, 0.0, self.seen) + 1
-        before = np.where(fresh, sight.up, self.up)
-        turned = np.where(fresh, before, turn(before, sight.spin, self._dt))
-        surprise = sight.up - turned
-        # A mean of k - 1 axes is itself off by a share of the noise; two directions are free.
+        before = np.where(fresh, state.up, self.up)
+        turned = np.where(fresh, before, turn(before, state.spin, self._dt))
+        surprise = state.up - turned
+        # A mean of k - 1 axes has a share of the noise itself; two directions are free.
         expected = 2 * ANGLE**2 * (1 + 1 / np.maximum(self.seen - 1, 1.0))
         self._squares = np.where(
             fresh, 0.0, self._squares + (surprise**2).sum(axis=0) / expected)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of rockets out of noisy sights, and what that says of engine and side acceleration.
+"""Filter for the state of rockets with noisy sensors, engine strength and side acceleration.
 
-With noisy speeds an acceleration is known from how far speeds and heights have come, not from the
-steps between them; so strength of the engine and side acceleration are states of the filters.
+With noisy speeds, accelerations can only be inferred from the accumulated speeds and heights, not
+from single steps; so strength of the engine and side acceleration are states of the filters.
 """
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
 
 _STEPS = 5
-"""after which the noise is known well enough to filter"""
+"""Number of observations after which the noise estimate is used."""
 
 
 @dataclass(frozen=True)
@@ -25,23 +25,23 @@ class Expected:
     """Prior knowledge of the forces on rockets."""
 
     gravity: float
-    """m/s^2"""
+    """m/s^2."""
     strength: float
-    """factor of the engine's acceleration, and how far vehicles differ"""
+    """Factor of the engine's acceleration, and its standard deviation among vehicles."""
     strength_spread: float
     side_spread: float
-    """m/s^2, standard deviation of the side acceleration along an axis"""
+    """m/s^2, standard deviation of the side acceleration along an axis."""
     side_wandering: float
-    """m/s^2 by which it changes in a second"""
+    """m/s^2 by which it changes in a second."""
     disturbance: float
-    """m/s^2, standard deviation of what else there is"""
+    """m/s^2, standard deviation of other accelerations."""
 
 
 class StateFilter:
-    """Filters the sights of N rockets, row by row; passes on those without noise."""
+    """Filters the observations of N rockets, row by row; without noise they pass unchanged."""
 
     def __init__(self, count: int, dt: float, expected: Expected) -> None:
-        """Begin with nothing seen."""
+        """Begin without observations."""
         self._expected = expected
         self._body = AxisOfBody(count, dt)
         self._vertical = AxisFilter(
@@ -51,38 +51,38 @@ class StateFilter:
 
     @property
     def noise(self) -> F64:
-        """`(N,)` the noise of the sensors; 0: none."""
+        """`(N,)` noise of the sensors; 0: none."""
         return self._body.noise
 
     @property
     def strength(self) -> F64:
-        """`(N,)` factor of the engine's acceleration, where there is noise."""
+        """`(N,)` factor of the engine's acceleration, for rows with noise."""
         strength: F64 = self._vertical.factor[0]
         return strength
 
     @property
     def side(self) -> F64:
-        """`(2, N)` m/s^2, the side acceleration, where there is noise."""
+        """`(2, N)` m/s^2, the side acceleration, for rows with noise."""
         return self._lateral.factor
 
     @property
     def deviation(self) -> tuple[F64, F64]:
-        """Standard deviations `(N,)` of height and speed downwards, m and m/s; 0: no noise."""
+        """Standard deviations `(N,)` of height and downward speed, m and m/s; 0: no noise."""
         variance = np.where(self.noise > 0, self._vertical.covariance[[0, 1], [0, 1]], 0.0)
         height, speed = np.sqrt(variance)
         return height, speed
 
-    def update(self, sight: ObservedState, fresh: Bools, push: F64, damping: F64) -> ObservedState:
+    def update(self, state: ObservedState, fresh: Bools, push: F64, damping: F64) -> ObservedState:
         """Return the state after a step.
 
-        :param fresh: `(N,)` rows whose flight was not known.
-        :param push: `(N,)` m/s^2, acceleration that the engine was to give in the step.
+        :param fresh: `(N,)` rows in which a new flight begins.
+        :param push: `(N,)` m/s^2, acceleration expected from the engine in the step.
         :param damping: `(N,)` 1/s, deceleration by drag for each m/s.
         """
-        known, last = self._expected, sight if self._last is None else self._last
-        self._body.update(sight, fresh)
+        known, last = self._expected, state if self._last is None else self._last
+        self._body.update(state, fresh)
         noise = self.noise
-        height, speed = sight.origin_height[None], sight.velocity[1:2]
+        height, speed = state.origin_height[None], state.velocity[1:2]
         self._vertical.predict(
             -(known.gravity + damping * last.velocity[1])[None], push * last.up[1],
             known.disturbance, 0.0)
@@ -90,14 +90,14 @@ class StateFilter:
             push * self.strength * last.up[::2] - damping * last.drift, np.ones_like(push),
             known.disturbance, known.side_wandering)
         self._vertical.correct(height, speed, noise)
-        self._lateral.correct(sight.lateral, sight.drift, noise)
+        self._lateral.correct(state.lateral, state.drift, noise)
         begin = fresh | (noise == 0) | (self._body.seen < _STEPS)
         self._vertical.begin(begin, height, speed, noise)
-        self._lateral.begin(begin, sight.lateral, sight.drift, noise)
+        self._lateral.begin(begin, state.lateral, state.drift, noise)
         x, z = self._lateral.velocity
         origin = self._vertical.position[0]
         self._last = ObservedState(
-            sight.height + origin - sight.origin_height, origin, self._lateral.position,
+            state.height + origin - state.origin_height, origin, self._lateral.position,
             np.stack((x, self._vertical.velocity[0], z)),
-            np.where(noise > 0, self._body.up, sight.up), sight.spin)
+            np.where(noise > 0, self._body.up, state.up), state.spin)
         return self._last

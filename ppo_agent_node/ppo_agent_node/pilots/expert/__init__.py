@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilots of the rocket worlds."""
+"""Scripted pilots of the rocket worlds."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The attitude law of pilots who lean a rocket: proportional-derivative, braking in time."""
+"""Attitude control law: proportional-derivative, with a speed limit for timely braking."""
 from __future__ import annotations
 
 import numpy as np
@@ -13,15 +13,15 @@ def attitude_torque(
 ) -> F64:
     """Return the torque `(2, N)` about X and Z, 1 for full RCS, not yet clipped.
 
-    Proportional to the error, up x wanted, and the spin; far off, the wanted spin is limited to
-    what a share of the RCS can stop in the angle left.
+    Proportional to the error, up x wanted, and the spin. For large errors, the wanted spin is
+    limited to what a share of the RCS can stop within the remaining angle.
 
     :param up: `(3, N)`, the body's axis.
     :param spin: `(2, N)` rad/s, about X and Z.
-    :param wanted: `(3, N)` or `(3,)`, where the axis shall point.
-    :param full: rad/s^2 that the RCS gives.
-    :param rate: rad/s, natural frequency, of a loop with the damping ratio `damping`.
-    :param brake_share: of the RCS, counted on to stop a turn.
+    :param wanted: `(3, N)` or `(3,)`, wanted direction of the axis.
+    :param full: rad/s^2, full RCS.
+    :param rate: rad/s, natural frequency of a loop with the damping ratio `damping`.
+    :param brake_share: share of the RCS available to stop a turn.
     :param turning: `(2, N)` rad/s about X and Z, spin of the wanted axis itself, fed forward.
     """
     error = np.stack((up[1] * wanted[2] - up[2] * wanted[1],

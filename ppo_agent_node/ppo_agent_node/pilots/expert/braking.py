@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The descent of an engine that cannot hover: it brakes all the way down, and harder at first.
+"""Descent profile for an engine that cannot hover: brakes all the way, harder at first.
 
 Heights are above touchdown (m), speeds downwards (m/s), arrays `(N,)` throughout.
 """
@@ -18,22 +18,22 @@ from ppo_agent_node.pilots.expert.descent import TimeToGo
 class BrakingProfile:
     """Speed as a function of height: two parabolas, v^2 = v0^2 + 2 b h below h1, steeper above.
 
-    Above h1 it is v^2 = v1^2 + 2 a (h - h1). The last stretch brakes with b, halfway between the
-    least and the most that the engine can do, so that errors can be mended in both directions.
+    Above h1 it is v^2 = v1^2 + 2 a (h - h1). The last part brakes with b, halfway between the
+    engine's minimum and maximum, so that errors can be corrected in both directions.
     """
 
     braking: float | F64
-    """a, m/s^2"""
+    """a, m/s^2."""
     last_braking: float | F64
-    """b, m/s^2"""
+    """b, m/s^2."""
     join_speed: float | F64
-    """v1, m/s"""
+    """v1, m/s."""
     touchdown_speed: float
-    """v0, m/s"""
+    """v0, m/s."""
     gravity: float
-    """m/s^2"""
+    """m/s^2."""
     least_braking: float | F64
-    """m/s^2, a slow descent brakes no less"""
+    """m/s^2, minimum deceleration of a slow descent."""
 
     @property
     def join_height(self) -> float | F64:
@@ -41,15 +41,15 @@ class BrakingProfile:
         return (self.join_speed**2 - self.touchdown_speed**2) / (2 * self.last_braking)
 
     def paced(self, pace: F64) -> BrakingProfile:
-        """Return the curve flown at `pace` `(N,)` times the speed, as far as the engine can."""
+        """Return the curve flown at `pace` `(N,)` times the speed, within the engine's limits."""
         braking = np.maximum(self.braking * pace**2, self.least_braking)
         return replace(self, braking=braking, last_braking=np.minimum(self.last_braking, braking))
 
     def through(self, height: F64, speed: F64) -> BrakingProfile:
-        """Return the curve that leads on from here, `(N,)` m and m/s, as far as this one's limits.
+        """Return the curve that continues from here, `(N,)` m and m/s, within this curve's limits.
 
         Its upper deceleration is (v^2 - v1^2) / (2 (h - h1)), or (v^2 - v0^2) / (2 h) when that
-        is less than the last one, and between the least and this one's.
+        is less than the last one, and between the minimum and this curve's.
         """
         above = np.maximum(height - self.join_height, 0.1)
         needed = (speed**2 - self.join_speed**2) / (2 * above)
@@ -66,7 +66,7 @@ class BrakingProfile:
             self.last_braking * below + self.braking * above))
 
     def next_speed(self, height: F64, dt: float) -> F64:
-        """Return the speed `(N,)` to have after a step of `dt` s, so as to be on the curve then.
+        """Return the speed `(N,)` that is on the curve after a step of `dt` s.
 
         The step ends at h - v dt with the new speed v, hence v = speed(h - v dt): with a constant
         deceleration sqrt(speed(h)^2 + (a dt)^2) - a dt.
@@ -79,13 +79,13 @@ class BrakingProfile:
         return np.where(speed > self.join_speed, self.braking, self.last_braking)
 
     def burn_time(self, speed: F64) -> F64:
-        """Return how long it takes `(N,)` s from a speed on the curve to touchdown."""
+        """Return the time `(N,)` s from a speed on the curve to touchdown."""
         fast = np.maximum(speed - self.join_speed, 0.0) / self.braking
         slow = np.minimum(speed, self.join_speed) - self.touchdown_speed
         return fast + np.maximum(slow, 0.0) / self.last_braking
 
     def time_to_go(self, height: F64, speed: F64) -> TimeToGo:
-        """Return how long a rocket that is not lit coasts and burns from here, drag left out.
+        """Return the coast and burn times of an unlit rocket from here, without drag.
 
         Free fall from (h, v) meets the upper parabola at the height h_i where v^2 + 2 g (h - h_i)
         = v1^2 + 2 a (h_i - h1).
@@ -103,14 +103,14 @@ class BrakingProfile:
 def last_steps(height: F64, speed: F64, touchdown_speed: float, dt: float) -> F64:
     """Return the deceleration `(N,)` m/s^2 of the next step of a descent to the ground.
 
-    An engine that cannot hover has to be at the ground when it is at rest, after whole steps.
-    Over n of them the decelerations u_i = c + d (i - (n + 1) / 2), i = 1 to n, of least sum of
+    An engine that cannot hover must come to rest exactly at the ground, after whole steps. Over
+    n of them the decelerations u_i = c + d (i - (n + 1) / 2), i = 1 to n, of least sum of
     squares end at `touchdown_speed` v0 and height 0: with w = v - v0,
 
         c = w / (n dt),    d = 12 / (n (n^2 - 1)) (c n (n + 1) / 2 - (n v dt - h) / dt^2)
 
     for steps that move by the new speed. n is that of d = 0, rounded. A single step has one
-    number to choose and takes it from the height: h / dt is the speed that touches.
+    degree of freedom and uses it for the height: h / dt is the speed that touches.
     """
     exact = (speed - touchdown_speed + 2 * height / dt) / np.maximum(speed + touchdown_speed, 1e-9)
     steps = np.maximum(np.rint(exact), 1.0)

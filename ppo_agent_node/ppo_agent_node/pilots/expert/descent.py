@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hoverslam as a curve: how fast to fall at which height, and how long that takes.
+"""Descent profile of a hoverslam: speed over height, and time to go.
 
-Coast in free fall until the speed meets the braking parabola, brake on it, and let a short
-exponential flare take the last of the speed. Heights are above touchdown (m), speeds downwards
-(m/s). All functions work on arrays `(N,)`.
+Coast in free fall until the speed meets the braking parabola, brake on it, and remove the rest of
+the speed in a short exponential flare. Heights are above touchdown (m), speeds downwards (m/s).
+All functions work on arrays `(N,)`.
 """
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ class TimeToGo(NamedTuple):
     """Time until touchdown, in two parts."""
 
     coast: F64
-    """`(N,)` s, free fall that is left"""
+    """`(N,)` s, remaining free fall."""
     burn: F64
-    """`(N,)` s, braking and flare"""
+    """`(N,)` s, braking and flare."""
 
 
 class Descent(Protocol):
-    """A curve of descent, speed over height; see the classes that are one."""
+    """A descent profile, speed over height."""
 
     @property
     def braking(self) -> float | F64:
-        """Deceleration far up, m/s^2."""
+        """Deceleration at great height, m/s^2."""
         ...
 
     @property
     def join_speed(self) -> float | F64:
-        """Speed at which the last piece of the curve begins, m/s."""
+        """Speed at which the last part of the curve begins, m/s."""
         ...
 
     @property
     def join_height(self) -> float | F64:
-        """Height at which the last piece of the curve begins, m."""
+        """Height at which the last part of the curve begins, m."""
         ...
 
     def paced(self, pace: F64) -> Descent:
@@ -53,7 +53,7 @@ class Descent(Protocol):
         ...
 
     def next_speed(self, height: F64, dt: float) -> F64:
-        """Return the speed `(N,)` to have after a step of `dt` s, so as to be on the curve."""
+        """Return the speed `(N,)` that is on the curve after a step of `dt` s."""
         ...
 
     def deceleration(self, speed: F64) -> F64:
@@ -61,7 +61,7 @@ class Descent(Protocol):
         ...
 
     def time_to_go(self, height: F64, speed: F64) -> TimeToGo:
-        """Return how long a rocket coasts and burns from here."""
+        """Return the coast and burn times of a rocket from here."""
         ...
 
 
@@ -69,19 +69,19 @@ class Descent(Protocol):
 class DescentProfile:
     """Speed as a function of height: v^2 = v1^2 + 2 a (h - h1) above h1, v = k h + v0 below.
 
-    Both pieces and their slopes agree at the join: a / v1 = k, hence v1 = a / k and
-    h1 = (v1 - v0) / k. Braking feels the constant deceleration a, the flare k v. Each of the
-    three numbers is one for all rockets or `(N,)`.
+    Both parts and their slopes agree at the join: a / v1 = k, hence v1 = a / k and
+    h1 = (v1 - v0) / k. Braking has the constant deceleration a, the flare k v. Each of the three
+    numbers is common to all rockets or `(N,)`.
     """
 
     braking: float | F64
-    """a, m/s^2"""
+    """a, m/s^2."""
     flare_rate: float | F64
-    """k, 1/s"""
+    """k, 1/s."""
     touchdown_speed: float | F64
-    """v0, m/s"""
+    """v0, m/s."""
     gravity: float
-    """m/s^2"""
+    """m/s^2."""
 
     @property
     def join_speed(self) -> float | F64:
@@ -96,26 +96,26 @@ class DescentProfile:
     def paced(self, pace: F64) -> DescentProfile:
         """Return the same curve flown at `pace` `(N,)` times the speed, in 1 / pace the time.
 
-        The speed at touchdown stays, lest a slow descent hang above the ground for ever.
+        The touchdown speed is unchanged, so that a slow descent does not stall above the ground.
         """
         return DescentProfile(
             self.braking * pace**2, self.flare_rate * pace,
             np.minimum(self.touchdown_speed, 0.5 * pace * self.join_speed), self.gravity)
 
     def speed(self, height: F64) -> F64:
-        """Return the wanted speed `(N,)`; below touchdown height the flare goes on, to a climb."""
+        """Return the wanted speed `(N,)`; below touchdown height the flare becomes a climb."""
         above = np.maximum(height - self.join_height, 0.0)
         braking = np.sqrt(self.join_speed**2 + 2 * self.braking * above)
         flare = self.flare_rate * height + self.touchdown_speed
         return np.where(height > self.join_height, braking, flare)
 
     def next_speed(self, height: F64, dt: float) -> F64:
-        """Return the speed `(N,)` to have after a step of `dt` s, so as to be on the curve then.
+        """Return the speed `(N,)` that is on the curve after a step of `dt` s.
 
         The step is semi-implicit: it ends at h - v dt with the new speed v, hence v solves
         v = speed(h - v dt). On the parabola that is v = sqrt(speed(h)^2 + (a dt)^2) - a dt, on
         the flare v = speed(h) / (1 + k dt). The plain feed-forward, a differential equation in
-        steps, would hang above the ground where the two differ.
+        steps, would stall above the ground where the two differ.
         """
         step = self.braking * dt
         braking = np.sqrt(self.speed(height)**2 + step**2) - step
@@ -123,11 +123,11 @@ class DescentProfile:
         return np.where(braking > self.join_speed, braking, flare)
 
     def deceleration(self, speed: F64) -> F64:
-        """Return the deceleration `(N,)` m/s^2 felt on the curve at a speed; 0 in a climb."""
+        """Return the deceleration `(N,)` m/s^2 on the curve at a speed; 0 in a climb."""
         return np.clip(self.flare_rate * speed, 0.0, self.braking)
 
     def time_to_go(self, height: F64, speed: F64) -> TimeToGo:
-        """Return how long a rocket coasts and burns from here, drag left out.
+        """Return the coast and burn times of a rocket from here, without drag.
 
         Free fall from (h, v) meets the parabola at the height h_i where v^2 + 2 g (h - h_i) =
         v1^2 + 2 a (h_i - h1). Braking then lasts (v_i - v1) / a and the flare from a height h_f,

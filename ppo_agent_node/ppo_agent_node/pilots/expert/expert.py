@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot of the rocket worlds: a hoverslam by the book, and the learner's teacher.
+"""Scripted pilot of the rocket worlds: a hoverslam, and the learner's teacher.
 
-Four laws: a descent profile followed by feed-forward and feedback; a critically damped pull to
-the pad's axis that ends with the descent; a pace that holds the descent back while the rocket has
-too far to go sideways; a proportional-derivative law for the attitude on the cross product of the
-up vector and the wanted one, the turn of the wanted one fed forward.
+Four laws: a descent profile followed by feed-forward and feedback; a critically damped lateral
+acceleration to the pad's axis that ends with the descent; a pace that slows the descent while the
+rocket is too far from the axis; a proportional-derivative attitude law on the cross product of the
+up vector and the wanted one, with the rotation of the wanted one fed forward.
 """
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 F64 = NDArray[np.float64]
 
 _SEEN = 15
-"""numbers of an observation that are looked at, the first"""
+"""Number of leading entries of an observation that are used."""
 _PACE_ITERATIONS = 4
 _LEAST_SPIN_UP = 1e-9
-"""rad/s^2 that the RCS is thought to give, one without torque too"""
+"""rad/s^2, minimum assumed for the RCS, even if it has no torque."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class ExpertSettings:
 class ExpertPilot:
     """Lands rockets from their observation alone; stateless, N rockets at a time. A `Pilot`.
 
-    Fuel is not observed. The mass is taken to be that of a standard flight with as much burn time
-    left: mass at spawn less the flow of full throttle over the time burnt so far, where a standard
-    flight falls from rest at `spawn_height`. Feedback absorbs the difference.
+    Fuel is not observed. The mass is assumed to be that of a standard flight with the same burn
+    time left: mass at spawn less the flow of full throttle over the time burned so far, where a
+    standard flight falls from rest at `spawn_height`. Feedback absorbs the difference.
     """
 
     name = 'expert'
@@ -115,62 +115,62 @@ class ExpertPilot:
     def __call__(self, observation: F32) -> F32:
         """Return actions `(N, 3)`: throttle, RCS about X, RCS about Z, each in [-1, 1].
 
-        :param observation: `(N, 15)`, see the world `rocket`; what comes after is not looked at.
+        :param observation: `(N, 15)`, see world `rocket`; further columns are ignored.
         """
         v, gain = self.vehicle, self.settings
-        sight = self._look(observation)
-        profile = self._paced_profile(sight)
-        to_go = self._to_go(profile, sight)
-        mass = self._mass(sight)
-        lift = self._lift(profile, sight, mass, to_go)
-        # The lift while braking, also in the flare: it ends too soon to be leant into.
+        state = self._look(observation)
+        profile = self._paced_profile(state)
+        to_go = self._to_go(profile, state)
+        mass = self._mass(state)
+        lift = self._lift(profile, state, mass, to_go)
+        # The lift while braking, also in the flare, which is too short to lean into.
         firing = np.maximum(v.gravity + profile.braking, np.where(to_go.coast > 0, 0.0, lift))
-        pull = self._pull(sight, firing * sight.up[::2] / sight.upright, to_go)
+        pull = self._pull(state, firing * state.up[::2] / state.upright, to_go)
         wanted, turning = self._wanted_up(pull, firing)
         torque = attitude_torque(
-            sight.up, sight.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
+            state.up, state.spin[::2], wanted, np.maximum(self._spin_up, _LEAST_SPIN_UP),
             gain.attitude_rate, gain.attitude_damping, gain.attitude_brake, turning)
-        throttle = self._throttle(profile, sight, lift * mass / (v.max_thrust * sight.upright))
+        throttle = self._throttle(profile, state, lift * mass / (v.max_thrust * state.upright))
         action: F64 = np.stack((2 * throttle - 1, torque[0], torque[1]), axis=1)
         return np.clip(action, -1.0, 1.0).astype(np.float32)
 
     def _look(self, observation: F32) -> ObservedState:
-        """Return what is seen."""
+        """Return the observed state."""
         return look(observation, self._world)
 
     def _descent(self, net: float | F64) -> Descent:
-        """Return the descent to follow, `net` m/s^2 being what full throttle brakes with."""
+        """Return the descent profile, with `net` m/s^2 the deceleration at full throttle."""
         gain = self.settings
         return DescentProfile(
             gain.braking_share * net, gain.flare_rate, gain.flare_speed, self.vehicle.gravity)
 
-    def _throttle(self, profile: Descent, sight: ObservedState, throttle: F64) -> F64:
-        """Return the throttle `(N,)` to command where this much thrust is wanted."""
+    def _throttle(self, profile: Descent, state: ObservedState, throttle: F64) -> F64:
+        """Return the throttle `(N,)` to command for this wanted throttle."""
         return throttle
 
-    def _to_go(self, profile: Descent, sight: ObservedState) -> TimeToGo:
+    def _to_go(self, profile: Descent, state: ObservedState) -> TimeToGo:
         """Return the time until touchdown."""
-        return profile.time_to_go(sight.height, sight.speed)
+        return profile.time_to_go(state.height, state.speed)
 
-    def _mass(self, sight: ObservedState) -> F64:
+    def _mass(self, state: ObservedState) -> F64:
         """Return the estimated mass `(N,)` kg."""
         v = self.vehicle
-        to_go = self.profile.time_to_go(sight.height, sight.speed)
+        to_go = self.profile.time_to_go(state.height, state.speed)
         burnt = np.maximum(self._standard_burn - to_go.burn, 0.0)
         mass: F64 = np.maximum(v.dry_mass + v.fuel - self._flow * burnt, v.dry_mass)
         return mass
 
-    def _paced_profile(self, sight: ObservedState) -> Descent:
-        """Return the fastest descent whose burn lasts as long as the way to the axis.
+    def _paced_profile(self, state: ObservedState) -> Descent:
+        """Return the fastest descent whose burn is long enough to reach the axis.
 
-        Pace and way depend on each other, as a slower descent begins to burn earlier, at another
-        place; a few damped steps of fixed-point iteration settle that.
+        Pace and distance depend on each other, as a slower descent ignites earlier, at another
+        position; a few damped steps of fixed-point iteration solve for both.
         """
         v, gain = self.vehicle, self.settings
-        lateral, drift = sight.lateral, sight.drift
-        pace = np.ones_like(sight.height)
+        lateral, drift = state.lateral, state.drift
+        pace = np.ones_like(state.height)
         for _ in range(_PACE_ITERATIONS):
-            to_go = self._to_go(self.profile.paced(pace), sight)
+            to_go = self._to_go(self.profile.paced(pace), state)
             begin = lateral + drift * to_go.coast
             needed = (
                 gain.lateral_stretch * self._lateral.shortest(begin, drift) - gain.lateral_grace)
@@ -182,31 +182,31 @@ class ExpertPilot:
         return self.profile.paced(pace)
 
     def _lift(
-        self, profile: Descent, sight: ObservedState, mass: F64, to_go: TimeToGo,
+        self, profile: Descent, state: ObservedState, mass: F64, to_go: TimeToGo,
     ) -> F64:
-        """Return the vertical acceleration `(N,)` m/s^2 wanted of the engine, 0 or more."""
+        """Return the wanted vertical acceleration `(N,)` m/s^2 of the engine, 0 or more."""
         v = self.vehicle
-        brake = self._brake(profile, sight, to_go)
-        drag = self._drag * np.sqrt((sight.velocity**2).sum(axis=0)) * sight.speed / mass
+        brake = self._brake(profile, state, to_go)
+        drag = self._drag * np.sqrt((state.velocity**2).sum(axis=0)) * state.speed / mass
         lift: F64 = np.clip(v.gravity + brake - drag, 0.0, v.max_thrust / mass)
         return lift
 
-    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
-        """Return the deceleration `(N,)` m/s^2 wanted."""
+    def _brake(self, profile: Descent, state: ObservedState, to_go: TimeToGo) -> F64:
+        """Return the wanted deceleration `(N,)` m/s^2."""
         dt, gain = self.vehicle.dt, self.settings
-        wanted = np.maximum(profile.next_speed(sight.height, dt), 0.0)
+        wanted = np.maximum(profile.next_speed(state.height, dt), 0.0)
         planned = profile.deceleration(wanted)
-        excess = sight.speed - wanted - planned * dt
+        excess = state.speed - wanted - planned * dt
         return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
 
-    def _pull(self, sight: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
-        """Return what thrust shall do sideways, where it pushes with `push` `(2, N)` m/s^2 now."""
-        return self._lateral.pull(sight.lateral, sight.drift, push, to_go)
+    def _pull(self, state: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
+        """Return the lateral thrust to apply, given the present one, `push` `(2, N)` m/s^2."""
+        return self._lateral.pull(state.lateral, state.drift, push, to_go)
 
     def _wanted_up(self, pull: Pull, lift: F64) -> tuple[F64, F64]:
         """Return the up vector `(3, N)` of a thrust with this lateral and vertical part.
 
-        And how it turns, `(2, N)` rad/s about X and Z: not at all where the tilt is capped.
+        Also return its rotation, `(2, N)` rad/s about X and Z; 0 where the tilt is limited.
         """
         slope = pull.acceleration / lift
         size = np.maximum(np.hypot(*slope), 1e-12)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot of an engine that cannot hover: lit once, it burns until the ground.
+"""Scripted pilot for an engine that cannot hover: lit once, it burns until touchdown.
 
-With a least thrust above the weight, speed and height have to reach zero together. The pilot
-lights early enough to brake with less than full thrust, follows a curve that never asks for less
-than the least, and plans the last steps one by one.
+With a minimum thrust above the weight, speed and height must reach zero together. The pilot
+ignites early enough to brake with less than full thrust, follows a curve that never needs less
+than the minimum, and plans the last steps one by one.
 """
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class HoverslamSettings(ExpertSettings):
 
 
 class HoverslamPilot(StatefulExpert):
-    """Lands rockets whose engine has a least throttle and may be lit once. A `Pilot`.
+    """Lands rockets whose engine has a minimum throttle and can be lit once. A `Pilot`.
 
-    An observation does not tell whether the engine burns. A rocket is lit when this pilot lit it,
-    or when it has less energy than the poorest spawn has left after a fall from there.
+    An observation does not tell whether the engine burns. A rocket is taken as lit if this pilot
+    lit it, or if it has less energy than a fall from the lowest-energy spawn could leave.
     """
 
     name = 'hoverslam'
@@ -81,79 +81,79 @@ class HoverslamPilot(StatefulExpert):
             gain.flare_speed, v.gravity, self._least + gain.least_share * between)
 
     def _look(self, observation: F32) -> ObservedState:
-        sight = super()._look(observation)
-        self._memory.look(sight)
-        self._memory.lit |= self._has_braked(sight)
-        return sight
+        state = super()._look(observation)
+        self._memory.look(state)
+        self._memory.lit |= self._has_braked(state)
+        return state
 
-    def _has_braked(self, sight: ObservedState) -> Bools:
+    def _has_braked(self, state: ObservedState) -> Bools:
         """Return which rockets `(N,)` cannot have come here without thrust.
 
-        A fall from rest in semi-implicit steps keeps v^2 / 2 + g v dt / 2 - g s exactly, but for
-        drag, which over the fall s takes k g s^2 / m with the force k v^2.
+        A fall from rest in semi-implicit steps conserves v^2 / 2 + g v dt / 2 - g s exactly,
+        except for drag, which over the fall s takes k g s^2 / m with the force k v^2.
         """
         v = self.vehicle
-        fallen = v.spawn_height - v.touchdown_height - sight.origin_height
+        fallen = v.spawn_height - v.touchdown_height - state.origin_height
         step = v.dt / v.substeps
-        energy = (sight.velocity**2).sum(axis=0) / 2 + v.gravity * (
-            sight.speed * step / 2 - fallen)
+        energy = (state.velocity**2).sum(axis=0) / 2 + v.gravity * (
+            state.speed * step / 2 - fallen)
         drag = self._drag * v.gravity * fallen**2 / (v.dry_mass + v.fuel)
         braked: Bools = energy < -1.1 * drag - _TOLERANCE
         return braked
 
-    def _mass(self, sight: ObservedState) -> F64:
-        """Return the mass `(N,)` kg: spawn's less what was burnt, a standard flight's else."""
+    def _mass(self, state: ObservedState) -> F64:
+        """Return the mass `(N,)` kg: at spawn less burned fuel, or that of a standard flight."""
         v = self.vehicle
         left = np.maximum(v.fuel - self._memory.burnt, 0.0)
-        return np.where(np.isnan(left), super()._mass(sight), v.dry_mass + left)
+        return np.where(np.isnan(left), super()._mass(state), v.dry_mass + left)
 
-    def _paced_profile(self, sight: ObservedState) -> BrakingProfile:
-        """Return the descent to follow; near the ground a lit rocket makes it no slower.
+    def _paced_profile(self, state: ObservedState) -> BrakingProfile:
+        """Return the descent to follow; a lit rocket does not slow it down near the ground.
 
-        One that brakes gently by then leads on as it is: pace and way to the axis depend on each
-        other, and a curve that swings takes all there is between least and full thrust.
+        If it already brakes gently, the curve continues unchanged: pace and distance to the axis
+        depend on each other, and an oscillating curve would use the full range of thrust.
         """
-        paced, on = super()._paced_profile(sight), self.profile.through(sight.height, sight.speed)
+        paced, on = super()._paced_profile(state), self.profile.through(state.height, state.speed)
         assert isinstance(paced, BrakingProfile)
-        left = on.burn_time(on.speed(sight.height))
+        left = on.burn_time(on.speed(state.height))
         settled = self._memory.lit & (left < self.settings.settled_time)
         gentle = on.braking < _GENTLE * self.profile.braking
         braking = np.where(gentle, on.braking, np.maximum(on.braking, paced.braking))
         return replace(paced, braking=np.where(settled, braking, paced.braking))
 
-    def _to_go(self, profile: Descent, sight: ObservedState) -> TimeToGo:
-        to_go = super()._to_go(profile, sight)
+    def _to_go(self, profile: Descent, state: ObservedState) -> TimeToGo:
+        to_go = super()._to_go(profile, state)
         assert isinstance(profile, BrakingProfile)
-        lit, burn = self._memory.lit, profile.burn_time(profile.speed(sight.height))
+        lit, burn = self._memory.lit, profile.burn_time(profile.speed(state.height))
         return TimeToGo(np.where(lit, 0.0, to_go.coast), np.where(lit, burn, to_go.burn))
 
-    def _brake(self, profile: Descent, sight: ObservedState, to_go: TimeToGo) -> F64:
-        """Return the deceleration `(N,)` m/s^2 wanted: on the curve, at the end step by step."""
+    def _brake(self, profile: Descent, state: ObservedState, to_go: TimeToGo) -> F64:
+        """Return the wanted deceleration `(N,)` m/s^2: on the curve, at the end step by step."""
         dt, touchdown_speed = self.vehicle.dt, self.settings.flare_speed
-        # Half a step below the ground, so that the last one does not end just above it.
-        below = sight.height + touchdown_speed * dt / 2
-        near = (sight.height < profile.join_height) & (sight.speed < 1.5 * profile.join_speed)
+        # Half a step below the ground, so that the last step does not end just above it.
+        below = state.height + touchdown_speed * dt / 2
+        near = (state.height < profile.join_height) & (state.speed < 1.5 * profile.join_speed)
         return np.where(
-            near, last_steps(below, sight.speed, touchdown_speed, dt),
-            super()._brake(profile, sight, to_go))
+            near, last_steps(below, state.speed, touchdown_speed, dt),
+            super()._brake(profile, state, to_go))
 
-    def _throttle(self, profile: Descent, sight: ObservedState, wanted: F64) -> F64:
-        """Return the throttle `(N,)`: none while coasting, else the least or more.
+    def _throttle(self, profile: Descent, state: ObservedState, wanted: F64) -> F64:
+        """Return the throttle `(N,)`: zero while coasting, else the minimum or more.
 
-        An engine that would stop the rocket above the ground is cut when the fall from there is
-        harmless: it would only carry it up again.
+        An engine that would stop the rocket above the ground is cut when a fall from there is
+        harmless; otherwise it would only climb again.
         """
-        coasting = ~self._memory.lit & (sight.speed < profile.speed(sight.height))
-        height = np.maximum(sight.height, 0.0)
-        short = sight.speed < _SHORT * np.sqrt(2 * self._least * height)
-        harmless = sight.speed**2 + 2 * self.vehicle.gravity * height < _HARMLESS**2
+        coasting = ~self._memory.lit & (state.speed < profile.speed(state.height))
+        height = np.maximum(state.height, 0.0)
+        short = state.speed < _SHORT * np.sqrt(2 * self._least * height)
+        harmless = state.speed**2 + 2 * self.vehicle.gravity * height < _HARMLESS**2
         off = coasting | (short & harmless)
         return np.where(off, 0.0, np.clip(wanted, self._floor, 1.0))
 
 
 _TOLERANCE = 0.05
-"""m^2/s^2, for rounding"""
+"""m^2/s^2, tolerance for rounding."""
 _GENTLE = 0.7
-"""part of the planned deceleration"""
+"""Fraction of the planned deceleration."""
 _SHORT, _HARMLESS = 0.7, 1.5
-"""part of the speed that least thrust would stop at the ground; m/s at touchdown"""
+"""Fraction of the speed that minimum thrust would stop at the ground; m/s at touchdown."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lateral law: onto the pad's axis and to rest there when the burn ends, then upright.
+"""Lateral guidance law: to rest on the pad's axis when the burn ends, then upright.
 
 Positions and speeds are `(2, N)`, along x and z, in m and m/s; times `(N,)` s.
 """
@@ -15,32 +15,32 @@ from ppo_agent_node.pilots.expert.descent import TimeToGo
 
 
 class Pull(NamedTuple):
-    """What the lateral law asks for."""
+    """Lateral acceleration demanded by the guidance law."""
 
     acceleration: F64
-    """`(2, N)` m/s^2"""
+    """`(2, N)` m/s^2."""
     rate: F64
-    """`(2, N)` m/s^3, how it is about to change; 0 while the rocket coasts"""
+    """`(2, N)` m/s^3, its rate of change; 0 while the rocket coasts."""
 
 
 class Drifting(NamedTuple):
-    """A way to the axis under a constant side acceleration; arrays `(2, N)`."""
+    """A trajectory to the axis under a constant side acceleration; arrays `(2, N)`."""
 
     x: F64
-    """m"""
+    """m."""
     drift: F64
-    """m/s"""
+    """m/s."""
     opposed: F64
-    """m/s^2, part of the side acceleration that is held against"""
+    """m/s^2, compensated part of the side acceleration."""
     opposed_rate: F64
-    """m/s^3, how that is about to change"""
+    """m/s^3, its rate of change."""
 
 
 def drift_upright(side: F64, time: F64, upright_time: float) -> Drifting:
-    """Return where to be `time` before touchdown so as to arrive at rest, on the axis, upright.
+    """Return the state at `time` before touchdown that leads to rest, on the axis, upright.
 
-    Against a side acceleration w a rocket leans, but for the last T = `upright_time`, in which it
-    leans less and less: then w (1 - t / T) is left and brings the rocket to rest that comes from
+    A rocket leans against a side acceleration w, except for the last T = `upright_time`, in which
+    it leans less and less: then w (1 - t / T) remains and decelerates a rocket that comes from
     windward with w T / 2. Hence v = -w (t - t^2 / 2T) and x = w (t^2 / 2 - t^3 / 6T) for t < T.
 
     :param side: `(2, N)` m/s^2.
@@ -55,30 +55,30 @@ def drift_upright(side: F64, time: F64, upright_time: float) -> Drifting:
 
 @dataclass(frozen=True)
 class LateralLaw:
-    """A critically damped pull whose time constant shrinks with the burn that is left.
+    """A critically damped law whose time constant shrinks with the remaining burn time.
 
-    With t the burn left, x'' = -p^2 x / t^2 - (2 p - 1) x' / t has the double root x = t^p:
-    critically damped in log t, and at rest on the axis at touchdown without tilt for p > 2.
-    (p = 3.5 is, but for 12.25 in place of 12, the guidance of the Apollo lander: Klumpp,
-    'Apollo lunar descent guidance', Automatica 10, 1974.)
+    With t the remaining burn time, x'' = -p^2 x / t^2 - (2 p - 1) x' / t has the double root x =
+    t^p: critically damped in log t, and at rest on the axis at touchdown without tilt for p > 2.
+    (p = 3.5 is, except for 12.25 instead of 12, the guidance of the Apollo lander: Klumpp, 'Apollo
+    lunar descent guidance', Automatica 10, 1974.)
     """
 
     power: float
-    """p"""
+    """p."""
     least_time: float | F64
-    """s, t is never thought shorter"""
+    """s, lower limit of t."""
     reach: float
-    """m/s^2, counted on to stop the approach from far off"""
+    """m/s^2, available to stop the approach from far away."""
     upright_time: float
-    """s, burn left from which on the pull is faded out in proportion, so as to land upright"""
+    """s, remaining burn time below which the acceleration is faded out, to land upright."""
 
     def pull(self, x: F64, drift: F64, push: F64, to_go: TimeToGo) -> Pull:
-        """Return the pull towards the axis and its rate.
+        """Return the acceleration towards the axis and its rate.
 
-        Far off, the speed of approach is limited to what `reach` can stop. The pull is that from
-        the place where the burn begins, as nothing can be done before.
+        Far away, the approach speed is limited to what `reach` can stop. The law is evaluated at
+        the position where the burn begins, as there is no control before.
 
-        :param push: `(2, N)` m/s^2, the lateral acceleration at present.
+        :param push: `(2, N)` m/s^2, the present lateral acceleration.
         """
         pull, stiffness, damping, shrinking = self._law(x, drift, to_go)
         rate = -(stiffness * drift + damping * push)
@@ -91,11 +91,11 @@ class LateralLaw:
         return Pull(pull * fade, np.where(to_go.coast > 0, 0.0, rate))
 
     def first_pull(self, x: F64, drift: F64, to_go: TimeToGo) -> F64:
-        """Return the pull `(2, N)` m/s^2 that is not yet faded out."""
+        """Return the acceleration `(2, N)` m/s^2 before fading."""
         return self._law(x, drift, to_go)[0]
 
     def _law(self, x: F64, drift: F64, to_go: TimeToGo) -> tuple[F64, F64, F64, F64]:
-        """Return pull, stiffness (1/s^2), damping (1/s), and 1 where time is shrinking, else 0."""
+        """Return acceleration, stiffness (1/s^2), damping (1/s), and 1 if t shrinks, else 0."""
         time = np.maximum(to_go.burn, self.least_time)
         damping = (2 * self.power - 1) / time
         begin = x + drift * to_go.coast
@@ -111,7 +111,7 @@ class LateralLaw:
         For each axis under |x''| <= A it is s v / A + 2 sqrt(v^2 / (2 A^2) + s x / A), with s the
         sign of x + v |v| / (2 A): the time-optimal double integrator (Bryson and Ho, 'Applied
         optimal control', 1975, section 3.9). From rest it grows with the root of the distance, so
-        fourth powers add as squares of distances do.
+        fourth powers of times add like squares of distances.
         """
         side = np.where(x + drift * np.abs(drift) / (2 * self.reach) < 0, -1.0, 1.0)
         inside = np.maximum((drift / self.reach)**2 / 2 + side * x / self.reach, 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An observation of a rocket in physical units, as pilots use it."""
+"""State of rockets in physical units, decoded from observations."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,17 +16,17 @@ class ObservedState(NamedTuple):
     """State of N rockets as observed, y up."""
 
     height: F64
-    """`(N,)` m to fall; in a world with feet, for the lower one"""
+    """`(N,)` m to fall; in a world with feet, of the lower foot."""
     origin_height: F64
-    """`(N,)` m, of the vehicle's origin above where it is when the vehicle stands"""
+    """`(N,)` m, height of the vehicle's origin above its standing height."""
     lateral: F64
-    """`(2, N)` m from the pad's axis, along x and z"""
+    """`(2, N)` m from the pad's axis, along x and z."""
     velocity: F64
-    """`(3, N)` m/s"""
+    """`(3, N)` m/s."""
     up: F64
-    """`(3, N)`, the body's axis"""
+    """`(3, N)`, the body's axis."""
     spin: F64
-    """`(3, N)` rad/s"""
+    """`(3, N)` rad/s."""
 
     @property
     def speed(self) -> F64:
@@ -42,13 +42,13 @@ class ObservedState(NamedTuple):
 
     @property
     def upright(self) -> F64:
-        """`(N,)`, cosine of the tilt, not less than 0.1: what thrust may be divided by."""
+        """`(N,)`, cosine of the tilt, at least 0.1, as a divisor of thrust."""
         upright: F64 = np.maximum(self.up[1], 0.1)
         return upright
 
 
 def look(observation: F32, settings: Mapping[str, float]) -> ObservedState:
-    """Return what observations `(N, 15)` of a world of rockets say.
+    """Return the state decoded from observations `(N, 15)` of a world of rockets.
 
     :param settings: of that world.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An expert with a memory: who flies an episode tells it what is flown and when one begins."""
+"""Expert with a memory; its caller reports applied actions and new episodes."""
 from __future__ import annotations
 
 import numpy as np
@@ -14,7 +14,7 @@ from rocket_sim_node.worlds.base import WorldSpec
 class StatefulExpert(ExpertPilot):
     """Lands rockets, and remembers the flight of each row; see :class:`FlightMemory`.
 
-    Subclasses look at the memory, and let it look at what they see.
+    Subclasses use the memory, and update it with their observations.
     """
 
     def __init__(self, spec: WorldSpec, **gains: float) -> None:
@@ -34,16 +34,16 @@ class StatefulExpert(ExpertPilot):
         return self._flown
 
     def flew(self, action: F32) -> None:
-        """Take note that another action `(N, 3)` is flown than the last one asked for."""
+        """Record that another action `(N, 3)` was applied than the last one returned."""
         self._flown = np.clip(action, -1.0, 1.0)
 
     def begin(self, rows: NDArray[np.int64] | None = None) -> None:
-        """Take note that the next call shows the first moment of an episode.
+        """Note that the next call has the first observation of an episode.
 
-        :param rows: `(K,)` in which; None: in all.
+        :param rows: `(K,)` rows; None: all.
         """
         self._memory.begin(rows)
 
     def _note(self, action: F32) -> None:
-        """Take note of the action `(N, 3)` that was flown since the last call."""
+        """Record the action `(N, 3)` applied since the last call."""
         self._memory.command((action[:, 0].astype(np.float64) + 1) / 2)

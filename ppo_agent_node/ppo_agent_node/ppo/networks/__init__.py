@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Multilayer perceptrons, their inputs, their gradients and their optimiser."""
+"""Multilayer perceptrons, their input features, gradients and optimiser."""

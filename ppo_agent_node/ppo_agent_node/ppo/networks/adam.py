@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Adam over parameters that lie one after the other in one piece of memory.
+"""Adam optimiser over parameters in one contiguous tensor.
 
-Kingma and Ba, 'Adam: a method for stochastic optimization', 2015, algorithm 1, as torch.optim.Adam
-computes it. A step is a handful of operations however many parameters there are, and so is the
-norm of the gradient: with torch's own, small networks spend more time on the list of their
-parameters than on learning.
+Kingma and Ba, 'Adam: a method for stochastic optimization', 2015, algorithm 1, as in
+torch.optim.Adam. A step takes a few operations regardless of the number of parameters, as does the
+gradient norm; torch's own optimiser spends more time on iterating over a small network's
+parameters than on the update.
 """
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from torch import nn
 from ppo_agent_node.runs.sealed_file import Tensors
 
 _ALIGNED = 16
-"""Numbers, 64 bytes: where a parameter begins, as matrix products like it."""
+"""Alignment of parameters, in numbers (64 bytes), for fast matrix products."""
 
 
 class FlatAdam:
-    """Takes parameters over into memory of its own, with their gradients, and improves them.
+    """Moves parameters and their gradients into contiguous memory, and optimises them.
 
-    The parameters stay what they are, and where others hold them, but for their storage.
+    Only their storage changes: parameters keep their values and identity.
     """
 
     gradient: Tensor
-    """Of all parameters, flat: who computes gradients sets it to 0 and adds what samples give to
-    the views of `gradient_of`."""
+    """Of all parameters, flat. The caller zeroes it and accumulates gradients in the views of
+    `gradient_of`."""
 
     def __init__(
         self,
@@ -69,27 +69,27 @@ class FlatAdam:
                 parameter.data = view
 
     def gradient_of(self, parameter: Tensor) -> Tensor:
-        """Return the place for a parameter's gradient, of its shape."""
+        """Return the view for a parameter's gradient, of the same shape."""
         return self._gradients[id(parameter)]
 
     def step(self, rates: Sequence[float], max_norm: float, count: int) -> float:
-        """Improve the parameters by the mean gradient of so many samples.
+        """Update the parameters with the mean gradient of `count` samples.
 
         :param rates: learning rate of each group.
-        :param max_norm: to which the mean gradient is scaled down where it is longer, as
-            torch.nn.utils.clip_grad_norm_ does.
-        :param count: samples whose gradients have been added up.
-        :return: the norm before.
+        :param max_norm: maximum norm of the mean gradient, which is scaled down beyond it, as by
+            torch.nn.utils.clip_grad_norm_.
+        :param count: number of samples whose gradients were summed.
+        :return: the norm before clipping.
         """
         norm = float(torch.linalg.vector_norm(self.gradient)) / count
-        # A norm that is no number shall reach the parameters, where it is noticed.
+        # A NaN norm must propagate to the parameters, where it is detected.
         scale = (max_norm / (norm + 1e-6) if not norm + 1e-6 < max_norm else 1.0) / count
         first, second = self._betas
         self._steps += 1
         self._mean.mul_(first).add_(self.gradient, alpha=(1 - first) * scale)
         self._square.mul_(second).addcmul_(
             self.gradient, self.gradient, value=(1 - second) * scale**2)
-        # With both divided by the bias correction of the root, one operation less.
+        # Dividing both by the bias correction of the root saves an operation.
         correction = math.sqrt(1 - second**self._steps)
         torch.sqrt(self._square, out=self._work)
         self._work.add_(self._epsilon * correction)
@@ -98,14 +98,14 @@ class FlatAdam:
         return norm
 
     def state_dict(self) -> Tensors:
-        """Return its state, by name; all but the number of steps are views."""
+        """Return its state by name; all but the number of steps are views."""
         return {'steps': torch.tensor(self._steps)} | {
             f'{index}.{name}': tensor
             for index, pair in enumerate(self._state)
             for name, tensor in zip(('exp_avg', 'exp_avg_sq'), pair, strict=True)}
 
     def load_state_dict(self, tensors: Tensors) -> None:
-        """Put back what `state_dict` returned, of any device."""
+        """Restore the result of `state_dict`, from any device."""
         for name, tensor in self.state_dict().items():
             tensor.copy_(tensors[name])
         self._steps = int(tensors['steps'])

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Multilayer perceptrons forwards and backwards.
+"""Forward and backward pass of multilayer perceptrons, without autograd.
 
-What autograd does for `networks.mlp`, by hand: no graph, the quickest library for each layer, and
-so few samples at a time that what one leaves is still in the processor's cache when the next one
-wants it.
+Computes what autograd does for `networks.mlp`, but without a graph, with the fastest library for
+each layer, and in pieces small enough to stay in the processor's cache between layers.
 """
 from __future__ import annotations
 
@@ -19,31 +18,31 @@ from ppo_agent_node.ppo.networks.dense import product
 from ppo_agent_node.ppo.networks.mlp import Perceptron
 
 _CACHED_ROWS = 1024
-"""Samples at a time on a CPU: what a layer of 256 units leaves of them, 1 MB, is still in a cache
-when the next one wants it; with fewer, the operations' fixed costs tell."""
+"""Samples per pass on a CPU: activations of a layer of 256 units, 1 MB, stay in the cache for the
+next layer; with fewer samples, fixed costs per operation dominate."""
 
 
 class _Layer(NamedTuple):
     weight: Tensor
-    """`(outputs, inputs)`"""
+    """`(outputs, inputs)`."""
     bias: Tensor
     weight_gradient: Tensor
     bias_gradient: Tensor
 
 
 class Backpropagation:
-    """Forward and backward pass of a network, for `rows` samples at a time at most."""
+    """Forward and backward pass of a network, for at most `rows` samples at a time."""
 
     rows: int
 
     def __init__(
         self, network: Perceptron, gradient_of: Callable[[Tensor], Tensor], most: int,
     ) -> None:
-        """Take the network's layers.
+        """Prepare for the network's layers.
 
-        :param network: of `networks.mlp`; its parameters are read where they lie.
-        :param gradient_of: where the gradient of a parameter is added.
-        :param most: samples that anyone will want at a time.
+        :param network: of `networks.mlp`; its parameters are used in place.
+        :param gradient_of: returns the tensor to which a parameter's gradient is added.
+        :param most: maximum number of samples at a time.
         """
         *self._hidden, self._last = [
             _Layer(layer.weight.detach(), layer.bias.detach(),
@@ -56,9 +55,9 @@ class Backpropagation:
     def forward(self, x: Tensor, out: Tensor | None = None) -> Tensor:
         """Return the outputs `(K, S)` for inputs `(S, D)`; S up to `rows`.
 
-        A row for each output: what follows goes across a few outputs of many samples.
+        One row per output, as later operations process few outputs of many samples.
 
-        :param out: where to write them.
+        :param out: memory for the result.
         """
         self._inputs = [x]
         for layer in self._hidden:

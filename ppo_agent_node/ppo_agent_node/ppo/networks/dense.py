@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dense layers and matrix products without autograd, by the library that is quickest at them.
+"""Dense layers and matrix products without autograd, by the faster of two libraries.
 
-PyTorch leaves float32 products to MKL, which takes twice as long as it need on processors that
-are not Intel's, and computes a tanh in a pass of its own, half as long as a product of 256 units.
-oneDNN, which comes with PyTorch as well, knows all processors and does both at once; PyTorch
-offers it by the operations that its own compiler emits. All of it is float32; last bits differ.
+PyTorch uses MKL for float32 products, which takes twice as long as necessary on non-Intel
+processors, and computes a tanh separately, which takes half as long as a product of 256 units.
+oneDNN, included with PyTorch, supports all processors and fuses both; it is available through the
+operations that PyTorch's own compiler emits. All of it is float32; the last bits differ.
 """
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torch.nn import functional
 _offered = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, '_linear_pointwise')
 
 _LEAST = 32
-"""Rows and columns of a result from which on oneDNN's fixed costs, 15 us, are worth it."""
+"""Minimum rows and columns of a result for which oneDNN's fixed costs, 15 us, pay off."""
 
 
 def dense(x: Tensor, weight: Tensor, bias: Tensor, activation: str) -> Tensor:
@@ -30,7 +30,7 @@ def dense(x: Tensor, weight: Tensor, bias: Tensor, activation: str) -> Tensor:
     elif activation == 'tanh':
         return _one_dnn(x, weight, bias, 'tanh')
     else:
-        # Its relu would make 0 of what is not a number; a policy must not hide that.
+        # Its relu would turn NaN into 0, and hide an invalid policy.
         y = _one_dnn(x, weight, bias)
     return y.tanh_() if activation == 'tanh' else y.relu_()
 
@@ -56,6 +56,6 @@ def _one_dnn(
 
 
 def _swift(x: Tensor, columns: int) -> bool:
-    """Return whether oneDNN can do it and is quicker."""
+    """Return whether oneDNN is applicable and faster."""
     return (columns >= _LEAST and x.numel() >= _LEAST * x.shape[-1] > 0 and _offered
             and x.device.type == 'cpu' and x.dtype == torch.float32)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features of a descent: numbers that a network would have to work out from an observation.
+"""Features of a descent, computed from an observation as additional network inputs.
 
-A landing is decided by quotients: the deceleration that is still needed is v^2 / 2h, the flare
-has a constant v / h, and guidance to the pad weighs distance by 1 / t^2 and drift by 1 / t, with
-t the time to go (Klumpp, 'Apollo lunar descent guidance', Automatica 10, 1974). Perceptrons
-approximate quotients badly, and over four decades of height worse. All features are compressed by
-asinh, linear near zero and logarithmic beyond, so that millimetres and hundreds of metres are
-both resolved.
+A landing depends on quotients: the required deceleration is v^2 / 2h, the flare has a constant
+v / h, and guidance to the pad weighs distance by 1 / t^2 and drift by 1 / t, with t the time to go
+(Klumpp, 'Apollo lunar descent guidance', Automatica 10, 1974). Perceptrons approximate quotients
+badly, especially over four decades of height. All features are compressed by asinh, linear near
+zero and logarithmic beyond, so that millimetres and hundreds of metres are both resolved.
 """
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ _NEEDED = (
     'spin_x', 'spin_z', 'pad_y',
 )
 _LEAST_HEIGHT = 0.001
-"""m added to a height before it divides"""
+"""m, added to a height used as a divisor."""
 _WIDTHS = (
     0.002, 0.2, 0.2,    # m: height, x, z
     0.005, 0.05, 0.05,  # m/s: speed downwards, along x and z
@@ -31,18 +30,18 @@ _WIDTHS = (
     1.0, 1.0, 1.0,     # g needed, s to go, 1/s flare rate
     0.1, 0.1, 0.1, 0.1,  # g: distance / t^2 and drift / t, along x and z
 )
-"""within which a feature is linear"""
+"""Widths of the features' linear ranges."""
 _MISS_WIDTHS = (1.0, 1.0)
-"""m, the same for the zero-effort miss along x and z"""
+"""m, the same for the zero-effort miss along x and z."""
 _FIRST_SCALES = (0.3,) * 13 + (3.0,) * 4
-"""that bring features to the order of 1 where no samples are there to fit them: the logarithms go
-up to 10, and what guidance weighs is some hundredths of g until shortly before touchdown"""
+"""Scales that bring features to the order of 1 when there are no samples to fit them: logarithms
+go up to 10, and guidance terms are some hundredths of g until shortly before touchdown."""
 
 
 class DescentFeatures(nn.Module):
-    """Computes the features of observations of a rocket: heights, rates and what they imply.
+    """Computes features of a rocket's observations: heights, rates and derived quantities.
 
-    The scales of the world are kept with the weights, so that a policy file explains itself.
+    The world's scales are stored with the weights, so that a policy file is self-contained.
     """
 
     scale: Tensor
@@ -51,12 +50,12 @@ class DescentFeatures(nn.Module):
     def __init__(
         self, names: Sequence[str], settings: Mapping[str, float], miss: bool = False,
     ) -> None:
-        """Take the columns and scales of a world.
+        """Determine columns and scales of a world.
 
-        :param names: of the D numbers of an observation.
+        :param names: of the D entries of an observation.
         :param settings: of the world.
-        :param miss: append the zero-effort miss, how far from the pad the rocket would come down
-            if nothing were done about it (Zarchan, 'Tactical and strategic missile guidance').
+        :param miss: append the zero-effort miss, the distance from the pad at which the rocket
+            would land without correction (Zarchan, 'Tactical and strategic missile guidance').
         :raises ValueError: for a world whose observations are not those of a rocket.
         """
         super().__init__()
@@ -68,7 +67,7 @@ class DescentFeatures(nn.Module):
         self._columns = [names.index(name) for name in _NEEDED]
         position, velocity = settings['position_scale'], settings['velocity_scale']
         spin, gravity = settings['spin_scale'], max(settings['gravity'], 1e-6)
-        # In the order of _NEEDED: metres, metres a second, 1, radians a second; then gravity.
+        # In the order of _NEEDED: metres, metres per second, 1, radians per second; then gravity.
         self.register_buffer('scale', torch.tensor(
             [position] * 2 + [velocity] * 3 + [1.0] * 2 + [spin] * 2 + [-position, gravity]))
         self._miss = miss
@@ -99,8 +98,8 @@ class DescentFeatures(nn.Module):
 def make_features(
     kind: str, names: Sequence[str], settings: Mapping[str, float],
 ) -> DescentFeatures | None:
-    """Return what computes the features of a kind, None for none.
+    """Return the module that computes features of a kind, None for none.
 
-    :raises ValueError: for a world that lacks what they are computed from.
+    :raises ValueError: for a world that lacks the required inputs.
     """
     return None if kind == 'none' else DescentFeatures(names, settings, kind == 'miss')

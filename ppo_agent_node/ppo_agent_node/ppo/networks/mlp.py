@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What policies and critics are made of: multilayer perceptrons and what comes before them."""
+"""Multilayer perceptrons, observation normaliser and critic."""
 from __future__ import annotations
 
 import math
@@ -20,8 +20,8 @@ _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
 class Perceptron(nn.Sequential):
     """Linear layers with an activation between them.
 
-    Autograd goes through them one by one. Without gradients each is computed with its activation
-    by `dense`, quicker and equal but for the last bits.
+    Autograd processes them one by one. Without gradients, `dense` computes each together with its
+    activation, faster and equal except for the last bits.
     """
 
     @property
@@ -31,7 +31,7 @@ class Perceptron(nn.Sequential):
 
     @property
     def activation(self) -> str:
-        """The name of what is between them, `tanh` where nothing is."""
+        """Name of the activation, `tanh` if there is only one layer."""
         return 'relu' if any(isinstance(layer, nn.ReLU) for layer in self) else 'tanh'
 
     def forward(self, x: Tensor) -> Tensor:
@@ -43,7 +43,7 @@ class Perceptron(nn.Sequential):
         return x
 
     def without_gradients(self) -> Callable[[Tensor], Tensor]:
-        """Return what computes the outputs of these layers, as often as wanted."""
+        """Return a function that computes these layers without gradients."""
         *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
         activation = self.activation
 
@@ -59,12 +59,12 @@ class Perceptron(nn.Sequential):
 def mlp(
     sizes: Sequence[int], last_gain: float, generator: torch.Generator, activation: str = 'tanh',
 ) -> Perceptron:
-    """Return a perceptron that has learnt nothing yet.
+    """Return an untrained perceptron.
 
     Orthogonal weights (Saxe et al., 'Exact solutions to the nonlinear dynamics of learning in
-    deep linear neural networks', 2014) of gain sqrt(2), `last_gain` in the last layer, and no
-    biases to begin with: implementation detail 2 of Huang et al., 'The 37 implementation details
-    of proximal policy optimization', 2022.
+    deep linear neural networks', 2014) of gain sqrt(2), `last_gain` in the last layer, and zero
+    biases: implementation detail 2 of Huang et al., 'The 37 implementation details of proximal
+    policy optimization', 2022.
 
     :param sizes: units from input to output.
     :param activation: `tanh` or `relu`.
@@ -73,7 +73,7 @@ def mlp(
     layers: list[nn.Module] = []
     for index, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
         last = index == len(sizes) - 2
-        # nn.Linear's own initialisation draws from torch's global generator, which is others'.
+        # nn.Linear's own initialisation would draw from torch's global generator.
         with torch.random.fork_rng(devices=[]):
             linear = nn.Linear(inputs, outputs)
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
@@ -83,12 +83,12 @@ def mlp(
 
 
 class Normaliser(nn.Module):
-    """Brings observations into a range that a network resolves well, by fixed numbers.
+    """Normalises observations by fixed numbers.
 
-    Entries with a `width` are bent first, asinh(x / width): linear within the width and
-    logarithmic beyond, so that heights of 5 cm and of 200 m are both seen well. The features, if
-    any, are appended. Then all get mean 0 and standard deviation 1; those that are hidden are 0,
-    as their scale is.
+    Entries with a `width` are first compressed, asinh(x / width): linear within the width and
+    logarithmic beyond, so that heights of 5 cm and of 200 m are both resolved. The features, if
+    any, are appended. Then all are normalised to mean 0 and standard deviation 1; hidden entries
+    have scale 0 and become 0.
     """
 
     width: Tensor
@@ -96,11 +96,11 @@ class Normaliser(nn.Module):
     scale: Tensor
 
     def __init__(self, size: int, features: DescentFeatures | None = None) -> None:
-        """Make one that changes nothing of D = `size` numbers, and appends F features."""
+        """Create the identity for D = `size` entries, with F features appended."""
         super().__init__()
         self.features = features
         self.size = size + (features.count if features else 0)
-        """D + F, numbers that come out"""
+        """D + F, number of output entries."""
         self.register_buffer('width', torch.zeros(size))
         self.register_buffer('mean', torch.zeros(self.size))
         self.register_buffer('scale', torch.ones(self.size))
@@ -112,7 +112,7 @@ class Normaliser(nn.Module):
         return (self._bend(observation) - self.mean) * self.scale
 
     def _bend(self, observation: Tensor) -> Tensor:
-        # The others are left alone, not computed and thrown away: asinh is slow.
+        # Only these columns, because asinh is slow.
         bends = self.width.nonzero()[:, 0]
         bent = torch.asinh(observation[..., bends] / self.width[bends])
         return self._append(observation, observation.index_copy(-1, bends, bent))
@@ -123,29 +123,29 @@ class Normaliser(nn.Module):
         return torch.cat((bent, self.features(observation)), -1)
 
     def hide(self, column: int) -> None:
-        """Let an observation count as 0, for good."""
+        """Fix an observation's normalised value at 0, permanently."""
         self.scale[column] = 0.0
 
     def fit(self, observation: Tensor, least: float = 1e-3) -> None:
-        """Take mean and deviation from samples `(S, D)`; deviations below `least` count as it."""
+        """Set mean and deviation from samples `(S, D)`; deviations are at least `least`."""
         bent = self._bend(observation)
         self.mean.copy_(bent.mean(0))
         hidden = self.scale == 0
         self.scale.copy_(1 / bent.std(0).clamp_min(least)).masked_fill_(hidden, 0.0)
 
     def copy_from(self, other: Normaliser) -> None:
-        """Take the numbers from another, but hide what was hidden here and nothing else."""
+        """Copy another's numbers, but keep this one's hidden entries."""
         hidden = self.scale == 0
         self.load_state_dict(other.state_dict())
         self.scale.masked_fill_(other.scale == 0, 1.0).masked_fill_(hidden, 0.0)
 
 
 def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Tensor]:
-    """Return what computes `network(normaliser(x))` bit for bit, with less around the products.
+    """Return a function that computes `network(normaliser(x))` bit for bit, with less overhead.
 
-    In flight a batch is a few hundred observations, so little work that modules and their calls
-    take as long as the mathematics. It follows the weights as they are now, or later; not their
-    replacement by others.
+    In flight a batch is a few hundred observations, for which module calls take as long as the
+    arithmetic. The function uses the current values of the weights, but not parameters that
+    replace them.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
@@ -167,7 +167,7 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
 
 
 class Critic(nn.Module):
-    """Estimates the return to come, in the learner's units (reward times reward_scale)."""
+    """Estimates the return, in the learner's units (reward times reward_scale)."""
 
     def __init__(
         self,
@@ -177,7 +177,7 @@ class Critic(nn.Module):
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
     ) -> None:
-        """Make a critic D -> hidden_sizes -> 1, which may see features as well."""
+        """Create a critic D -> hidden_sizes -> 1, optionally with features."""
         super().__init__()
         self.normaliser = Normaliser(observation_size, features)
         self.value = mlp((self.normaliser.size, *hidden_sizes, 1), 1.0, generator, activation)

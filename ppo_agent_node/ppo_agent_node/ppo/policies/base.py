@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the learner asks of a policy, whatever the kind of its actions."""
+"""Policy interface of the learner, for any kind of action."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,18 +14,18 @@ from ppo_agent_node.ppo.networks.mlp import Perceptron
 
 
 class Likelihood(NamedTuple):
-    """What a policy says of actions, given what its network said of the observations."""
+    """Likelihood of actions under a policy, given the network's outputs."""
 
     log_prob: Tensor
-    """`(S,)`"""
+    """`(S,)`."""
     entropy: Tensor
-    """nats, `(S,)`; a scalar where it is the same for all"""
+    """nats, `(S,)`; a scalar if it is the same for all."""
     kept: Tensor
-    """what the gradient needs again"""
+    """Intermediate result for the gradient."""
 
 
 class Policy(nn.Module):
-    """What the learner asks of a policy, whatever the kind of its actions."""
+    """Policy interface of the learner, for any kind of action."""
 
     action_shape: tuple[int, ...]
     """Shape of one rocket's action: `(A,)` continuous, `()` discrete."""
@@ -35,12 +35,12 @@ class Policy(nn.Module):
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
-        """Draw all random numbers of a flight of T steps with N rockets; return what samples it.
+        """Draw all random numbers of T steps with N rockets; return a sampling function.
 
-        Called with a step, from 0, and the observations `(N, D)` it returns actions
+        Called with a step, from 0, and the observations `(N, D)`, it returns actions
         `(N, *action_shape)`.
 
-        :param log_prob: `(T, N)`, where the log-probabilities of what is sampled are put.
+        :param log_prob: `(T, N)`, output for the log-probabilities of sampled actions.
         """
         raise NotImplementedError
 
@@ -52,16 +52,16 @@ class Policy(nn.Module):
 
     @property
     def network(self) -> Perceptron:
-        """The perceptron between normalised observations and the distribution."""
+        """The perceptron between normalised observations and the distribution's parameters."""
         raise NotImplementedError
 
     def output(self, observation: Tensor) -> Tensor:
-        """Return what the network says of observations, `(S, K)`."""
+        """Return the network's outputs for observations, `(S, K)`."""
         output: Tensor = self.network(self.normaliser(observation))
         return output
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
-        """Return what outputs `(K, S)`, a row for each, say of actions `(S, *action_shape)`."""
+        """Return the likelihood of actions `(S, *action_shape)` given outputs `(K, S)`."""
         raise NotImplementedError
 
     def likelihood_gradient(
@@ -69,7 +69,7 @@ class Policy(nn.Module):
     ) -> tuple[Tensor, list[Tensor]]:
         """Return a loss's gradient by the outputs, `(K, S)`, and by each noise parameter.
 
-        :param found: what `likelihood` said of these actions.
+        :param found: the result of `likelihood` for these actions.
         :param by_log_prob: the loss's gradient by each log-probability, `(S,)`.
         :param by_entropy: its gradient by each sample's entropy.
         """
@@ -81,30 +81,30 @@ class Policy(nn.Module):
         return found.log_prob, found.entropy.expand_as(found.log_prob)
 
     def mode(self, observation: Tensor) -> Tensor:
-        """Return the likeliest actions `(N, *action_shape)`."""
+        """Return the most likely actions `(N, *action_shape)`."""
         raise NotImplementedError
 
     def imitation(
         self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
     ) -> tuple[Tensor, Tensor]:
-        """Return the loss of outputs `(K, S)` that shall imitate actions `(S, *action_shape)`.
+        """Return the imitation loss of outputs `(K, S)` for target actions `(S, *action_shape)`.
 
         :param huber_delta: errors of continuous actions count linearly beyond it; 0: nowhere.
-        :param margin: continuous actions at a bound are aimed at from so far beyond.
+        :param margin: targets of continuous actions at a bound are moved beyond it by this much.
         :return: its sum over the samples, and its gradient by the outputs `(K, S)`.
         """
         raise NotImplementedError
 
     def constrain(self, progress: float = 0.0) -> None:
-        """Put parameters into the range that they have at a time of the run.
+        """Clamp parameters to their range at a point of the run.
 
         :param progress: from 0 at the first iteration to 1 at the last.
         """
 
     def noise_parameters(self) -> list[nn.Parameter]:
-        """Return the parameters that say how much to explore, which learn at their own rate."""
+        """Return the parameters of the exploration noise, which have their own learning rate."""
         return []
 
     def diagnostics(self) -> dict[str, float]:
-        """Return numbers worth plotting."""
+        """Return values for plotting."""
         return {}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The policy of discrete actions: probabilities that are the softmax of what a network says."""
+"""Categorical policy for discrete actions: softmax over a network's outputs."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -17,10 +17,10 @@ from ppo_agent_node.ppo.policies.base import Policy
 
 
 class CategoricalPolicy(Policy):
-    """One of K actions, with probabilities that are the softmax of a network's output.
+    """Chooses one of K actions, with softmax probabilities of a network's outputs.
 
-    Weights that are not finite are an error wherever an action is chosen: an action is a whole
-    number, which nobody downstream could tell from a good one.
+    Weights that are not finite raise an error when an action is chosen: the resulting integer
+    could not be recognised as invalid later.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class CategoricalPolicy(Policy):
         generator: torch.Generator,
         activation: str = 'tanh',
     ) -> None:
-        """Make a policy D -> hidden_sizes -> K whose first actions are nearly equally likely."""
+        """Create a policy D -> hidden_sizes -> K with nearly equally likely initial actions."""
         super().__init__()
         self.action_shape = ()
         self.action_dtype = torch.int64
@@ -44,14 +44,14 @@ class CategoricalPolicy(Policy):
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
-        """Return what samples the actions `(N,)` int64 of a flight; see :class:`Policy`.
+        """Return a function that samples actions `(N,)` int64; see :class:`Policy`.
 
-        The Gumbel-max trick: argmax(log p - log(-log u)) has the probabilities p (Maddison,
-        Tarlow and Minka, 'A* sampling', 2014). One uniform number for each action, so that the
-        stream moves on alike whatever is drawn. It raises ValueError when the network's output is
-        not finite.
+        The Gumbel-max trick: argmax(log p - log(-log u)) has the probabilities p (Maddison, Tarlow
+        and Minka, 'A* sampling', 2014). It uses one uniform number per action, so that the stream
+        advances equally whatever is drawn. The function raises ValueError when the network's
+        output is not finite.
         """
-        # A u of 0 gives minus infinity, which merely is not drawn.
+        # A u of 0 gives minus infinity, which is simply never drawn.
         count = self._actions
         uniform = torch.rand(*log_prob.shape, count, generator=generator)
         gumbel = uniform.log_().neg_().log_().neg_()
@@ -67,7 +67,7 @@ class CategoricalPolicy(Policy):
 
     @property
     def network(self) -> Perceptron:
-        """What gives the logits."""
+        """The perceptron that outputs the logits."""
         return self.logits
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
@@ -89,7 +89,7 @@ class CategoricalPolicy(Policy):
         return error.scatter_add_(0, action[None], by_log_prob[None]), []
 
     def mode(self, observation: Tensor) -> Tensor:
-        """Return the likeliest actions `(N,)` int64; of equally likely ones the first.
+        """Return the most likely actions `(N,)` int64; the first of equally likely ones.
 
         :raises ValueError: when the network's output is not finite.
         """
@@ -110,7 +110,7 @@ class CategoricalPolicy(Policy):
 
 
 def _finite(log_p: Tensor) -> Tensor:
-    """Return log-probabilities `(S, K)` as they are.
+    """Return log-probabilities `(S, K)` unchanged.
 
     :raises ValueError: when one is not finite.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kinds of policies, and which one a world gets."""
+"""Creation of the policy that fits a world's kind of action."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from rocket_sim_node.worlds import WorldSpec
 
 
 def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
-    """Return the pilot that does what the policy finds likeliest, in NumPy."""
+    """Return a deterministic pilot, in NumPy, that takes the policy's most likely action."""
 
     @torch.inference_mode()
     def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
@@ -31,9 +31,9 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
 def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Generator) -> Policy:
     """Return a policy for a world's kind of action.
 
-    :param network: its shape; what it says of the deviation and of features is for continuous
-        actions only.
-    :raises ValueError: for features that the world's observations do not allow.
+    :param network: its shape; settings of deviation and features apply to continuous actions
+        only.
+    :raises ValueError: for features that cannot be computed from the world's observations.
     """
     if not spec.continuous:
         return CategoricalPolicy(

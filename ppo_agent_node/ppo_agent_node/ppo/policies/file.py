@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trained policies as files: the weights, and what they were trained for."""
+"""Policy files: the weights and a description of what they were trained for."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from rocket_sim_node.worlds import WorldSpec
 POLICY = 'policy'
 _NEEDED = (
     'observation_names', 'action_names', 'continuous', 'action_count', 'hidden_sizes')
-"""What the description of a policy has to say."""
+"""Required entries of a policy's description."""
 
 
 def save_policy(
@@ -33,7 +33,7 @@ def save_policy(
 ) -> None:
     """Write a policy and its description, atomically.
 
-    :param training: a summary of how it came about, anything that JSON can say.
+    :param training: a JSON-serialisable summary of its training.
     :raises OSError: naming the path.
     """
     sealed_file.write(path, POLICY, policy.state_dict(), {
@@ -49,13 +49,13 @@ def save_policy(
 def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
     """Return a policy that fits a world, and its description.
 
-    The world's name may be another, as long as observations and actions mean the same. The world
-    may give more observations than the policy sees; the policy takes those that the description
+    The world's name may differ, as long as observations and actions mean the same. The world
+    may have more observations than the policy uses; the policy takes those that the description
     names, in that order.
 
     :raises FileNotFoundError: when there is no such file.
-    :raises ValueError: when it is damaged or does not fit; the message names the file, what was
-        found and what was expected.
+    :raises ValueError: when it is damaged or does not fit; the message names the file, and the
+        actual and expected values.
     """
     tensors, content = sealed_file.read(path, POLICY)
     for name in _NEEDED:
@@ -82,9 +82,9 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
 
 
 def _narrowed(path: Path, spec: WorldSpec, names: object) -> WorldSpec:
-    """Return a world with only the observations that a policy names, where it has them all.
+    """Return a world reduced to the observations that a policy names, if it has them all.
 
-    :raises ValueError: for a policy that needs more than what a world with the same ones gives.
+    :raises ValueError: for a policy that needs other observations than the world's.
     """
     given = spec.observation_names
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -100,7 +100,7 @@ def _narrowed(path: Path, spec: WorldSpec, names: object) -> WorldSpec:
 
 
 def _listed(names: Sequence[str], most: int = 3) -> str:
-    """Return the first few names as text, and how many more there are."""
+    """Return the first few names as text, and the number of the others."""
     more = f' and {len(names) - most} more' if len(names) > most else ''
     return ', '.join(f'{name:.40}' for name in names[:most]) + more
 
@@ -108,7 +108,7 @@ def _listed(names: Sequence[str], most: int = 3) -> str:
 def _expect_room(
     path: Path, tensors: Tensors, network: NetworkConfig, spec: WorldSpec,
 ) -> None:
-    """Check that a network is no larger than what is in its file, before it is made.
+    """Check that a network is no larger than its file, before it is created.
 
     :raises ValueError: naming the file and the sizes of the layers.
     """
@@ -126,7 +126,7 @@ def _short(value: object) -> str:
 
 
 def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:
-    """Return the shape of the network; older files name neither activation nor features."""
+    """Return the shape of the network; older files have neither activation nor features."""
     try:
         return settings.build(NetworkConfig, {
             'hidden_sizes': content['hidden_sizes'],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The policy of continuous actions: a normal distribution about what a network says."""
+"""Gaussian policy for continuous actions: a normal distribution around a network's output."""
 from __future__ import annotations
 
 import math
@@ -22,9 +22,9 @@ _HALF_LOG_TAU = 0.5 * math.log(2 * math.pi)
 
 
 class GaussianPolicy(Policy):
-    """A normal distribution about a network's output, its deviation learnt, equal everywhere.
+    """Normal distribution around a network's output, with a learned, state-independent deviation.
 
-    Actions are sampled unbounded; the world clips what it flies.
+    Actions are sampled unbounded; the world clips them.
     """
 
     def __init__(
@@ -39,11 +39,11 @@ class GaussianPolicy(Policy):
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
     ) -> None:
-        """Make a policy D -> hidden_sizes -> A whose first actions are near 0.
+        """Create a policy D -> hidden_sizes -> A whose initial actions are near 0.
 
-        The log standard deviation, learnt, begins at `log_std_init` and stays above its floor.
-        With a `log_std_final` below the first value it is also put, after each update, below a
-        line from that to this.
+        The learned log standard deviation begins at `log_std_init` and stays above its floor. If
+        `log_std_final` is below the initial value, it is also clamped, after each update, below a
+        line from the initial to the final value.
         """
         super().__init__()
         self.action_shape = (action_size,)
@@ -59,7 +59,7 @@ class GaussianPolicy(Policy):
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
-        """Return what samples the actions `(N, A)` of a flight; see :class:`Policy`."""
+        """Return a function that samples actions `(N, A)`; see :class:`Policy`."""
         noise = torch.randn(*log_prob.shape, len(self.log_std), generator=generator)
         log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
         noise *= self.log_std.exp()
@@ -68,7 +68,7 @@ class GaussianPolicy(Policy):
 
     @property
     def network(self) -> Perceptron:
-        """What gives the means."""
+        """The perceptron that outputs the means."""
         return self.mean
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
@@ -104,11 +104,11 @@ class GaussianPolicy(Policy):
         """Return the squared error, mean over the entries of an action, and its gradient.
 
         With a `huber_delta` d it is Huber's loss, 2 d |e| - d^2 beyond d (Huber, 'Robust
-        estimation of a location parameter', 1964): where a pilot switches from one bound to the
-        other an error of one step is large, and would drown the small ones that decide a landing.
+        estimation of a location parameter', 1964): where a pilot switches between bounds, an error
+        of one step in time is large, and would dominate the small errors that decide a landing.
 
-        To overshoot an action that is at its bound is no error: the world clips it. With a
-        margin it is aimed at from so far beyond, lest a small error leave the bound.
+        Overshooting an action at its bound is not an error, as the world clips it. With a margin
+        the target lies beyond the bound, so that small errors do not leave it.
         """
         wanted = action.T
         most, least = wanted >= 1, wanted <= -1
@@ -124,7 +124,7 @@ class GaussianPolicy(Policy):
 
     @torch.no_grad()
     def constrain(self, progress: float = 0.0) -> None:
-        """Keep the log deviation above its floor and below its falling ceiling, if it has one."""
+        """Clamp the log deviation above its floor and below its falling ceiling, if it has one."""
         if self.log_std_final < self.log_std_init:
             self.log_std.clamp_max_(
                 self.log_std_init + progress * (self.log_std_final - self.log_std_init))

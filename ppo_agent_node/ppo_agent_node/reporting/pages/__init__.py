@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The HTML pages of runs and evaluations."""
+"""HTML pages of runs and evaluations."""

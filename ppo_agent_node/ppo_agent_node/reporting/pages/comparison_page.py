@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of several runs: learning curves over seeds, and a table of all evaluations."""
+"""Page that compares runs: learning curves over seeds, and a table of all evaluations."""
 from __future__ import annotations
 
 import os
@@ -28,7 +28,7 @@ def comparison_page(groups: Sequence[Group], curves: Path | None, folder: Path) 
     """Return the page.
 
     :param curves: the picture of the learning curves, if there is one.
-    :param folder: where the page will lie; links to the runs' own pages are relative to it.
+    :param folder: folder of the page; links to the runs' own pages are relative to it.
     """
     runs = [run for group in groups for run in group.runs]
     several = len(groups) > 1
@@ -64,7 +64,7 @@ def _group_row(group: Group) -> tuple[str, ...]:
 
 
 def _row(run: Run, group: Group, folder: Path) -> tuple[object, ...]:
-    """Return a run's figures, its name a link to its own page."""
+    """Return a run's figures, with its name as a link to its own page."""
     target = os.path.relpath(run.path.resolve() / REPORT, folder.resolve())
     link: Markup = html.tag('a', run.name, href=quote(f'./{target}'))
     seed = run.training.get('seed', '')

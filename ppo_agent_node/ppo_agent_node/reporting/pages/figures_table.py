@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of an evaluation as a reader wants them: value, certainty, spread."""
+"""Table of an evaluation's figures for a report: value, interval, spread."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ _QUALITY = (
 
 
 def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
-    """Return the rows of the table; what a world does not have is left out."""
+    """Return the rows of the table; rows that do not apply to the world are omitted."""
     found: list[Row] = [(
         'landed', f'{figures["landed"]} of {figures["episodes"]}, '
         f'{rate(figures["landing_rate"])}', interval_of_rate(figures, 'landing_rate'), '')]
@@ -64,7 +64,7 @@ def rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]
 
 
 def _fuel_rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> list[Row]:
-    """Return what compares with the optimum, or with a straight drop where there is none."""
+    """Return the comparison with the optimum, or else with a straight drop."""
     found: list[Row] = []
     solved = f'of {figures.get("optimum_sample")} starts'
     if figures.get('fuel_ratio_optimum') is not None:
@@ -89,7 +89,7 @@ def _fuel_rows(figures: Mapping[str, Any], episodes: EpisodeTable | None) -> lis
 
 
 def _returns_by_rate(figures: Mapping[str, Any]) -> list[Row]:
-    """Return the mean return of those that a rate counts, where it does not count all."""
+    """Return the mean returns of the episodes counted by each rate, unless it counts all."""
     counted = (
         ('landing_rate', 'mean_return_landed', 'landed'),
         ('standing_rate', 'mean_return_standing', 'standing'),
@@ -101,7 +101,7 @@ def _returns_by_rate(figures: Mapping[str, Any]) -> list[Row]:
 
 
 def _flying_quality(figures: Mapping[str, Any]) -> list[Row]:
-    """Return the rows of what a landing rate hides."""
+    """Return the rows on flying quality."""
     found: list[Row] = []
     if figures.get('tanks_dry') is not None:
         found.append(('ended with dry tanks', rate(figures['tanks_dry']),
@@ -122,13 +122,13 @@ def rate(value: float) -> str:
 
 
 def interval_of_rate(figures: Mapping[str, Any], name: str) -> str:
-    """Return the interval of a rate as text, '' where there is none."""
+    """Return the interval of a rate as text, '' if there is none."""
     low, high = (100 * bound for bound in figures.get(f'{name}_interval') or (np.nan, np.nan))
     return '' if np.isnan(low) else f'{low:.2f} to {high:.2f} %'
 
 
 def _interval(episodes: EpisodeTable | None, name: str, column: str, unit: str) -> str:
-    """Return the interval of a mean over touchdowns (of fuel: over all), '' without episodes."""
+    """Return the interval of a mean over touchdowns (fuel: over all), '' without episodes."""
     if episodes is None:
         return ''
     values = episodes.numbers[column]
@@ -141,9 +141,9 @@ def _interval(episodes: EpisodeTable | None, name: str, column: str, unit: str) 
 
 
 def _ratio_interval(episodes: EpisodeTable | None, column: str) -> str:
-    """Return the interval of the mean ratio over landings, '' without episodes.
+    """Return the interval of the mean fuel ratio over landings, '' without episodes.
 
-    :param column: what fuel used is compared with.
+    :param column: the reference for the fuel used.
     """
     if episodes is None or column not in episodes.numbers:
         return ''
@@ -156,7 +156,7 @@ def _ratio_interval(episodes: EpisodeTable | None, column: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as text: the two largest units."""
+    """Return a duration as text: the two largest units."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return (f'{hours} h {minutes} min' if hours else

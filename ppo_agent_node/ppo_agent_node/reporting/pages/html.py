@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pieces of an HTML page that is one file: no network, light and dark, small screens, print."""
+"""HTML building blocks of self-contained pages: no network, light and dark, mobile, print."""
 from __future__ import annotations
 
 import base64
@@ -70,19 +70,19 @@ addEventListener('beforeprint', () => {
 });
 """
 
-# Nothing is fetched, whatever a name in a file might say.
+# Nothing is fetched, even if a name in a file contains markup.
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'")
 
 
 class Markup(str):
-    """Text that is HTML already; all other text is escaped."""
+    """Text that is already HTML; all other text is escaped."""
 
     __slots__ = ()
 
 
 def escaped(text: object) -> Markup:
-    """Return a text as HTML that shows it letter by letter."""
+    """Return a text as HTML that displays it literally."""
     return text if isinstance(text, Markup) else Markup(html.escape(str(text)))
 
 
@@ -99,7 +99,7 @@ def table(
 ) -> Markup:
     """Return a table that scrolls on small screens.
 
-    :param marked: which rows stand out; none when empty.
+    :param marked: which rows are highlighted; none when empty.
     """
     body = Markup('\n').join(
         tag('tr', *(tag('td', cell) for cell in row),
@@ -111,14 +111,14 @@ def table(
 
 
 def cards(items: Iterable[tuple[str, str, str]]) -> Markup:
-    """Return the headline: (what, value, more) each a card."""
+    """Return the headline cards, each from (label, value, details)."""
     return tag('div', *(
         tag('div', tag('span', what), tag('b', value), tag('span', more), class_='card')
         for what, value, more in items), class_='cards')
 
 
 def figure(path: Path, title: str, caption: str) -> Markup:
-    """Return a heading and a picture that travels within the page, with its caption.
+    """Return a heading and a picture embedded in the page, with its caption.
 
     :raises OSError: when it cannot be read.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of one run or evaluation: headline, figures, pictures, settings, files."""
+"""Page of one run or evaluation: headline, figures, pictures, settings, files."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ _FACTS = (
 def run_page(run: Run, pictures: Sequence[Picture]) -> str:
     """Return the page of a run.
 
-    :param pictures: drawn already; they travel within the page.
+    :param pictures: already drawn; they are embedded in the page.
     """
     title = f'{run.name}: {run.world or "run"}'
     return html.document(
@@ -85,7 +85,7 @@ def _headline(run: Run) -> Markup:
 
 
 def _level(run: Run) -> str:
-    """Return level and conditions in words, '' where there are none."""
+    """Return level and conditions as text, '' if there are none."""
     figures = run.figures or {}
     level = figures.get('level')
     if level is None:
@@ -97,7 +97,7 @@ def _level(run: Run) -> str:
 
 
 def _notes(run: Run) -> list[Markup]:
-    """Return what is missing, in words."""
+    """Return notes on what is missing."""
     notes = []
     if run.figures is None and (run.config or run.lines):
         notes.append(f'No {FIGURES}: this run has not been evaluated yet.')
@@ -151,7 +151,7 @@ def _section(title: str, pictures: Sequence[Picture]) -> list[Markup]:
 
 
 def _settings(run: Run) -> list[Markup]:
-    """Return every setting, by section, with a field to search in them."""
+    """Return all settings, by section, with a search field."""
     found = settings_table.sections(run)
     if not found:
         return []
@@ -174,7 +174,7 @@ def _settings(run: Run) -> list[Markup]:
 
 
 def _files(folder: Path) -> Markup:
-    """Return the list of files, each a link, with what it is."""
+    """Return the list of files, each with a link and a description."""
     names = {path.name: path for path in sorted(folder.iterdir()) if path.name[0] != '.'}
     names.setdefault(REPORT, folder / REPORT)
     rows = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All settings of a run with their meaning, and which differ from a preset or a default."""
+"""Table of a run's settings with descriptions and differences from a preset or default."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds import registry
 
 _UNREMARKABLE = ('seed', 'threads')
-"""Settings of a run that are not counted when the nearest preset is looked for."""
+"""Settings of a run that are ignored in the search for the nearest preset."""
 
 
 @dataclass(frozen=True)
@@ -23,25 +23,25 @@ class Setting:
     name: str
     value: str
     usual: str
-    """value of the preset or default where it is another, else ''"""
+    """Value of the preset or default if it differs, else ''."""
     meaning: str
 
     @property
     def differs(self) -> bool:
-        """Whether it is not as usual."""
+        """Whether it differs from the preset or default."""
         return bool(self.usual)
 
 
 @dataclass(frozen=True)
 class Section:
-    """Settings that belong together."""
+    """A group of settings."""
 
     title: str
     settings: tuple[Setting, ...]
 
 
 def sections(run: Run) -> list[Section]:
-    """Return every setting that a run's files hold, by section."""
+    """Return all settings in a run's files, by section."""
     found = []
     if run.config:
         plain = {name: value for name, value in run.config.items()
@@ -64,7 +64,7 @@ def sections(run: Run) -> list[Section]:
 
 
 def nearest_preset(world: str, training: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the preset from which the fewest settings differ, and its values; '' without any."""
+    """Return the preset with the fewest differences, and its values; '' if there is none."""
     best: tuple[int, str, dict[str, Any]] = (len(training) + 1, '', {})
     for name in presets.preset_names(world):
         values = presets.load_preset(name, world).flat()
@@ -79,7 +79,7 @@ def nearest_preset(world: str, training: Mapping[str, Any]) -> tuple[str, dict[s
 def _settings(
     values: Mapping[str, Any], usual: Mapping[str, Any], infos: tuple[SettingInfo, ...],
 ) -> tuple[Setting, ...]:
-    """Return lines; `usual` may lack some, which then do not differ."""
+    """Return lines; settings missing in `usual` do not differ."""
     known = {info.name: info for info in infos}
     lines = []
     for name, value in values.items():
@@ -92,7 +92,7 @@ def _settings(
 
 
 def _text(value: object) -> str:
-    """Return a value as one writes it on the command line, whatever kind of number it is."""
+    """Return a value as written on the command line, for any numeric type."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):

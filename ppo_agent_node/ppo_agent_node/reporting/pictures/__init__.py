@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of runs and evaluations."""
+"""Pictures of runs and evaluations."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which pictures a run has, in which order, and how each is to be read."""
+"""Catalogue of a run's pictures, in order, with captions."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -20,12 +20,12 @@ from ppo_agent_node.reporting.run_files import Run
 
 EVALUATION, CONDITIONS, TRAINING = 'Evaluation', 'Conditions', 'Training'
 _PAD_OF_LANDER = 0.2
-"""part of the field's half width that is pad, as in Gymnasium's LunarLander"""
+"""Half-width of the pad relative to the field, as in Gymnasium's LunarLander."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that was drawn."""
+    """A drawn picture."""
 
     path: Path
     title: str
@@ -42,12 +42,12 @@ class _Entry:
 
 
 def draw(run: Run, folder: Path) -> list[Picture]:
-    """Draw all that a run's files have to show, and return the pictures in order.
+    """Draw all pictures that a run's files allow, and return them in order.
 
     Pictures of an earlier evaluation that the present one does not have are removed.
 
     :raises OSError: when one cannot be written.
-    :raises ValueError: when a line of the log holds a word where a number belongs.
+    :raises ValueError: when a line of the log has text instead of a number.
     """
     folder.mkdir(parents=True, exist_ok=True)
     drawn = []
@@ -128,7 +128,7 @@ def _training(run: Run) -> Figure | None:
 
 
 def _diagnostics(run: Run) -> Figure | None:
-    lines = run.stage('finetune')[1:]  # the first is the flight before any update
+    lines = run.stage('finetune')[1:]  # the first is the evaluation before any update
     return training_curves.diagnostics_figure(lines) if lines else None
 
 

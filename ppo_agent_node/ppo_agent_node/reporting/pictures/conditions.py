@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of conditions as heat maps: pilots side by side, a panel for each figure and level."""
+"""Heat maps of the table of conditions: one panel per figure and level, one column per pilot."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -24,38 +24,38 @@ from ppo_agent_node.reporting.pictures.style import plain
 _LEAST_WIDTH = 10.5
 _ROW, _COLUMN = 0.26, 0.46
 _LETTER = 0.06
-"""inches along the edge, of a letter of a name over a column"""
+"""Inches along the edge per letter of a name above a column."""
 _MARGIN = 1.9
-"""inches for titles, names of pilots and the scale, and for those of conditions"""
+"""Inches for titles, names of pilots and the scale, and for names of conditions."""
 _MIDDLE = 0.5
-"""Luminance below which writing is white."""
+"""Luminance below which text is white."""
 _DARK = '#111111'
 _LONG = 12
-"""letters of a pilot's name that fit over its column"""
+"""Letters of a pilot's name that fit above its column."""
 
 
 class _Figure(NamedTuple):
-    """A figure of the cells, and the scale that colours it."""
+    """A figure of the cells, and its colour scale."""
 
     key: str
     title: str
     bounds: tuple[float, ...]
-    """ends of the bins of one colour; values beyond take the outermost"""
+    """Edges of the colour bins; values beyond have the outermost colours."""
     factor: float
-    """that the value is shown times"""
+    """Factor of displayed values."""
     form: Callable[[float], str]
-    """writes a value"""
+    """Formatter of values."""
 
 
 def short_rate(value: float) -> str:
-    """Return per cent with one digit; 100 and 0 stand for exactly that."""
+    """Return per cent with one digit; 100 and 0 are exact."""
     if value in (0.0, 100.0):
         return f'{value:.0f}'
     return {'100.0': '> 99.9', '0.0': '< 0.1'}.get(text := f'{value:.1f}', text)
 
 
 def short_return(value: float) -> str:
-    """Return a return with one digit, without where crashes make it less than nothing."""
+    """Return a return with one digit, without it if crashes make the return negative."""
     return f'{value:.1f}' if value >= 0 else f'{value:.0f}'
 
 
@@ -73,11 +73,11 @@ def heat_maps(table: Mapping[str, Any]) -> Figure:
     :param table: as in `conditions.json`.
     """
     pilots, levels = table['pilots'], len(table['levels'])
-    # Slanted names reach over the right end of their panel.
+    # Slanted names extend beyond the right end of their panel.
     panel = _COLUMN * len(pilots) + (_LETTER * max(map(len, pilots)) if _slanted(pilots) else 0.1)
     width = max(_LEAST_WIDTH, _MARGIN + len(_FIGURES) * levels * panel)
     figure = Figure(figsize=(width, _MARGIN + _ROW * len(table['conditions'])))
-    # Names of the conditions stand at the left half only.
+    # Names of the conditions are shown on the left half only.
     plain_half = (width - _MARGIN) / len(_FIGURES)
     halves = figure.subfigures(
         1, len(_FIGURES), width_ratios=(plain_half + _MARGIN, plain_half), wspace=0.0,
@@ -88,7 +88,7 @@ def heat_maps(table: Mapping[str, Any]) -> Figure:
 
 
 def _half(half: SubFigure, table: Mapping[str, Any], shown: _Figure, *, labelled: bool) -> None:
-    """Draw the panels of one figure, a level each, and its scale."""
+    """Draw the panels of one figure, one per level, and its scale."""
     colours = ListedColormap(mpl.colormaps['cividis'](
         np.linspace(0.08, 1.0, len(shown.bounds) - 1)))
     norm = BoundaryNorm(shown.bounds, colours.N, clip=True)
@@ -114,7 +114,7 @@ def _write(
     panel: Axes, values: NDArray[np.float64], colours: ListedColormap, norm: BoundaryNorm,
     form: Callable[[float], str],
 ) -> None:
-    """Write each value into its cell."""
+    """Write each value in its cell."""
     light = colours(norm(values))[..., :3] @ np.array((0.299, 0.587, 0.114)) > _MIDDLE
     for (row, column), value in np.ndenumerate(values):
         panel.text(column, row, form(float(value)), ha='center', va='center', fontsize=8.5,
@@ -122,7 +122,7 @@ def _write(
 
 
 def _name(panel: Axes, pilots: Sequence[str], conditions: Sequence[str]) -> None:
-    """Put names to columns and rows, and white lines between cells."""
+    """Label columns and rows, and draw white lines between cells."""
     slanted = _slanted(pilots)
     panel.set_xticks(
         range(len(pilots)), [plain(name) for name in pilots], fontsize=8.5,
@@ -138,5 +138,5 @@ def _name(panel: Axes, pilots: Sequence[str], conditions: Sequence[str]) -> None
 
 
 def _slanted(pilots: Sequence[str]) -> bool:
-    """Return whether names are too many or too long to stand side by side."""
+    """Return whether names are too many or too long to be written side by side."""
     return len(pilots) > 2 or max(map(len, pilots)) > _LONG

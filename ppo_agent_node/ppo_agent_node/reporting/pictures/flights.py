@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of how the episodes of an evaluation ended and what they were worth."""
+"""Pictures of the outcomes and returns of an evaluation's episodes."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from ppo_agent_node.reporting.pictures.style import INK
 from rocket_sim_node.recording.drawing.palette import words
 
 SOLVED = {'lunar_lander': 200.0}
-"""Returns that count as a solution, by world (Gymnasium's documentation of LunarLander)."""
+"""Returns that count as solved, by world (Gymnasium's documentation of LunarLander)."""
 _LABELLED = 4.0
-"""% of the pie from which on a slice has its label beside it; the bars have them all"""
+"""Minimum % of a slice for a label in the pie; the bars label all of them."""
 
 
 def subject(figures: Mapping[str, Any]) -> str:
-    """Return who flew where, for titles."""
+    """Return pilot and world, for titles."""
     level = figures.get('level')
     where = figures['world'] if level is None else f'{figures["world"]}, level {level}'
     file = figures.get('policy_file')
@@ -33,7 +33,7 @@ def subject(figures: Mapping[str, Any]) -> str:
 
 
 def outcomes_figure(figures: Mapping[str, Any]) -> Figure:
-    """Return how the episodes ended: a pie, and bars with all counts."""
+    """Return the outcomes: a pie, and bars with all counts."""
     figure = Figure(figsize=(9.5, 4.2))
     pie, bars = figure.subplots(1, 2, width_ratios=(2, 3))
     counts: dict[str, int] = figures['outcomes']
@@ -63,7 +63,7 @@ def outcomes_figure(figures: Mapping[str, Any]) -> Figure:
 
 
 def _pie(axes: Axes, counts: Mapping[str, int], total: int, colours: Mapping[str, str]) -> None:
-    """Draw the slices clockwise from the top; thin ones have their names in the bars only."""
+    """Draw the slices clockwise from the top; thin ones are labelled in the bars only."""
     there = {name: count for name, count in counts.items() if count}
     labels = [
         f'{words(name)}\n{100 * count / total:.3g} %'
@@ -78,7 +78,7 @@ def _pie(axes: Axes, counts: Mapping[str, int], total: int, colours: Mapping[str
 
 
 def returns_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure:
-    """Return the return of each episode, in order of flight, and how they are distributed."""
+    """Return the return of each episode, in order of flight, and the distribution."""
     figure = Figure(figsize=(9.5, 4.6))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(4, 1))
     returns = episodes.numbers['return']
@@ -110,9 +110,9 @@ def dots(
     axes: Axes, x: style.Values, y: style.Values, episodes: EpisodeTable,
     outcomes: Mapping[str, int], chosen: style.Chosen, size: float = 4.0,
 ) -> None:
-    """Draw a dot for each chosen episode, in the colour of its outcome; landed below the rest.
+    """Draw a dot for each selected episode, coloured by outcome, with landed ones behind.
 
-    :param x: `(K,)`, as `y` and `chosen`.
+    :param x: `(K,)`, like `y` and `chosen`.
     """
     colours = style.outcome_colours(tuple(outcomes))
     for name in outcomes:

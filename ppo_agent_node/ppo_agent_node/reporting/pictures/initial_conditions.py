@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The landing rate over initial conditions: where a policy is strong, and where it is not."""
+"""Landing rate as a function of the initial conditions."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from rocket_sim_node.recording.drawing.palette import words
 from rocket_sim_node.worlds.base import F64
 
 MOST_BINS, LEAST_EPISODES = 10, 25
-"""Bins of a condition at most, and episodes of a bin at least, where there are enough."""
+"""Maximum bins of a condition, and minimum episodes of a bin, if there are enough."""
 _COLUMNS = 3
 _UNITS = {'_rad_s': ' (rad/s)', '_m_s': ' (m/s)', '_deg': ' (deg)', '_m': ' (m)'}
 _LABELS = {
@@ -35,14 +35,14 @@ _LABELS = {
 
 @dataclass(frozen=True)
 class BinnedRate:
-    """Landing rates over B bins of a condition with equally many episodes, as near as can be."""
+    """Landing rates over B bins of a condition with nearly equal numbers of episodes."""
 
     edges: F64
-    """`(B + 1,)`"""
+    """`(B + 1,)`."""
     landed: NDArray[np.int64]
-    """`(B,)`"""
+    """`(B,)`."""
     flown: NDArray[np.int64]
-    """`(B,)`"""
+    """`(B,)`."""
 
     @property
     def rate(self) -> F64:
@@ -58,7 +58,7 @@ class BinnedRate:
 
 
 def binned(values: F64, landed: NDArray[np.bool_]) -> BinnedRate:
-    """Return the landing rate by bins of a condition; equal values are never parted.
+    """Return the landing rate by bins of a condition; equal values share a bin.
 
     :param values: `(K,)` the condition, K at least 1.
     :param landed: `(K,)`.
@@ -76,7 +76,7 @@ def binned(values: F64, landed: NDArray[np.bool_]) -> BinnedRate:
 
 
 def varying(episodes: EpisodeTable) -> dict[str, F64]:
-    """Return the initial conditions that are not the same for all episodes."""
+    """Return the initial conditions that differ between episodes."""
     return {
         name: values for name, values in episodes.starts.items()
         if np.isfinite(values).all()
@@ -84,14 +84,14 @@ def varying(episodes: EpisodeTable) -> dict[str, F64]:
 
 
 def label(name: str) -> str:
-    """Return a column's name as words with its unit."""
+    """Return a column's name as text with its unit."""
     unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), '')
     what = _LABELS.get(name) or style.plain(words(name.removeprefix(START)))
     return f'{what} at the start{unit}'
 
 
 def conditions_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure | None:
-    """Return the landing rate over each condition that varies; None where none does."""
+    """Return the landing rate over each condition that varies; None if none does."""
     conditions = varying(episodes)
     if not conditions:
         return None
@@ -122,7 +122,7 @@ def conditions_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Fig
 
 
 def _draw(axes: Axes, rates: BinnedRate) -> None:
-    """Draw the rate of each bin, as wide as the bin is, with its interval."""
+    """Draw the rate of each bin over its width, with the interval."""
     left, right = rates.edges[:-1], rates.edges[1:]
     rate = 100 * rates.rate
     low, high = 100 * rates.interval.T

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several runs side by side: grouped by settings, learning curves with a band over the seeds."""
+"""Learning curves of several runs, grouped by settings, with a band over the seeds."""
 from __future__ import annotations
 
 import json
@@ -18,19 +18,19 @@ from ppo_agent_node.reporting.run_files import column
 from rocket_sim_node.worlds.base import F64
 
 POINTS = 200
-"""of a band"""
+"""Number of points of a band."""
 _NAMED = 3
-"""settings named in a label, at most"""
+"""Maximum number of settings in a label."""
 _MISSING = 'not set'
 _FIRST = ('world', 'pilot', 'level')
 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs whose settings differ in nothing but the seed."""
+    """Runs whose settings differ in the seed only."""
 
     mark: str
-    """a letter, '' where there is one group only"""
+    """A letter, '' if there is one group only."""
     label: str
     runs: tuple[Run, ...]
 
@@ -59,7 +59,7 @@ class Band:
 
 
 def settings(run: Run) -> dict[str, str]:
-    """Return all settings of a run but its seed, as text by name."""
+    """Return all settings of a run except its seed, as text by name."""
     flown = run.figures or {}
     values: dict[str, Any] = {
         'world': run.world, 'num_envs': run.config.get('num_envs', flown.get('num_envs'))}
@@ -74,7 +74,7 @@ def settings(run: Run) -> dict[str, str]:
 
 
 def groups(runs: Sequence[Run]) -> list[Group]:
-    """Return the runs by settings apart from the seed, in order, labelled by what differs."""
+    """Return the runs grouped by settings except the seed, in order, labelled by differences."""
     found: dict[str, list[Run]] = {}
     for run in runs:
         found.setdefault(json.dumps(settings(run), sort_keys=True), []).append(run)
@@ -93,10 +93,10 @@ def _mark(place: int) -> str:
 
 
 def _labels(texts: Sequence[dict[str, str]]) -> list[str]:
-    """Return a label for each of several settings: what tells them apart, and a little more."""
+    """Return a label for each of several settings: what distinguishes them, and a little more."""
     names = list(dict.fromkeys(name for text in texts for name in text))
     differing = [name for name in names if len({text.get(name) for text in texts}) > 1]
-    # What some runs do not know, as they are older or of another kind, says least.
+    # Settings that some runs lack, as they are older or of another kind, come last.
     differing.sort(key=lambda name: (
         name not in _FIRST, any(name not in text for text in texts)))
 
@@ -115,12 +115,12 @@ def _labels(texts: Sequence[dict[str, str]]) -> list[str]:
 
 
 def _comparable(name: str, text: dict[str, str]) -> bool:
-    """Return whether a setting could be had: an evaluation trains nothing, a run has no pilot."""
+    """Return whether a setting missing in `text` should be labelled so, not just inapplicable."""
     return name not in _FIRST and 'pilot' not in text
 
 
 def curve(run: Run, name: str, by_time: bool = False) -> Curve | None:
-    """Return an entry of fine-tuning over environment steps or wall clock; None without any.
+    """Return an entry of fine-tuning over environment steps or wall clock; None if missing.
 
     :param by_time: over min since the run began, demonstrations and cloning included.
     """
@@ -133,7 +133,7 @@ def curve(run: Run, name: str, by_time: bool = False) -> Curve | None:
 
 
 def band(curves: Sequence[Curve]) -> Band | None:
-    """Return median, lowest and highest of curves where all of them are; None where none is."""
+    """Return median, minimum and maximum of curves where all are defined; None if nowhere."""
     first = max(one.x[0] for one in curves)
     last = min(one.x[-1] for one in curves)
     if last <= first:
@@ -152,7 +152,7 @@ _COLUMNS = (('environment steps (millions)', 1e-6, False), ('wall clock (min)', 
 
 
 def seeds_figure(found: Sequence[Group]) -> Figure | None:
-    """Return learning curves of all groups; None when no run has fine-tuned yet."""
+    """Return learning curves of all groups; None if no run has fine-tuned yet."""
     figure = Figure(figsize=(11, 9))
     grid = figure.subplots(len(_ROWS), len(_COLUMNS), sharey='row', sharex='col')
     drawn = False
@@ -169,7 +169,7 @@ def seeds_figure(found: Sequence[Group]) -> Figure | None:
     if not drawn:
         return None
     named: dict[str, Any] = {}
-    for axes in grid.flat:  # a group may lack what one of them shows
+    for axes in grid.flat:  # a group may lack a quantity that is shown
         for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
             named.setdefault(text, handle)
     texts = [text for group in found if (text := _name(group)) in named]
@@ -197,6 +197,6 @@ def _draw(axes: Axes, curves: Sequence[Curve], group: Group, colour: str) -> boo
 
 
 def _name(group: Group) -> str:
-    """Return what the legend calls a group."""
+    """Return a group's name in the legend."""
     count = len(group.runs)
     return style.plain(f'{group.title} ({count} seed{"s" if count > 1 else ""})')

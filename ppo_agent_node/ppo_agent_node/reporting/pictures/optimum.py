@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far landings are from the least fuel and the least time of their starts."""
+"""Picture of landings' fuel and time relative to the optimum of their starts."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from rocket_sim_node.worlds.base import F64
 
 
 def optimum_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure | None:
-    """Return fuel and time beyond the optimum, start by start; None where none was solved."""
+    """Return fuel and time beyond the optimum, start by start; None if none was solved."""
     if any(name not in episodes.numbers for name in OPTIMUM):
         return None
     fuel, steps = (episodes.numbers[name] for name in OPTIMUM)
@@ -41,7 +41,7 @@ def optimum_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure
 
 
 def _bars(axes: Axes, excess: F64, what: str, colour: str) -> None:
-    """Draw what landings took beyond the optimum, %, in order."""
+    """Draw the excess of landings over the optimum, %, in order."""
     place = np.arange(1, len(excess) + 1)
     axes.bar(place, np.sort(excess), color=colour)
     axes.axhline(0.0, color=INK, lw=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How all pictures look: one palette, one set of fonts, one way to save."""
+"""Common style of all pictures: palette, fonts and saving."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ from rocket_sim_node.recording.drawing import palette
 Values = NDArray[np.float64] | NDArray[np.int64]
 Chosen = NDArray[np.bool_]
 
-# Okabe and Ito, 'Color universal design', 2008: told apart by colour-blind readers too.
+# Okabe and Ito, 'Color universal design', 2008: distinguishable with colour blindness.
 BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, YELLOW = (
     '#0072B2', '#E69F00', '#009E73', '#D55E00', '#56B4E9', '#CC79A7', '#F0E442')
 INK, GREY, PALE = '#333333', '#BBBBBB', '#F4F4F4'
@@ -46,7 +46,7 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in the house's style while this holds, whatever the user's own settings are."""
+    """Use the project's plotting style within the context, regardless of the user's settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
@@ -54,7 +54,7 @@ def styled() -> Iterator[None]:
 
 
 def plain_logarithm(axis: Axis) -> None:
-    """Put plain numbers at 1, 2 and 5 of each decade of a logarithmic axis."""
+    """Label 1, 2 and 5 of each decade of a logarithmic axis with plain numbers."""
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter('{x:,.10g}'))
     axis.set_minor_locator(NullLocator())
@@ -63,7 +63,7 @@ def plain_logarithm(axis: Axis) -> None:
 def save(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG and return the path.
 
-    :raises OSError: naming the path; what was there before is still there.
+    :raises OSError: naming the path; an earlier file is unchanged.
     """
     FigureCanvasAgg(figure)
     data = BytesIO()
@@ -73,23 +73,23 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def outcome_colours(outcomes: Sequence[str]) -> dict[str, str]:
-    """Return a colour for each outcome, the one that it has in recordings: green is landed."""
+    """Return the colour of each outcome, the same as in recordings: green is landed."""
     colours = palette.outcome_colours(tuple(outcomes))
     return {name: '#{:02X}{:02X}{:02X}'.format(*colour) for name, colour in colours.items()}
 
 
 def plain(text: str) -> str:
-    """Return a text from a file such that it is drawn letter by letter, not as a formula."""
+    """Return a text from a file, escaped so that it is not drawn as a formula."""
     return text.replace('$', r'\$')
 
 
 def thin(chosen: Chosen, most: int = 20_000) -> NDArray[np.intp]:
-    """Return the places of the chosen, evenly thinned to `most`: more dots show nothing more."""
+    """Return the indices of selected entries, evenly thinned to `most` visible ones."""
     places = np.flatnonzero(chosen)
     return places if len(places) <= most else places[
         np.linspace(0, len(places) - 1, most).astype(np.intp)]
 
 
 def whole_ticks(axes: Axes) -> None:
-    """Put ticks along x at whole numbers only."""
+    """Put ticks along x at integers only."""
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

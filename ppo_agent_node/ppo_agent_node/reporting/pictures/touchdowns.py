@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of touchdowns: how gentle they were, where they were, and what they took."""
+"""Pictures of touchdowns: speed, tilt, position and fuel."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -31,17 +31,17 @@ Limits = Mapping[str, float]
 
 
 def on_ground(episodes: EpisodeTable) -> NDArray[np.bool_]:
-    """Return `(K,)` which episodes ended on the ground."""
+    """Return `(K,)` whether episodes ended on the ground."""
     return ~episodes.named(*IN_FLIGHT)
 
 
 def touchdown_figure(figures: Figures, episodes: EpisodeTable, limits: Limits) -> Figure:
     """Return histograms of speed, tilt and distance of flights that ended on the ground.
 
-    For a rocket that is the touchdown; other worlds go on until all is at rest.
+    For a rocket these are at touchdown; other worlds continue until everything is at rest.
 
     :param limits: settings of the world, of which `landed_speed`, `landed_tilt` and
-        `landed_distance` are drawn where they are there.
+        `landed_distance` are drawn if present.
     """
     figure = Figure(figsize=(11, 4.2))
     rocket = str(figures['world']).startswith('rocket')
@@ -78,7 +78,7 @@ def _histogram(
     axes.hist([part for part, _ in parts], bins=list(edges), stacked=True,
               color=[colour for _, colour in parts])
     if np.histogram(values, edges)[0].max() > 0.5 * values.size:
-        axes.set_yscale('log')  # else one bin dwarfs the tail, and the tail is what crashes
+        axes.set_yscale('log')  # otherwise one bin hides the tail, which has the crashes
         axes.set_ylim(0.7, None)
     axes.axvline(percentile, color=INK, lw=1.2, ls='--')
     if near:
@@ -94,9 +94,9 @@ def _histogram(
 def footprint_figure(
     figures: Figures, episodes: EpisodeTable, radius: float | None,
 ) -> Figure:
-    """Return where they touched down: the whole pad, and the middle of it magnified.
+    """Return the positions of touchdowns: the whole pad, and its middle magnified.
 
-    :param radius: m, of the pad; None: not known.
+    :param radius: m, of the pad; None: unknown.
     """
     ground = on_ground(episodes)
     x, z = episodes.numbers['end_x_m'], episodes.numbers['end_z_m']
@@ -115,7 +115,7 @@ def footprint_figure(
             axes.plot(0, 0, '+', color=INK, ms=14, mew=1, zorder=1)
             axes.set_aspect('equal')
             axes.set_xlim(-reach, reach)
-            axes.set_ylim(reach, -reach)  # z towards the reader, as seen from above with y up
+            axes.set_ylim(reach, -reach)  # z towards the viewer, as seen from above with y up
             axes.xaxis.set_major_locator(MaxNLocator(6))
             axes.yaxis.set_major_locator(MaxNLocator(6))
             axes.set_xlabel('x (m)')
@@ -167,7 +167,7 @@ def _strip(
 
 
 def fuel_figure(figures: Figures, episodes: EpisodeTable) -> Figure:
-    """Return fuel against the least that a straight drop from the same start would take."""
+    """Return fuel against the minimum of a straight drop from the same start."""
     speed, used = episodes.numbers['start_descent_m_s'], episodes.numbers['fuel_used_kg']
     bound = episodes.numbers['fuel_bound_kg']
     ratio = (used / bound)[episodes.named('landed')]

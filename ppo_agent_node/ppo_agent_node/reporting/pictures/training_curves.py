@@ -20,14 +20,14 @@ from ppo_agent_node.runs.episode_scores import moving_average
 from rocket_sim_node.worlds.base import F64
 
 SMOOTHING = 0.2
-"""weight of the newest value in a smoothed curve"""
+"""Weight of the newest value in a smoothed curve."""
 
 
 def cloning_figure(lines: Lines) -> Figure:
     """Return training and validation loss over the epochs.
 
-    Before each round of DAgger stands how often the clone landed that flew it. Each round adds
-    samples, so that only losses of the same round compare, and the last one's clone is kept.
+    Each round of DAgger is labelled with the landing rate of the clone that flew it. Each round
+    adds samples, so only losses of the same round are comparable, and the last clone is kept.
     """
     figure = Figure(figsize=(8, 4.2))
     axes = figure.add_subplot()
@@ -58,7 +58,7 @@ def cloning_figure(lines: Lines) -> Figure:
 def training_figure(lines: Lines) -> Figure:
     """Return mean return and landing rate over the iterations.
 
-    Below them, where there are any, the level and the reach of a reverse curriculum.
+    If present, the level and the reach of a reverse curriculum are drawn below.
     """
     curricula = [
         (values, label, scale) for values, label, scale in (
@@ -107,9 +107,10 @@ def training_figure(lines: Lines) -> Figure:
 
 
 def _show_most(axes: Axes, raw: F64, selection: F64) -> None:
-    """Leave a few bad roll-outs below the picture, where they would flatten all else.
+    """Clip a few bad roll-outs at the lower edge, as they would flatten the curves.
 
-    One start that nobody can land from, flown by all its copies, costs a roll-out six points.
+    One start from which no landing is possible, flown by all its copies, costs a roll-out six
+    points.
     """
     shown = raw[np.isfinite(raw)]
     if shown.size < 20:
@@ -145,7 +146,8 @@ def diagnostics_figure(lines: Lines) -> Figure:
         ('clipfrac', 'clipped (% of samples)'), ('entropy', 'entropy (nats)'),
         ('learning_rate', 'learning rate'), ('log_std', 'ln of standard dev.'),
     ]
-    # A categorical policy has no standard deviation; other entries are there but while warming up.
+    # A categorical policy has no standard deviation; other entries are missing during warm-up
+    # only.
     panels = [panel for panel in panels
               if panel[0] != 'log_std' or np.isfinite(column(lines, panel[0])).any()]
     figure = Figure(figsize=(10, 8.4))
@@ -170,7 +172,7 @@ def diagnostics_figure(lines: Lines) -> Figure:
 
 
 def smooth(values: F64) -> F64:
-    """Return the exponential moving average `(K,)`, NaN left out."""
+    """Return the exponential moving average `(K,)`, ignoring NaN."""
     out = np.full_like(values, np.nan)
     mean = np.nan
     for index, value in enumerate(values):
@@ -181,7 +183,7 @@ def smooth(values: F64) -> F64:
 
 
 def _legend_above(axes: Axes) -> None:
-    """Put the legend where no curve is: above."""
+    """Place the legend above the curves."""
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
 
 

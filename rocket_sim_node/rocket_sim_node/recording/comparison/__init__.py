@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Several pilots from equal starts in one recording."""
+"""Recordings that compare several pilots from equal starts."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A comparison: several pilots fly the same starts, and all are seen at the same time.
+"""Recording of a comparison: several pilots fly the same starts and are shown simultaneously.
 
-Each pilot has a copy of the scene below a path of its own, so that everything in it is logged by
-the code that logs a single flight. Nothing here knows who the pilots are.
+Each pilot has a copy of the scene below its own entity path, so everything in it is logged by the
+code for a single flight. The module does not depend on any particular pilot.
 """
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
 
 APPLICATION = 'hoverslam_comparison'
-"""Not that of other recordings: the viewer keeps a layout for each application."""
+"""Differs from other recordings', because the viewer stores a layout per application."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """What one pilot flew.
+    """Flights of one pilot.
 
-    `key` is its place among the entities, `name` what legends and tables call it, `title` stands
-    above its view. Flight k of every side began like flight k of the others.
+    `key` is its entity path, `name` its label in legends and tables, `title` the heading of its
+    view. Flight k of every side has the same start.
     """
 
     key: str
@@ -52,14 +52,14 @@ class Side:
 
 @dataclass(frozen=True)
 class Logged:
-    """What a comparison holds: its steps, and the results as Markdown."""
+    """Content of a comparison: its number of steps, and the results as Markdown."""
 
     steps: int
     text: str
 
 
 class Below:
-    """A stream that puts all entities below a path; what else a stream can do is not needed."""
+    """A stream that logs below an entity path; has only the methods needed here."""
 
     def __init__(self, stream: rr.RecordingStream, path: str) -> None:
         """Log to `stream`, below `path`, such as '/expert'."""
@@ -78,7 +78,7 @@ class Below:
 def check(sides: Sequence[Side]) -> None:
     """Check that sides can be compared.
 
-    :raises ValueError: when there is none, two have one key, or they flew other starts.
+    :raises ValueError: when there is none, two have the same key, or their starts differ.
     """
     if not sides or not sides[0].flights:
         raise ValueError('comparison: got no flights, expected one or more of each pilot')
@@ -99,37 +99,37 @@ def check(sides: Sequence[Side]) -> None:
 
 
 def log_comparison(
-    stream: rr.RecordingStream, sides: Sequence[Side], stage: WorldInfo, settle: Settle,
+    stream: rr.RecordingStream, sides: Sequence[Side], info: WorldInfo, settle: Settle,
     heading: str = '', remarks: Sequence[str] = (),
 ) -> Logged:
-    """Log flights of several pilots, each start for all of them at once.
+    """Log flights of several pilots, each start for all of them simultaneously.
 
-    The next start follows when the slowest has ended, after a pause.
+    The next start follows after a pause when the slowest flight has ended.
 
-    :param settle: says what becomes of vehicles after their flights.
-    :param heading: what is compared, in a line; `remarks` stand below the results.
+    :param settle: returns the motion of vehicles after their flights.
+    :param heading: one line on what is compared; `remarks` are added below the results.
     :raises ValueError: when the sides cannot be compared.
     """
     check(sides)
     steps, first, verdicts = 0, 0, []
-    look = overlaid_plots.look(stage)
+    look = overlaid_plots.look(info)
     for side in sides:
-        look.static(_below(stream, side), stage)
-        if any(unusual(flight.values, flight.layout, stage) for flight in side.flights):
-            log_style(_below(stream, side), stage, plotted=False)
+        look.static(_below(stream, side), info)
+        if any(unusual(flight.values, flight.layout, info) for flight in side.flights):
+            log_style(_below(stream, side), info, plotted=False)
     overlaid_plots.log_styles(stream, sides)
-    settled = [settle(side.flights, stage) for side in sides]
+    settled = [settle(side.flights, info) for side in sides]
     for number, flights in enumerate(zip(*(side.flights for side in sides), strict=True)):
         longest, ends = 0, []
         for side, flight, settlings in zip(sides, flights, settled, strict=True):
             settling = settlings[number]
-            log_flight(_below(stream, side), flight, stage, Timepoint(first), settling, look)
+            log_flight(_below(stream, side), flight, info, Timepoint(first), settling, look)
             length = len(flight.followed_by(settling))
             ends.append(settling.verdict if settling is not None else '')
             longest, steps = max(longest, length), steps + length
         verdicts.append(ends)
-        first += longest + pause_steps(stage)
-    text = results(sides, verdicts, stage, heading, remarks)
+        first += longest + pause_steps(info)
+    text = results(sides, verdicts, info, heading, remarks)
     stream.log(layout.RESULTS, rr.TextDocument(
         text, media_type=rr.MediaType.MARKDOWN), static=True)
     return Logged(steps, text)
@@ -140,32 +140,32 @@ def _below(stream: rr.RecordingStream, side: Side) -> rr.RecordingStream:
 
 
 def write(
-    path: Path, sides: Sequence[Side], stage: WorldInfo, settle: Settle, heading: str = '',
+    path: Path, sides: Sequence[Side], info: WorldInfo, settle: Settle, heading: str = '',
     remarks: Sequence[str] = (),
 ) -> Logged:
-    """Write a comparison to a file, all of it or none.
+    """Write a comparison to a file, completely or not at all.
 
-    :param path: an old file there is replaced.
+    :param path: an existing file is replaced.
     :raises ValueError: when the sides cannot be compared.
     :raises OSError: naming the path.
     """
     check(sides)
     path.parent.mkdir(parents=True, exist_ok=True)
     raw, small = (path.with_name(f'.{path.stem}.{os.getpid()}.{part}.rrd') for part in 'ab')
-    shown = layout.blueprint(sides, stage)
+    shown = layout.blueprint(sides, info)
     try:
-        raw.write_bytes(b'')  # the stream would not name what is wrong
+        raw.write_bytes(b'')  # the stream's own error would not name the cause
         stream = rr.RecordingStream(APPLICATION)
         stream.set_log_time_enabled(False)
         stream.save(raw, default_blueprint=shown)
         with written(stream, raw):
-            logged = log_comparison(stream, sides, stage, settle, heading, remarks)
+            logged = log_comparison(stream, sides, info, settle, heading, remarks)
         reader = RrdReader(raw)
         save(reader, joined(reader), small, shown)
         small.replace(path)
     except OSError as error:
         raise OSError(error.errno, f'could not write: {error.strerror}', str(path)) from error
-    except RuntimeError as error:  # Rerun's
+    except RuntimeError as error:  # raised by Rerun
         raise OSError(5, f'could not write: {error}', str(path)) from error
     finally:
         raw.unlink(missing_ok=True)

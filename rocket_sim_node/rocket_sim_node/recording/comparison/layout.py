@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the viewer shows a comparison: a view a pilot in a row, below them plots that overlay."""
+"""Viewer layout of a comparison: a row of views, one per pilot, above overlaid plots."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,15 +22,15 @@ RESULTS = '/results'
 
 
 class Titled(Named, Protocol):
-    """One of those compared, as far as the layout knows it."""
+    """Interface of a compared pilot that the layout needs."""
 
     @property
     def title(self) -> str:
-        """What stands above its view."""
+        """The heading of its view."""
         ...
 
 
-def blueprint(sides: Sequence[Titled], stage: WorldInfo) -> UntimedBlueprint:
+def blueprint(sides: Sequence[Titled], info: WorldInfo) -> UntimedBlueprint:
     """Return the layout of a comparison."""
     phases = rrb.StateTimelineView(
         name='Phases', origin='/', contents=[f'/{side.key}{entities.PHASE}' for side in sides])
@@ -39,11 +39,11 @@ def blueprint(sides: Sequence[Titled], stage: WorldInfo) -> UntimedBlueprint:
         name='Log', origin='/', contents=[f'/{side.key}{entities.LANDINGS}' for side in sides])
     plots = [
         _plot(plot, sides, legend=number == 0)
-        for number, plot in enumerate(overlaid_plots.plots(stage))]
+        for number, plot in enumerate(overlaid_plots.plots(info))]
     results = rrb.TextDocumentView(name='Results', origin=RESULTS, contents=[RESULTS])
     return UntimedBlueprint(
         rrb.Vertical(
-            rrb.Horizontal(*(_view(side, stage) for side in sides)),
+            rrb.Horizontal(*(_view(side, info) for side in sides)),
             rrb.Horizontal(
                 rrb.Grid(*plots, phases, grid_columns=3),
                 rrb.Tabs(results, log, active_tab=0), column_shares=[5, 3]),
@@ -53,9 +53,9 @@ def blueprint(sides: Sequence[Titled], stage: WorldInfo) -> UntimedBlueprint:
         rrb.TimePanel(state='collapsed', timeline='sim_time', play_state='playing'))
 
 
-def _view(side: Titled, stage: WorldInfo) -> rrb.View:
-    """Return the world's own view, moved to where the pilot's copy of the scene is."""
-    view = scenery(stage.world).view()
+def _view(side: Titled, info: WorldInfo) -> rrb.View:
+    """Return the world's own view, placed at the pilot's copy of the scene."""
+    view = scenery(info.world).view()
     path = f'/{side.key}'
     view.name = side.title
     view.origin = f'{path}{view.origin}'
@@ -67,7 +67,7 @@ def _view(side: Titled, stage: WorldInfo) -> rrb.View:
 
 
 def _plot(plot: Plot, sides: Sequence[Titled], *, legend: bool) -> rrb.TimeSeriesView:
-    """Return the plot of a quantity, one line a pilot, some seconds around the cursor."""
+    """Return the plot of a quantity, one line per pilot, some seconds around the cursor."""
     shown = lines(plot, styled=False)
     entities = [overlaid_plots.entity(side) for side in sides]
     return rrb.TimeSeriesView(

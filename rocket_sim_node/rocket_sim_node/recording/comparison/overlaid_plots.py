@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plots of a comparison: one line a pilot, in the pilot's colour."""
+"""Plots of a comparison: one line per pilot, in the pilot's colour."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -24,28 +24,28 @@ F64 = NDArray[np.float64]
 
 COLOURS: tuple[Colour, ...] = (
     palette.WHITE, palette.ORANGE, palette.SKY, palette.PURPLE, palette.YELLOW, palette.GREEN)
-"""Of the pilots, in their order: the first is what the others are measured by."""
+"""Colours of the pilots, in order; the first pilot is the reference."""
 _WIDTHS = (6.5, 4.5, 2.0)
-"""Of their lines: where they cover each other, each can still be seen."""
+"""Line widths of the pilots; they differ so that overlapping lines stay visible."""
 
 
 class Named(Protocol):
-    """One of those compared, as far as a plot knows it."""
+    """Interface of a compared pilot that plots need."""
 
     @property
     def key(self) -> str:
-        """Its place among the entities."""
+        """Its entity path."""
         ...
 
     @property
     def name(self) -> str:
-        """What legends call it."""
+        """Its label in legends."""
         ...
 
 
 def _plot(title: str, name: str, values: Callable[[Trajectory, WorldInfo], F64]) -> Plot:
-    """Return a plot of one line; the pilot gives it name and colour."""
-    return Plot(title, name, (), (), lambda flight, stage: (values(flight, stage),))
+    """Return a plot of one line; the pilot determines its name and colour."""
+    return Plot(title, name, (), (), lambda flight, info: (values(flight, info),))
 
 
 HEIGHT = _plot('Height (m)', 'height', lambda f, s: f.position[:, 2] - s.touchdown_height)
@@ -57,23 +57,23 @@ RETURN = _plot(
     'Return so far', 'return', lambda f, _: np.cumsum(np.append(0.0, f.reward[1:])))
 
 
-def plots(stage: WorldInfo) -> tuple[Plot, ...]:
-    """Return what is plotted of a world, five quantities."""
-    return HEIGHT, SPEED, TILT, THROTTLE, FUEL if stage.fuel > 0 else RETURN
+def plots(info: WorldInfo) -> tuple[Plot, ...]:
+    """Return the five plots of a world's comparison."""
+    return HEIGHT, SPEED, TILT, THROTTLE, FUEL if info.fuel > 0 else RETURN
 
 
-def look(stage: WorldInfo) -> Scenery:
-    """Return the scenery of a world, with these plots in place of its own."""
-    return replace(scenery(stage.world), plots=plots(stage), unseen=())
+def look(info: WorldInfo) -> Scenery:
+    """Return the scenery of a world with these plots instead of its own."""
+    return replace(scenery(info.world), plots=plots(info), unseen=())
 
 
 def entity(side: Named) -> str:
-    """Return the entity that is plotted."""
+    """Return the plotted entity."""
     return f'/{side.key}{entities.ROCKET}'
 
 
 def log_styles(stream: rr.RecordingStream, sides: Sequence[Named]) -> None:
-    """Log how the lines look, once for all plots."""
+    """Log the lines' styles, once for all plots."""
     for number, side in enumerate(sides):
         stream.log(entity(side), rr.SeriesLines(
             names=[side.name], colors=[COLOURS[number % len(COLOURS)]],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The results of a comparison as tables, in Markdown."""
+"""Result tables of a comparison, in Markdown."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -14,11 +14,11 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 
 class Flown(Protocol):
-    """What one pilot flew, as far as tables know it."""
+    """Interface of a pilot's flights that tables need."""
 
     @property
     def name(self) -> str:
-        """What tables call the pilot."""
+        """The pilot's label in tables."""
         ...
 
     @property
@@ -28,17 +28,17 @@ class Flown(Protocol):
 
 
 def results(
-    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: WorldInfo, heading: str = '',
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], info: WorldInfo, heading: str = '',
     remarks: Sequence[str] = (),
 ) -> str:
-    """Return two tables: means of each pilot, and how each flight of each ended.
+    """Return two tables: means of each pilot, and the end of each flight.
 
-    :param verdicts: for each start, what became of each pilot's vehicle; '' where nobody asked.
-    :param heading: a line above them; `remarks` follow it.
+    :param verdicts: for each start, the verdict on each pilot's vehicle; '' if not determined.
+    :param heading: a line above them; `remarks` follow them.
     """
     count = len(sides[0].flights)
     stands = any(verdict for ends in verdicts for verdict in ends)
-    parts = [heading, *remarks, _means(sides, verdicts, stage, stands=stands)]
+    parts = [heading, *remarks, _means(sides, verdicts, info, stands=stands)]
     ends = [
         (str(start + 1), *(
             _end(side.flights[start], verdict)
@@ -49,19 +49,19 @@ def results(
 
 
 def touchdown_speed(flight: Trajectory) -> float:
-    """Return the speed when the ground was met, m/s; at the end where it was not, or ends all."""
+    """Return the speed at first contact, m/s; at the end if there is none, or it is the end."""
     first = int(np.argmax(flight.touching)) if flight.touching.any() else len(flight)
     return float(flight.speed[max(first - 1, 0)])
 
 
 def _means(
-    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], stage: WorldInfo, *, stands: bool,
+    sides: Sequence[Flown], verdicts: Sequence[Sequence[str]], info: WorldInfo, *, stands: bool,
 ) -> str:
-    fuel = stage.fuel > 0
+    fuel = info.fuel > 0
     rows = []
     for number, side in enumerate(sides):
         flights = side.flights
-        landed = [flight for flight in flights if flight.outcome == stage.outcomes[0]]
+        landed = [flight for flight in flights if flight.outcome == info.outcomes[0]]
         standing = sum(ends[number] == 'stands' for ends in verdicts)
         rows.append((
             side.name, f'{len(landed)} of {len(flights)}',
@@ -71,7 +71,7 @@ def _means(
             _mean('.2f', (f.tilt[-1] for f in landed)),
             _mean('.2f', (f.distance[-1] for f in landed)),
             *((_mean('.0f', (f.fuel[0] - f.fuel[-1] for f in flights)),) if fuel else ()),
-            _mean('.1f', ((len(f) - 1) * stage.dt for f in flights))))
+            _mean('.1f', ((len(f) - 1) * info.dt for f in flights))))
     table = _table((
         'mean of', 'landed', *(('stand',) if stands else ()), 'return', 'touchdown m/s',
         'tilt °', 'offset m', *(('fuel kg',) if fuel else ()), 'time s'), rows)
@@ -79,7 +79,7 @@ def _means(
 
 
 def _end(flight: Trajectory, verdict: str) -> str:
-    """Return how a flight ended, in a cell."""
+    """Return a table cell with the end of a flight."""
     end = words(flight.outcome or 'unfinished')
     if verdict and verdict != 'stands':
         end = f'{end}, {words(verdict)}'
@@ -87,12 +87,12 @@ def _end(flight: Trajectory, verdict: str) -> str:
 
 
 def _mean(digits: str, values: Iterable[float]) -> str:
-    """Return a mean as text, a dash where there is nothing to average."""
+    """Return a mean as text, a dash if there are no values."""
     known = np.fromiter(values, np.float64)
     return format(float(known.mean()), digits) if known.size else '–'
 
 
 def _table(names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table; the first column is text, numbers stand to the right."""
+    """Return a Markdown table; the first column is text, the others are right-aligned."""
     lines = [names, ['---', *['---:'] * (len(names) - 1)], *rows]
     return '\n'.join(f'| {" | ".join(cells)} |' for cells in lines)

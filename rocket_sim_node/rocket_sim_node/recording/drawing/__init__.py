@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What scenes and plots are drawn with: colours, meshes, entities, views, curves."""
+"""Building blocks of scenes and plots: colours, meshes, entities, views, curves."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The entities of a recording, and the styles of what moves, logged once at its head."""
+"""Entity paths of a recording, and the styles of moving entities, logged once at its start."""
 from __future__ import annotations
 
 import rerun as rr
@@ -30,27 +30,27 @@ TRAINING = '/training'
 TRAINING_STAGE = '/training/stage'
 
 WORLD_NAME = 'World:name'
-"""Component of :data:`WORLD` that says which world this is."""
+"""Component of :data:`WORLD` with the name of the world."""
 
 _VELOCITY: palette.Colour = palette.SKY
 _THRUST: palette.Colour = palette.ORANGE
 
 
 def log_styles(
-    stream: rr.RecordingStream, stage: WorldInfo, *, unit: float, mark: float,
+    stream: rr.RecordingStream, info: WorldInfo, *, unit: float, mark: float,
     in_front: float = 0.0,
     nose: float | None = None,
 ) -> None:
-    """Log which world this is, and the styles of what will move.
+    """Log the world's name, and the styles of entities that will move.
 
     :param unit: m, radius of the vehicle's arrows.
     :param mark: m, radius of the marks of touchdowns.
-    :param in_front: m, how far in front of the vehicle they stand.
-    :param nose: m, height in the body frame at which the thrust's arrow begins, if it has one.
+    :param in_front: m, distance of the arrows in front of the vehicle.
+    :param nose: m, height in the body frame at which the thrust arrow begins, if there is one.
     """
     origins = [(0.0, -in_front, height) for height in (0.0, nose) if height is not None]
     stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, rr.DynamicArchetype(
-        'World', components={'name': [stage.world]}), static=True)
+        'World', components={'name': [info.world]}), static=True)
     stream.log(
         ROCKET, rr.Arrows3D.from_fields(
             colors=[_VELOCITY, _THRUST][:len(origins)], radii=[unit], origins=origins),
@@ -61,7 +61,7 @@ def log_styles(
         PATHS, rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.2)), static=True)
     stream.log(LANDINGS, rr.Points3D.from_fields(radii=mark), static=True)
     colours = {
-        **palette.PHASES, **palette.VERDICTS, **palette.outcome_colours(stage.outcomes)}
+        **palette.PHASES, **palette.VERDICTS, **palette.outcome_colours(info.outcomes)}
     stream.log(PHASE, rr.StateConfiguration(
         values=list(colours), labels=[palette.words(name) for name in colours],
         colors=list(colours.values())),
@@ -69,7 +69,7 @@ def log_styles(
 
 
 def archetype(mesh: Mesh, shaded: bool = True, opacity: int = 255) -> rr.Mesh3D:
-    """Return a mesh as Rerun takes it; without normals it is drawn in its own light."""
+    """Return a mesh as a Rerun archetype; without normals it is drawn unshaded."""
     return rr.Mesh3D(
         vertex_positions=mesh.position, triangle_indices=mesh.triangle,
         vertex_normals=mesh.normal if shaded else None, vertex_colors=mesh.colour,

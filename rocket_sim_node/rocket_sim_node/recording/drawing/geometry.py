@@ -29,7 +29,7 @@ class Mesh:
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh that holds them all."""
+    """Return one mesh that combines all of them."""
     offsets = np.cumsum([0, *(len(m.position) for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.position for m in meshes]),
@@ -54,7 +54,7 @@ def transform(mesh: Mesh, scale: float = 1.0, yaw: float = 0.0,
 def revolve(
     profile: Sequence[tuple[float, float, Colour]], sides: int = 16,
 ) -> Mesh:
-    """Return the body that a profile sweeps around z.
+    """Return the solid of revolution of a profile around z.
 
     :param profile: (radius, z, colour) from one end to the other, upwards for outward normals;
         two points at the same height make a flat ring, a repeated point a sharp edge.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours that people with any colour vision tell apart (Okabe and Ito, 2008), sRGB.
+"""Colour palette for all types of colour vision (Okabe and Ito, 2008), sRGB.
 
-Recordings and reports show outcomes in the same colours and by the same words.
+Recordings and reports use the same colours and names for outcomes.
 """
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ _OTHERS = (VERMILION, PURPLE, ORANGE, SKY, YELLOW, GREY)
 FALL: Colour = (88, 104, 140)
 BURN: Colour = (255, 176, 56)
 PHASES = {'fall': FALL, 'burn': BURN}
-"""Phases of a flight: engine off, engine on; then its outcome."""
+"""Colours of a flight's phases: engine off, engine on; its outcome follows."""
 SETTLING = 'settling'
 VERDICTS = {
     SETTLING: FALL, 'stands': GREEN, 'slides': ORANGE, 'bounces': SKY, 'tips_over': VERMILION}
-"""What may follow a touchdown, and how it may end."""
+"""Colours of the phase after a touchdown, and of its verdicts."""
 
 
 def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
-    """Return a colour for each outcome: green for the first, a success; no other is alike."""
+    """Return a colour for each outcome: green for the first, a success; all are different."""
     colours = {name: _OUTCOMES[name] for name in outcomes if name in _OUTCOMES}
     for index, name in enumerate(outcomes):
         free = [other for other in _OTHERS if other not in colours.values()] or list(_OTHERS)
@@ -49,10 +49,10 @@ def outcome_colours(outcomes: tuple[str, ...]) -> dict[str, Colour]:
 
 
 def words(name: str) -> str:
-    """Return the name of an outcome, a verdict or a quantity as a person writes it."""
+    """Return the name of an outcome, a verdict or a quantity as text for display."""
     return name.replace('_', ' ')
 
 
 def light(colour: Colour) -> Colour:
-    """Return a colour half way to white, for text on a dark ground."""
+    """Return a colour half way to white, for text on a dark background."""
     return ((colour[0] + 255) // 2, (colour[1] + 255) // 2, (colour[2] + 255) // 2)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a planar world is seen: from its side, x to the right and z up, in a 2-D view.
+"""2-D view of a planar world from its side, x to the right and z up.
 
-The one place where the picture's y, which points down, meets the world's z, which points up: a
-pinhole camera in front of the plane, whose axes are declared as right, forward, up. What lies in
-the world is drawn with the shapes of three dimensions, filled and batched as anywhere else, and
-the camera projects it. It stands so far away that nothing shows depth.
+Only this module converts between the picture's y, which points down, and the world's z, which
+points up: by a pinhole camera in front of the plane, whose axes are declared as right, forward,
+up. The world is drawn with 3-D shapes, filled and batched as elsewhere, and projected by the
+camera. The camera is so far away that there is no visible perspective.
 """
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ F64 = NDArray[np.float64]
 Corners = F64 | list[tuple[float, float]]
 
 PICTURE = 1000.0
-"""height of the picture in the view's units"""
+"""Height of the picture in the view's units."""
 DISTANCE = 8.0
-"""of the camera from the plane, in heights of what it sees"""
+"""Distance of the camera from the plane, in heights of its field of view."""
 
 
 def view(aspect: float = 1.0) -> rrb.Spatial2DView:
@@ -44,14 +44,14 @@ def view(aspect: float = 1.0) -> rrb.Spatial2DView:
 
 
 def log_eye(stream: rr.RecordingStream) -> None:
-    """Log the camera's lens, by which one extent of the world fills the picture's height."""
+    """Log the camera's intrinsics, by which one extent of the world fills the picture's height."""
     stream.log(entities.CAMERA, rr.Pinhole(
         focal_length=PICTURE * DISTANCE, width=PICTURE, height=PICTURE, principal_point=(0, 0),
         camera_xyz=rr.ViewCoordinates.RFU), static=True)
 
 
 def columns(views: F64) -> rr.ComponentColumnList:
-    """Return where the camera stands for views `(k, 4)`: the point looked at and the extent."""
+    """Return the camera poses for views `(k, 4)`: the point looked at and the extent."""
     return rr.Transform3D.columns(translation=np.column_stack((
         views[:, 0], -DISTANCE * views[:, 3], views[:, 2])).astype(np.float32))
 
@@ -66,7 +66,7 @@ def polygon(corners: Corners, colour: Colour, behind: float = 0.0) -> Mesh:
     """Return a filled convex polygon in the plane.
 
     :param corners: `(k, 2)` x and z, in order.
-    :param behind: m, that it stands behind the plane.
+    :param behind: m, distance behind the plane.
     """
     flat = np.asarray(corners, np.float64)
     k = len(flat)
@@ -78,10 +78,10 @@ def polygon(corners: Corners, colour: Colour, behind: float = 0.0) -> Mesh:
 
 
 def log_terrain(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
 ) -> None:
-    """Log the ground of a flight as a filled strip and its edge; it goes on level outside."""
-    half = stage.field_half_width
+    """Log the ground of a flight as a filled strip with an edge; outside it continues level."""
+    half = info.field_half_width
     height = flight.terrain[0] if flight.layout.heights else np.zeros(2)
     x = np.linspace(-half, half, len(height))
     x = np.concatenate(([-10 * half], x, [10 * half]))
@@ -94,7 +94,7 @@ def log_terrain(
     triangles = np.concatenate((
         np.column_stack((left, left + k, left + 1)),
         np.column_stack((left + 1, left + k, left + k + 1))))
-    first = place.times(np.array([0]), stage.dt)
+    first = at.times(np.array([0]), info.dt)
     stream.send_columns(entities.TERRAIN, first, [
         *rr.Mesh3D.columns(
             vertex_positions=np.concatenate((top, bottom)).astype(np.float32)
@@ -107,7 +107,7 @@ def log_terrain(
 
 
 def log_terrain_style(stream: rr.RecordingStream, colour: Colour, edge: Colour) -> None:
-    """Log what the ground of flights looks like."""
+    """Log the style of the ground."""
     stream.log(entities.TERRAIN, rr.Mesh3D.from_fields(albedo_factor=colour), static=True)
     stream.log(entities.SURFACE, rr.LineStrips3D.from_fields(
         radii=rr.Radius.ui_points(1.2), colors=[edge]), static=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plots of a flight: what their lines are, and what they look like."""
+"""Plots of a flight: the values and styles of their lines."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -23,26 +23,26 @@ STANDARD_GRAVITY = 9.81
 _MOST = np.finfo(np.float16).max
 
 SAMPLE = 'Flight:sample'
-"""the component of a rocket's entity that holds all that is plotted of it, a record in each row;
-one of its own for each plot would cost 4 bytes a row more, and its place in the file's index"""
+"""Component of a rocket's entity with all plotted values, one record per row. A component for each
+plot would cost 4 bytes a row more, and an entry in the file's index."""
 UNUSUAL = 'Flight:unusual'
-"""the same of flights whose conditions are not nominal, beside their samples"""
+"""The same for additional values of flights under conditions that are not nominal."""
 STYLES = {
     SAMPLE: {'SeriesLines:names': 'Flight:names', 'SeriesLines:colors': 'Flight:colors'},
     UNUSUAL: {
         'SeriesLines:names': 'Flight:unusual_names', 'SeriesLines:colors': 'Flight:unusual_colors',
     },
 }
-"""where the viewer finds what the lines are called and look like, with the fields of a record"""
+"""Where the viewer finds names and styles of the lines, beside the records."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of the rocket's entity: one field of its records, and its lines' names and colours.
+    """A plot: one field of the rocket's records, and its lines' names and colours.
 
     `records` is :data:`SAMPLE` or :data:`UNUSUAL`. `lines` gives the values of a flight of n
-    samples, one `(n,)` for each line. Where `rough` they are stored with half precision, 0.05 %:
-    what follows from other components need only be drawn.
+    samples, one `(n,)` for each line. If `rough`, they are stored with half precision, 0.05 %,
+    enough for drawing values that follow from other components.
     """
 
     title: str
@@ -54,49 +54,49 @@ class Plot:
     records: str = SAMPLE
 
     def table(
-        self, flight: Trajectory, stage: WorldInfo,
+        self, flight: Trajectory, info: WorldInfo,
     ) -> NDArray[np.float32] | NDArray[np.float16]:
         """Return the values of n samples as `(n + 1, lines)`; the last row is a gap."""
-        lines = self.lines(flight, stage)
+        lines = self.lines(flight, info)
         table = np.full((len(flight) + 1, len(lines)), np.nan, np.float32)
         table[:-1] = np.stack(lines, axis=1)
         return table.clip(-_MOST, _MOST).astype(np.float16) if self.rough else table
 
     @property
     def selector(self) -> str:
-        """What picks the values of its lines from a record, in the viewer's words."""
+        """The viewer's query for the values of its lines in a record."""
         return f'.{self.name}[]'
 
 
-def weights(flight: Trajectory, stage: WorldInfo) -> F64:
-    """Return the force of the ground `(n, 3)`, in weights of the vehicle as it started."""
-    gravity = stage.settings.get('gravity') or STANDARD_GRAVITY
+def weights(flight: Trajectory, info: WorldInfo) -> F64:
+    """Return the force of the ground `(n, 3)`, in initial weights of the vehicle."""
+    gravity = info.settings.get('gravity') or STANDARD_GRAVITY
     return flight.contact_force / max(float(flight.mass[0]) * gravity, 1e-9)
 
 
-def _motion(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
-    return flight.position[:, 2] - stage.touchdown_height, flight.speed
+def _motion(flight: Trajectory, info: WorldInfo) -> tuple[F64, ...]:
+    return flight.position[:, 2] - info.touchdown_height, flight.speed
 
 
-def _engine(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
-    return 100.0 * flight.throttle, 100.0 * flight.fuel / max(stage.fuel, 1e-9)
+def _engine(flight: Trajectory, info: WorldInfo) -> tuple[F64, ...]:
+    return 100.0 * flight.throttle, 100.0 * flight.fuel / max(info.fuel, 1e-9)
 
 
-def _side_engines(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
-    """Return main and side engines, %: those have no throttle of their own, only a force."""
-    power = stage.settings.get('side_engine_power', LunarSettings.side_engine_power)
-    most = max(power / stage.dt * SIDE_ENGINE_AWAY, 1e-9)
+def _side_engines(flight: Trajectory, info: WorldInfo) -> tuple[F64, ...]:
+    """Return main and side engines, %; side engines have a force but no throttle of their own."""
+    power = info.settings.get('side_engine_power', LunarSettings.side_engine_power)
+    most = max(power / info.dt * SIDE_ENGINE_AWAY, 1e-9)
     return 100.0 * flight.throttle, 100.0 * flight.lateral_thrust / most
 
 
-def _reward(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
-    # What stands at the first sample belongs to no step of this flight.
+def _reward(flight: Trajectory, info: WorldInfo) -> tuple[F64, ...]:
+    # The first sample's reward belongs to no step of this flight.
     reward = np.append(0.0, flight.reward[1:])
     return np.cumsum(reward), reward
 
 
-def _contact(flight: Trajectory, stage: WorldInfo) -> tuple[F64, ...]:
-    return (np.linalg.norm(weights(flight, stage), axis=1),)
+def _contact(flight: Trajectory, info: WorldInfo) -> tuple[F64, ...]:
+    return (np.linalg.norm(weights(flight, info), axis=1),)
 
 
 MOTION = Plot(
@@ -123,25 +123,25 @@ DISTURBANCE = Plot(
     lambda flight, _: (flight.disturbance[:, 0], flight.disturbance[:, 1]), rough=True,
     records=UNUSUAL)
 UNUSUALS = (COMMANDED, DISTURBANCE)
-"""The fields of an unusual flight's records."""
+"""Plots of the records of flights under conditions that are not nominal."""
 
 
 def _records(fields: Mapping[str, tuple[pa.Array, int]]) -> pa.StructArray:
-    """Return records: by name the values of all records, one after another, and how many each."""
+    """Return records; per field, the values of all records concatenated and the number of each."""
     return pa.StructArray.from_arrays(
         [pa.FixedSizeListArray.from_arrays(values, width) for values, width in fields.values()],
         names=list(fields))
 
 
 def columns(
-    plots: tuple[Plot, ...], flight: Trajectory, stage: WorldInfo,
+    plots: tuple[Plot, ...], flight: Trajectory, info: WorldInfo,
 ) -> list[rr.ComponentColumn]:
     """Return n samples as a column of n + 1 rows; the last is a gap in the lines of the plots.
 
     :param plots: all those of one kind of records.
     """
-    tables = {plot.name: plot.table(flight, stage) for plot in plots}
-    # As Arrow's arrays: Rerun would make a Python list of each number of NumPy's.
+    tables = {plot.name: plot.table(flight, info) for plot in plots}
+    # As Arrow arrays: Rerun would convert NumPy arrays to Python lists.
     records = _records({
         name: (pa.array(table.ravel()), table.shape[1]) for name, table in tables.items()})
     return list(rr.DynamicArchetype.columns('Flight', components={
@@ -153,7 +153,7 @@ def _field(component: str) -> str:
 
 
 def log_styles(stream: rr.RecordingStream, entity: str, plots: tuple[Plot, ...]) -> None:
-    """Log how the lines of all plots look; it costs a third of what it would in the layout.
+    """Log the styles of all plots' lines; costs a third of the same in the layout.
 
     :param plots: all those of one kind of records.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places on the timelines of a recording."""
+"""Positions on the timelines of a recording."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 
 PAUSE = 2.0
-"""s of standing still after a flight, for the eye, before the next one begins"""
+"""Pause, s, after a flight before the next one begins, for the viewer's benefit."""
 
 
-def pause_steps(stage: WorldInfo) -> int:
-    """Return how many steps lie between the end of a flight and the start of the next."""
-    return int(np.ceil(PAUSE / stage.dt))
+def pause_steps(info: WorldInfo) -> int:
+    """Return the number of steps between the end of a flight and the start of the next."""
+    return int(np.ceil(PAUSE / info.dt))
 
 
 @dataclass(frozen=True)
 class Timepoint:
-    """Where on the timelines something lies: its first step and the training iteration.
+    """A position on the timelines: step and training iteration.
 
-    Where no agent has reported there is no iteration, and nothing lies on that timeline.
-    Steps count those of the recording, in which flights lie one after another, and not those of
-    a simulator; `sim_time` is the step times dt.
+    Without reports of an agent there is no iteration, and nothing is logged on that timeline.
+    Steps are counted by the recording, in which flights follow one another, not by a simulator;
+    `sim_time` is the step times dt.
     """
 
     step: int
@@ -39,11 +39,11 @@ class Timepoint:
 
 def timelines(steps: NDArray[Any], dt: float) -> list[rr.TimeColumn]:
     """Return the time columns of rows at steps `(k,)` of a recording."""
-    # To the nanosecond: Rerun would cut off what a product of floats lacks.
+    # Rounded to the nanosecond: Rerun would truncate the product of floats.
     times = np.round(steps * (dt * 1e9)).astype('timedelta64[ns]')
     return [rr.TimeColumn('sim_time', duration=times), rr.TimeColumn('step', sequence=steps)]
 
 
 def changed(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of `(n, k)` differ from the one before; the first always does."""
+    """Return which rows of `(n, k)` differ from the previous one; the first always does."""
     return np.append(True, np.any(np.diff(values, axis=0) != 0, axis=1))

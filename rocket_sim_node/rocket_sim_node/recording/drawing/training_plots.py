@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a training run goes: curves on a timeline of their own, and the log."""
+"""Plots of a training run, on a timeline of its own, and its log."""
 from __future__ import annotations
 
 import math
@@ -19,7 +19,7 @@ from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import timelines
 
 LEARNING = ('demonstrate', 'clone', 'finetune')
-"""Stages in which an agent learns; in the others it shows what it can."""
+"""Stages in which the agent learns; in the others it is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -56,33 +56,33 @@ CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
     'reach': ('Height of the highest starts (m)', (
         Curve('reach', 'above touchdown', palette.ORANGE),)),
 }
-"""Plots by the entity below `/training` that holds them: title and lines."""
+"""Plots by their entity below `/training`: title and lines."""
 LINES = tuple(curve for _, curves in CURVES.values() for curve in curves)
 """The lines of all plots."""
 
 
 @dataclass(frozen=True)
 class Training:
-    """A message of the agent: an iteration of a stage, with its numbers by name."""
+    """An agent's report: one iteration of a stage, with its values by name."""
 
     stage: str
     iteration: int
     values: Mapping[str, float]
     message: str = ''
     run: str = ''
-    """whose it is"""
+    """Name of the run."""
 
     @property
     def learning(self) -> bool:
-        """Whether the agent still learns."""
+        """Whether the agent is still learning."""
         return self.stage in LEARNING
 
 
 class IterationCounter:
-    """Counts iterations through all stages: each stage begins its own count at 1."""
+    """Counts iterations across stages, each of which begins its own count at 1."""
 
     def __init__(self) -> None:
-        """Begin before the first."""
+        """Begin before the first iteration."""
         self._stage = ('', '')
         self._before = 0
         self.count = 0
@@ -90,7 +90,7 @@ class IterationCounter:
     def add(self, training: Training) -> int:
         """Return the iteration's number in the recording.
 
-        An evaluation counts episodes, not these; another run goes on from where the last ended.
+        An evaluation counts episodes, which are not added; another run continues the count.
         """
         if not training.learning:
             return self.count
@@ -110,43 +110,43 @@ def log_styles(stream: rr.RecordingStream) -> None:
 
 
 class GatheredReports:
-    """Iterations that wait to be logged: their places and their numbers of `LINES`.
+    """Buffer of iterations to be logged: their positions and their values of `LINES`.
 
-    As bare numbers: as objects they were most of what a recorder's memory grew by in its first
-    hours, in which more and more is gathered.
+    Stored as plain numbers: stored as objects they dominated a recorder's memory growth in its
+    first hours, while the buffering period increases.
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
-        self._places, self._values = array('q'), array('d')
+        """Begin empty."""
+        self._timepoints, self._values = array('q'), array('d')
 
     def __len__(self) -> int:
-        """Return how many wait."""
-        return len(self._places) // 2
+        """Return the number of buffered iterations."""
+        return len(self._timepoints) // 2
 
-    def add(self, place: Timepoint, values: Mapping[str, float]) -> None:
-        """Add an iteration's; a number that is not there is a gap in its line."""
+    def add(self, at: Timepoint, values: Mapping[str, float]) -> None:
+        """Add an iteration; a missing value is a gap in its line."""
         row = array('d', [
             line.factor * values.get(line.value, math.nan) for line in LINES])
-        self._places += array('q', (place.step, place.iteration or 0))
+        self._timepoints += array('q', (at.step, at.iteration or 0))
         self._values += row
 
     def take(self) -> tuple[list[Timepoint], NDArray[np.float64]]:
-        """Return places and values `(k, lines)` of all that wait; none do, afterwards."""
-        places, values = self._places, self._values
-        self._places, self._values = array('q'), array('d')
+        """Return positions and values `(k, lines)` of all iterations, and empty the buffer."""
+        timepoints, values = self._timepoints, self._values
+        self._timepoints, self._values = array('q'), array('d')
         return (
-            [Timepoint(*pair) for pair in zip(places[::2], places[1::2], strict=True)],
+            [Timepoint(*pair) for pair in zip(timepoints[::2], timepoints[1::2], strict=True)],
             np.array(values).reshape(-1, len(LINES)))
 
 
 def log_training(
-    stream: rr.RecordingStream, places: Sequence[
+    stream: rr.RecordingStream, timepoints: Sequence[
         Timepoint], values: NDArray[np.float64], dt: float,
 ) -> None:
-    """Log iterations, several at once: a chunk for each would cost more than its data.
+    """Log several iterations at once: a chunk for each would cost more than its data.
 
-    Values that are not finite are gaps in their line; a plot with nothing to show is left out.
+    Values that are not finite are gaps in their line; a plot without values is omitted.
 
     :param values: `(k, lines)`, see :class:`GatheredReports`.
     """
@@ -156,30 +156,30 @@ def log_training(
         kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
         if kept:
             stream.send_columns(
-                f'{entities.TRAINING}/{entity}', times([places[k] for k in kept], dt),
+                f'{entities.TRAINING}/{entity}', times([timepoints[k] for k in kept], dt),
                 rr.Scalars.columns(scalars=table[kept]))
 
 
-def times(places: Sequence[Timepoint], dt: float) -> list[rr.TimeColumn]:
-    """Return the time columns of rows that stand at `places`."""
-    steps = np.array([place.step for place in places])
+def times(timepoints: Sequence[Timepoint], dt: float) -> list[rr.TimeColumn]:
+    """Return the time columns of rows at `timepoints`."""
+    steps = np.array([at.step for at in timepoints])
     return [
-        rr.TimeColumn('iteration', sequence=[place.iteration or 0 for place in places]),
+        rr.TimeColumn('iteration', sequence=[at.iteration or 0 for at in timepoints]),
         *timelines(steps, dt),
     ]
 
 
-def log_stage(stream: rr.RecordingStream, name: str, place: Timepoint, dt: float) -> None:
+def log_stage(stream: rr.RecordingStream, name: str, at: Timepoint, dt: float) -> None:
     """Log that a stage of the run begins."""
     stream.send_columns(
-        entities.TRAINING_STAGE, times([place], dt), rr.StateChange.columns(state=[name]))
+        entities.TRAINING_STAGE, times([at], dt), rr.StateChange.columns(state=[name]))
 
 
 def log_text(
     stream: rr.RecordingStream, rows: Sequence[tuple[Timepoint, str, str]], dt: float,
 ) -> None:
-    """Log lines of the run's log: place, text and level ('INFO', 'WARN') of each."""
+    """Log lines of the run's log: position, text and level ('INFO', 'WARN') of each."""
     stream.send_columns(
-        entities.LOG, times([place for place, _, _ in rows], dt),
+        entities.LOG, times([at for at, _, _ in rows], dt),
         rr.TextLog.columns(
             text=[text for _, text, _ in rows], level=[level for _, _, level in rows]))

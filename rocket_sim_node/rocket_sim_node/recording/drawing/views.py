@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The view of the landing in three dimensions, and what of the past each view shows."""
+"""3-D view of the landing, and the time ranges that views show."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ PATH_ITERATIONS = 5
 
 
 def histories() -> Mapping[rr.EntityPath | str, rrb.VisibleTimeRanges]:
-    """Return how long marks, paths and the trail stay, by entity."""
+    """Return how long marks, paths and the trail stay visible, by entity."""
     boundary = rrb.TimeRangeBoundary
     now = boundary.cursor_relative()
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How each world looks in the viewer."""
+"""Appearance of each world in the viewer."""

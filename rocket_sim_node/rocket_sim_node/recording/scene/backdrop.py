@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scene where nothing flies: the vehicle stands on its pad."""
+"""Scene without a flight: the vehicle stands on its pad."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Layout
 
 STANDING = Layout(legs=2)
-"""What there is to know of a vehicle that stands where nothing flies, on flat ground."""
+"""Layout of a sample of a vehicle standing on flat ground."""
 
 
 @dataclass(frozen=True)
 class _Head(Timepoint):
-    """The head of one timeline and of no other: it is no step of any flight."""
+    """The start of a single timeline, which is not a step of any flight."""
 
     training: bool = False
 
     def times(self, offsets: NDArray[Any], dt: float) -> list[rr.TimeColumn]:
-        """Return the time columns of rows that stand there."""
+        """Return the time columns of rows at that position."""
         return [
             rr.TimeColumn('iteration', sequence=[0] * len(offsets)) if self.training
             else rr.TimeColumn('sim_time', duration=np.zeros(len(offsets)))]
@@ -37,19 +37,19 @@ class _Head(Timepoint):
 
 BEFORE_TRAINING = _Head(0, training=True)
 BEFORE_FLIGHT = _Head(0)
-"""What a live viewer shows until the first flight begins."""
+"""Position of the scene that a live viewer shows until the first flight begins."""
 
 
-def log_backdrop(stream: rr.RecordingStream, stage: WorldInfo, place: Timepoint) -> None:
-    """Let the vehicle stand on its pad at a place of the recording."""
+def log_backdrop(stream: rr.RecordingStream, info: WorldInfo, at: Timepoint) -> None:
+    """Log the vehicle standing on its pad at a position of the recording."""
     values = np.zeros((1, STANDING.width))
-    values[0, FIELDS['position'].stop - 1] = stage.touchdown_height
+    values[0, FIELDS['position'].stop - 1] = info.touchdown_height
     values[0, FIELDS['orientation'].stop - 1] = 1.0
     standing = Trajectory(0, 0, 0, '', values, STANDING)
-    look = scenery(stage.world)
-    times = place.times(np.zeros(1), stage.dt)
+    look = scenery(info.world)
+    times = at.times(np.zeros(1), info.dt)
     stream.send_columns(entities.ROCKET, times, rr.Transform3D.columns(
         translation=standing.position, quaternion=standing.orientation))
-    log_camera(stream, standing, stage, place, look.camera)
+    log_camera(stream, standing, info, at, look.camera)
     for effect in look.effects:
-        effect(stream, standing, stage, place)
+        effect(stream, standing, info, at)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the viewer shows a recording: the landing on the left, its numbers on the right.
+"""Viewer layout of a recording: the landing on the left, its values on the right.
 
-Every component of a blueprint costs the file 0.7 KiB and every entity 1 to 2 KiB, so a plot is
-one field of the rocket's samples, and legends and bounds are left to the viewer where they are
-good enough.
+Every component of a blueprint adds 0.7 KiB to the file and every entity 1 to 2 KiB. So a plot is
+one field of the rocket's samples, and legends and bounds have the viewer's defaults where
+possible.
 """
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ TABS = ('flight', 'log', 'training', 'conditions')
 
 
 class UntimedBlueprint(rrb.Blueprint):
-    """A blueprint without the time at which each of its parts was made.
+    """A blueprint without the creation time of each of its parts.
 
-    Nobody asks for that time, and its columns have a place in the file's index: 14 KiB of every
-    recording.
+    That time is never used, and its columns take up 14 KiB in the index of every recording.
     """
 
     def _log_to_stream(self, stream: rr.RecordingStream) -> None:
@@ -45,11 +44,11 @@ def blueprint(
 ) -> UntimedBlueprint:
     """Return the layout of a recording.
 
-    :param live: follow what arrives instead of playing from the start.
-    :param training: with a tab for an agent that trains.
-    :param unusual: with one for conditions that are not nominal.
+    :param live: follow new data instead of playing from the start.
+    :param training: with a tab for training.
+    :param unusual: with a tab for conditions that are not nominal.
     :param tab: the one of :data:`TABS` in front.
-    :param world: what is recorded.
+    :param world: name of the recorded world.
     """
     look = scenery(world)
     tabs: dict[str, rrb.Container | rrb.View] = {
@@ -80,22 +79,22 @@ def around_cursor() -> rrb.TimeAxis:
 
 
 def without_origin(view: rrb.View) -> rrb.View:
-    """Take a view's origin away: its contents say in full what it shows."""
-    view.origin = None  # type: ignore[assignment]  # Rerun logs none then, and the viewer's is /
+    """Remove a view's origin: its contents list everything that it shows."""
+    view.origin = None  # type: ignore[assignment]  # then not logged, and the viewer's is /
     return view
 
 
 def _flight_tab(plots: tuple[Plot, ...], *, unusual: bool) -> rrb.Vertical:
     """Return the plots of a flight, some seconds around the cursor.
 
-    :param unusual: with the throttle as it was commanded below that which was flown.
+    :param unusual: with the commanded throttle below the actual one.
     """
     shares = [3, *[2] * (len(plots) - 1)]
     views = [
         _plot_view(plot.title, *([COMMANDED] if unusual and plot is ENGINE else []), plot)
         for plot in plots]
     phase = without_origin(rrb.StateTimelineView(name='Phase', contents=[entities.PHASE]))
-    # It has a time axis like the plots, but its constructor has no argument for it.
+    # It supports a time axis like the plots, but its constructor has no argument for it.
     phase.properties['TimeAxis'] = around_cursor()
     return rrb.Vertical(
         *views, phase, name='Flight', row_shares=[*shares, sum(shares) * 2 / 15])
@@ -109,16 +108,16 @@ def _plot_view(title: str, *plots: Plot) -> rrb.View:
 
 
 def _conditions_tab() -> rrb.Vertical:
-    """Return what was drawn for a flight, and what disturbs it."""
+    """Return the view of a flight's drawn conditions and of its disturbances."""
     return rrb.Vertical(
         without_origin(rrb.TextDocumentView(name='Drawn', contents=[entities.CONDITIONS])),
         _plot_view(DISTURBANCE.title, DISTURBANCE), name='Conditions', row_shares=[3, 2])
 
 
 def lines(plot: Plot, *, styled: bool = True) -> rrb.Visualizer:
-    """Return what draws the records' field of a plot as lines.
+    """Return the visualizer that draws a plot's field of the records as lines.
 
-    :param styled: as :func:`plots.log_styles` says for each plot, otherwise as the entity does.
+    :param styled: with the style of :func:`plots.log_styles`, otherwise with the entity's.
     """
     sources = {'Scalars:scalars': plot.records, **(STYLES[plot.records] if styled else {})}
     return rr.SeriesLines().visualizer(mappings=[

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the view frames a landing: a few shots, each closer than the last.
+"""Camera of a landing: a few shots, each closer than the last.
 
-A view of the world is `(4,)`: the point looked at and the extent of what is seen, m. Between
-shots nothing moves, so nothing is stored.
+A view of the world is `(4,)`: the point looked at and the extent of the field of view, m. Between
+shots the camera does not move, so nothing is stored.
 """
 from __future__ import annotations
 
@@ -23,21 +23,22 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 F64 = NDArray[np.float64]
 
 SHOTS = (0.55, 0.28, 0.09)
-"""Parts of the first height below which the next shot begins."""
+"""Fractions of the initial height below which the next shot begins."""
 LYING = (30.0, 60.0)
-"""deg of tilt from which on the view turns to a rocket that falls over, if it ends beyond"""
+"""deg of tilt at which the view turns to a rocket that tips over, and final tilt required."""
 MOVE = 0.6
-"""s from one shot to the next"""
+"""s, duration of a transition between shots."""
 FRAME = 0.04
-"""s for which a moving view stands still: 25 pictures a second"""
+"""s between camera updates during a transition: 25 frames a second."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """How a world is framed.
+    """Framing of a world.
 
-    `frame` returns the view `(4,)` that holds pad and vehicle at a position `(3,)`, `columns`
-    makes of views `(k, 4)` what moves the camera's entity. One that `follows` has several shots.
+    `frame` returns the view `(4,)` that contains pad and vehicle at a position `(3,)`; `columns`
+    converts views `(k, 4)` to columns of the camera's entity. If it `follows`, it has several
+    shots.
     """
 
     frame: Callable[[F64, WorldInfo], F64]
@@ -45,23 +46,23 @@ class Camera:
     follows: bool = True
 
 
-def follow(position: F64, stage: WorldInfo) -> F64:
-    """Return the shot that holds the pad and a rocket at `position` `(3,)`."""
-    size = rocket_model.NOSE * stage.scale
+def follow(position: F64, info: WorldInfo) -> F64:
+    """Return the shot that contains the pad and a rocket at `position` `(3,)`."""
+    size = rocket_model.NOSE * info.scale
     extent = position[2] + 0.8 * np.hypot(position[0], position[1]) + 1.5 * size
     return np.array((
         0.5 * position[0], 0.5 * position[1], 0.5 * position[2] + 0.42 * size, extent))
 
 
-def lying(flight: Trajectory, stage: WorldInfo) -> F64:
-    """Return the shot that holds a rocket which lies where the flight ends, `(4,)`."""
-    size = rocket_model.NOSE * stage.scale
+def lying(flight: Trajectory, info: WorldInfo) -> F64:
+    """Return the shot that contains a rocket lying where the flight ends, `(4,)`."""
+    size = rocket_model.NOSE * info.scale
     middle = flight.position[-1] + 0.5 * size * flight.up[-1]
     return np.array((middle[0], middle[1], middle[2] + 0.2 * size, 1.9 * size))
 
 
 def columns(views: F64) -> rr.ComponentColumnList:
-    """Return the frame of a 3-D view for views `(k, 4)`: a length of 1 in it is half an extent."""
+    """Return the frame of a 3-D view for views `(k, 4)`; its unit length is half an extent."""
     return rr.Transform3D.columns(
         translation=views[:, :3].astype(np.float32),
         scale=np.repeat(views[:, 3:] / 2, 3, axis=1).astype(np.float32))
@@ -70,10 +71,10 @@ def columns(views: F64) -> rr.ComponentColumnList:
 SPATIAL = Camera(follow, columns)
 
 
-def shots(flight: Trajectory, stage: WorldInfo, camera: Camera = SPATIAL) -> F64:
+def shots(flight: Trajectory, info: WorldInfo, camera: Camera = SPATIAL) -> F64:
     """Return the view of every sample, `(n, 4)`."""
-    height = flight.position[:, 2] - stage.touchdown_height
-    view = np.repeat(camera.frame(flight.position[0], stage)[None], len(flight), axis=0)
+    height = flight.position[:, 2] - info.touchdown_height
+    view = np.repeat(camera.frame(flight.position[0], info)[None], len(flight), axis=0)
     if not camera.follows:
         return view
     for part in SHOTS:
@@ -81,28 +82,28 @@ def shots(flight: Trajectory, stage: WorldInfo, camera: Camera = SPATIAL) -> F64
         if not below.size:
             return view
         start = int(below[0])
-        _move(view, start, camera.frame(flight.position[start], stage), stage)
+        _move(view, start, camera.frame(flight.position[start], info), info)
     tilt = flight.tilt
     if tilt[-1] > LYING[1]:
         falling = start + np.flatnonzero(tilt[start:] > LYING[0])
-        _move(view, int(falling[0]), lying(flight, stage), stage)
+        _move(view, int(falling[0]), lying(flight, info), info)
     return view
 
 
-def _move(view: F64, start: int, target: F64, stage: WorldInfo) -> None:
+def _move(view: F64, start: int, target: F64, info: WorldInfo) -> None:
     """Move views `(n, 4)` to `target` from row `start` on."""
-    length = max(int(MOVE / stage.dt), 1)
+    length = max(int(MOVE / info.dt), 1)
     since = np.arange(len(view)) - start
-    blend = np.clip((since - since % max(int(FRAME / stage.dt), 1)) / length, 0.0, 1.0)
+    blend = np.clip((since - since % max(int(FRAME / info.dt), 1)) / length, 0.0, 1.0)
     blend = blend * blend * (3.0 - 2.0 * blend)
     view += blend[:, None] * (target - view)
 
 
 def log_camera(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
     camera: Camera,
 ) -> None:
-    """Log the view's frame where it moves."""
-    view = shots(flight, stage, camera)
+    """Log the view's frame while it moves."""
+    view = shots(flight, info, camera)
     rows = np.flatnonzero(changed(view))
-    stream.send_columns(entities.CAMERA, place.times(rows, stage.dt), camera.columns(view[rows]))
+    stream.send_columns(entities.CAMERA, at.times(rows, info.dt), camera.columns(view[rows]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a vehicle touches the ground, and how hard that pushes back."""
+"""Logging of ground contact: feet that touch, and the contact force."""
 from __future__ import annotations
 
 import numpy as np
@@ -18,33 +18,33 @@ from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 F64 = NDArray[np.float64]
 
 ARROW = 2.0
-"""heights of the origin above the ground, for a force of one weight"""
+"""Length of the arrow for a force of one weight, in standing heights of the vehicle's origin."""
 STRONGEST = 2.5
-"""weights; a stronger force has no longer arrow"""
+"""Weights; the arrow is not longer for a stronger force."""
 GRAIN = 0.1
-"""part of that height below which no change is stored"""
+"""Fraction of that height below which a change is not stored."""
 
 
-def log_style(stream: rr.RecordingStream, stage: WorldInfo) -> None:
-    """Log what contact looks like."""
-    unit = stage.unit
+def log_style(stream: rr.RecordingStream, info: WorldInfo) -> None:
+    """Log the style of contacts."""
+    unit = info.unit
     stream.log(entities.CONTACT, rr.Points3D.from_fields(
         radii=0.15 * unit, colors=[palette.TARGET]), rr.Arrows3D.from_fields(
         radii=[0.05 * unit], colors=[palette.VERMILION]), static=True)
 
 
 def log_contact(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
     feet: F64 | None = None, in_front: float = 0.0,
 ) -> None:
-    """Light up the feet that touch, and draw the force of the ground; nothing while it flies.
+    """Highlight the feet that touch, and draw the contact force; nothing while in flight.
 
-    :param feet: `(n, L, 3)` in the world, in the order of `flight.contact`, if it is known where
-        they are. The force begins between those that touch, otherwise at the vehicle's origin.
-    :param in_front: m, how far in front of the vehicle all that is drawn, as seen along y.
+    :param feet: `(n, L, 3)` in the world, in the order of `flight.contact`, if their positions
+        are known. The force begins between those that touch, otherwise at the vehicle's origin.
+    :param in_front: m, distance of all that is drawn in front of the vehicle, as seen along y.
     """
-    unit = stage.unit
-    force = weights(flight, stage)
+    unit = info.unit
+    force = weights(flight, info)
     strength = np.linalg.norm(force, axis=1, keepdims=True)
     force *= np.minimum(1.0, STRONGEST / np.maximum(strength, 1e-9))
     if feet is None:
@@ -64,9 +64,9 @@ def log_contact(
     start[:, 1] -= in_front
     rows = np.flatnonzero(changed(shown) & (np.cumsum(shown.any(axis=1)) > 0))
     arrows = rows[pushed[rows]]
-    # What is left at the end is shown for as long as the vehicle is, and a last row clears it.
-    last = len(flight) + pause_steps(stage) - 1
-    stream.send_columns(entities.CONTACT, place.times(np.append(rows, last), stage.dt), [
+    # The final contact is shown as long as the vehicle, and a last row clears it.
+    last = len(flight) + pause_steps(info) - 1
+    stream.send_columns(entities.CONTACT, at.times(np.append(rows, last), info.dt), [
         *rr.Points3D.columns(positions=lit[rows][touching[rows]].astype(np.float32)).partition(
             np.append(count[rows], 0)),
         *rr.Arrows3D.columns(

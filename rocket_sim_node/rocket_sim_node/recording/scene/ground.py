@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ground as one sees it from above: a plain, the pad, and rings of equal distance."""
+"""Ground of 3-D worlds: a plain, the pad, and rings of equal distance."""
 from __future__ import annotations
 
 import numpy as np
@@ -17,24 +17,24 @@ _LIP: palette.Colour = (70, 76, 84)
 _LINE: palette.Colour = (84, 94, 106)
 
 
-def log_ground(stream: rr.RecordingStream, stage: WorldInfo) -> None:
+def log_ground(stream: rr.RecordingStream, info: WorldInfo) -> None:
     """Log ground, pad and rings."""
     stream.log(entities.GROUND, entities.archetype(
-        join([_ground(stage), _pad(stage)]), shaded=False), static=True)
-    stream.log(f'{entities.WORLD}/rings', _rings(stage), static=True)
+        join([_ground(info), _pad(info)]), shaded=False), static=True)
+    stream.log(f'{entities.WORLD}/rings', _rings(info), static=True)
 
 
-def _ground(stage: WorldInfo) -> Mesh:
+def _ground(info: WorldInfo) -> Mesh:
     """Return the ground, fading into the background at the horizon."""
-    near, far = 1.2 * stage.range_limit, 5.0 * stage.range_limit
+    near, far = 1.2 * info.range_limit, 5.0 * info.range_limit
     return join([
         ring(0.0, near, -0.6, (palette.SOIL, (34, 41, 50))),
         ring(near, far, -0.6, ((34, 41, 50), palette.BACKGROUND))])
 
 
-def _pad(stage: WorldInfo) -> Mesh:
+def _pad(info: WorldInfo) -> Mesh:
     """Return the pad: concrete, the circle within which a landing counts, and its centre."""
-    limit = stage.landed_distance
+    limit = info.landed_distance
     edge = 1.6 * limit
     paint = [
         ring(0.0, edge, -0.30, (palette.CONCRETE, palette.CONCRETE)),
@@ -55,14 +55,14 @@ def _pad(stage: WorldInfo) -> Mesh:
     return join(paint)
 
 
-def _rings(stage: WorldInfo) -> rr.LineStrips3D:
+def _rings(info: WorldInfo) -> rr.LineStrips3D:
     """Return rings of equal distance on the ground, every 50 m, and the axes."""
     angle = np.linspace(0, 2 * np.pi, 61)
     circle = np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=1)
-    radii = np.arange(50.0, stage.range_limit + 1.0, 50.0)
+    radii = np.arange(50.0, info.range_limit + 1.0, 50.0)
     strips = [circle * (r, r, 1.0) - (0.0, 0.0, 0.4) for r in radii]
-    reach = float(radii[-1]) if len(radii) else stage.range_limit
-    start = 1.7 * stage.landed_distance
+    reach = float(radii[-1]) if len(radii) else info.range_limit
+    start = 1.7 * info.landed_distance
     for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         strips.append(np.array(((x * start, y * start, -0.4), (x * reach, y * reach, -0.4))))
     return rr.LineStrips3D(

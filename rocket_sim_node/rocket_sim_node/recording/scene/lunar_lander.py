@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How world `lunar_lander` looks: hull, two sprung legs, flags and the ground of each episode."""
+"""Appearance of world `lunar_lander`: hull, two sprung legs, flags and each episode's ground."""
 from __future__ import annotations
 
 import numpy as np
@@ -25,17 +25,17 @@ from rocket_sim_node.worlds.lunar import vehicle
 F64 = NDArray[np.float64]
 
 ASPECT = 1.5
-"""of the field: 20 m wide, 13.3 m high; the pad lies at a quarter of its height"""
+"""Aspect ratio of the field: 20 m wide, 13.3 m high; the pad is at a quarter of its height."""
 LABEL = 1.3 / vehicle.LEG_DOWN
-"""height of the outcome above the hull's origin, in heights of that when it stands"""
+"""Height of the outcome's label above the hull's origin, in standing heights of that."""
 VELOCITY = 0.4 / vehicle.LEG_DOWN
-"""arrow of 1 m/s, in the same"""
+"""Length of the arrow for 1 m/s, in the same unit."""
 FLAME = (0.8, 2.0, 9.0)
-"""width, length when it burns and more at full throttle, in sizes of the drawn rocket's flame"""
+"""Width, length when on and additional length at full throttle, relative to the rocket's flame."""
 IN_FRONT = 0.3
-"""m by which arrows stand in front of the vehicle"""
+"""m, distance of arrows in front of the vehicle."""
 TURN = 0.04
-"""rad of a leg below which no change is stored"""
+"""rad of a leg's angle below which a change is not stored."""
 _HULL: Colour = (142, 120, 226)
 _EDGE: Colour = (84, 70, 150)
 _LEG: Colour = (170, 156, 232)
@@ -45,28 +45,28 @@ _MOON: Colour = (112, 116, 126)
 _RIM: Colour = (226, 230, 236)
 
 
-def frame(position: F64, stage: WorldInfo) -> F64:
-    """Return the view that holds the whole field, wherever the lander is."""
-    height = 2.0 * stage.field_half_width / ASPECT
+def frame(position: F64, info: WorldInfo) -> F64:
+    """Return the view of the whole field, wherever the lander is."""
+    height = 2.0 * info.field_half_width / ASPECT
     return np.array((0.0, 0.0, 0.25 * height, height))
 
 
-def log_static(stream: rr.RecordingStream, stage: WorldInfo) -> None:
-    """Log flags and vehicle, and what the ground will look like."""
+def log_static(stream: rr.RecordingStream, info: WorldInfo) -> None:
+    """Log flags and vehicle, and the style of the ground."""
     planar_view.log_eye(stream)
-    entities.log_styles(stream, stage, unit=0.05, mark=0.11, in_front=IN_FRONT)
+    entities.log_styles(stream, info, unit=0.05, mark=0.11, in_front=IN_FRONT)
     planar_view.log_terrain_style(stream, _MOON, _RIM)
-    stream.log(entities.GROUND, entities.archetype(join(_flags(stage)), shaded=False), static=True)
+    stream.log(entities.GROUND, entities.archetype(join(_flags(info)), shaded=False), static=True)
     stream.log(entities.BODY, entities.archetype(hull(), shaded=False), static=True)
     for entity, side in zip(entities.LEGS, (-1.0, 1.0), strict=True):
         stream.log(f'{entity}/strut', entities.archetype(leg(side), shaded=False), static=True)
     effects.log_flame_shape(stream, -13.0 / 30.0)
     effects.log_puff_shape(stream, _puff(), 0.25, opacity=170)
-    contact_log.log_style(stream, stage)
+    contact_log.log_style(stream, info)
 
 
 def hull() -> Mesh:
-    """Return the hull as the world has it, with an edge, a window and a nozzle."""
+    """Return the world's hull, with an edge, a window and a nozzle added."""
     corners = np.array(vehicle.HULL)
     inner = corners * 0.86 + (0.0, 0.015)
     pixel = 1.0 / 30.0
@@ -78,7 +78,7 @@ def hull() -> Mesh:
 
 
 def leg(side: float) -> Mesh:
-    """Return a leg as it stands when it is not turned, about the hull's origin.
+    """Return a leg in its unrotated position relative to the hull's origin.
 
     :param side: -1 left, 1 right.
     """
@@ -90,7 +90,7 @@ def leg(side: float) -> Mesh:
             (x - width, z - length), (x + width, z - length),
             (x + width, z + length), (x - width, z + length)], colour, behind)
 
-    # Nothing holds the leg in the world but its hinge; a strut from there is what one expects.
+    # In the world only a hinge holds the leg; the drawing adds a strut from there.
     centre = np.array((side * vehicle.LEG_AWAY, -vehicle.LEG_DOWN))
     across = 0.035 * np.array((centre[1], -centre[0])) / np.linalg.norm(centre)
     strut = polygon(
@@ -108,9 +108,9 @@ def _puff() -> Mesh:
         cone.normal[:, [2, 0, 1]], cone.colour, cone.triangle)
 
 
-def _flags(stage: WorldInfo) -> list[Mesh]:
+def _flags(info: WorldInfo) -> list[Mesh]:
     """Return the flags at the ends of the pad and the strip between them."""
-    limit = stage.landed_distance
+    limit = info.landed_distance
     parts = [polygon(
         [(-limit, -0.12), (limit, -0.12), (limit, 0.0), (-limit, 0.0)], palette.TARGET, 0.3)]
     for x in (-limit, limit):
@@ -122,12 +122,12 @@ def _flags(stage: WorldInfo) -> list[Mesh]:
 
 
 def turned(flight: Trajectory) -> F64:
-    """Return by how much the legs are turned about the hull's origin, `(n, 2)` rad, outwards."""
+    """Return the legs' outward rotation about the hull's origin, `(n, 2)` rad."""
     return np.asarray(vehicle.LEG_INNER + flight.leg_angle)
 
 
 def feet(flight: Trajectory) -> F64:
-    """Return where the legs end in the world, `(n, 2, 3)`, left and right."""
+    """Return the positions of the legs' ends in the world, `(n, 2, 3)`, left and right."""
     end = vehicle.LEG_DOWN + vehicle.LEG_HALF_LENGTH
     ends = []
     for side, angle in zip((-1.0, 1.0), turned(flight).T, strict=True):
@@ -138,40 +138,40 @@ def feet(flight: Trajectory) -> F64:
 
 
 def log_legs(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
 ) -> None:
-    """Turn the legs."""
+    """Log the legs' rotation."""
     angles = vehicle.LEG_INNER + np.round(flight.leg_angle / TURN) * TURN
     for entity, side, angle in zip(entities.LEGS, (-1.0, 1.0), angles.T, strict=True):
         rows = np.flatnonzero(changed(angle[:, None]))
-        stream.send_columns(entity, place.times(rows, stage.dt), rr.Transform3D.columns(
+        stream.send_columns(entity, at.times(rows, info.dt), rr.Transform3D.columns(
             quaternion=planar_view.turn(side * angle[rows]).astype(np.float32)))
 
 
 def log_flame(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
 ) -> None:
-    """Stretch the flame by the throttle."""
+    """Scale the flame by the throttle."""
     width, *length = FLAME
-    effects.stretch_flame(stream, flight, stage, place, width, (length[0], length[1]))
+    effects.stretch_flame(stream, flight, info, at, width, (length[0], length[1]))
 
 
 def log_side_engines(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
 ) -> None:
-    """Blow to the right what pushes to the left, and the other way round."""
+    """Log the side engines' gas, opposite to their push."""
     rows = effects.every(effects.EFFECT_STEP, len(flight))
     side = -np.sign(flight.lateral_thrust[rows])
     side[-1] = 0.0
     keep = changed(side[:, None])
     size = np.where(side[keep] == 0.0, 1e-3, 1.0)
-    stream.send_columns(entities.PUFF, place.times(rows[keep], stage.dt), rr.Transform3D.columns(
+    stream.send_columns(entities.PUFF, at.times(rows[keep], info.dt), rr.Transform3D.columns(
         quaternion=planar_view.turn(np.where(side[keep] < 0.0, np.pi, 0.0)).astype(np.float32),
         scale=np.repeat(size[:, None], 3, axis=1).astype(np.float32)))
 
 
 def log_contact(
-    stream: rr.RecordingStream, flight: Trajectory, stage: WorldInfo, place: Timepoint,
+    stream: rr.RecordingStream, flight: Trajectory, info: WorldInfo, at: Timepoint,
 ) -> None:
-    """Light up what touches."""
-    contact_log.log_contact(stream, flight, stage, place, feet(flight), IN_FRONT)
+    """Highlight parts in contact."""
+    contact_log.log_contact(stream, flight, info, at, feet(flight), IN_FRONT)

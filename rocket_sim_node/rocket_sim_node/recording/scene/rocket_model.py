@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The vehicle as one sees it: a first stage on its legs, its flame and its puffs of cold gas.
+"""3-D model of the rocket: a first stage on its legs, its flame and its puffs of cold gas.
 
-Body frame, z towards the nose, metres. The origin is where the world has it: 5.2 m above the
-ground when the rocket stands. The drawing has the proportions of a real first stage; nothing of
-it enters the simulation.
+Body frame, z towards the nose, metres. The origin is the world's: 5.2 m above the ground when the
+rocket stands. The model has the proportions of a real first stage and does not affect the
+simulation.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _BAND: Colour = (0, 114, 178)
 def rocket(reach: float = FOOT_RADIUS) -> Mesh:
     """Return the vehicle with its legs deployed, about 950 triangles.
 
-    :param reach: m, how far the feet stand from the axis, at 45 deg to x.
+    :param reach: m, distance of the feet from the axis, at 45 deg to x.
     """
     legs = [transform(_leg(reach), yaw=np.pi / 4 + k * np.pi / 2) for k in range(4)]
     fins = [transform(_fin(), yaw=k * np.pi / 2) for k in range(4)]
@@ -64,7 +64,7 @@ def _engine() -> Mesh:
 
 
 def _leg(reach: float) -> Mesh:
-    """Return the leg that reaches along x: a broad blade, a telescope and a foot."""
+    """Return the leg along x: a broad blade, a telescope and a foot."""
     blade = strut((1.7, 0.0, -1.7), (reach - 0.4, 0.0, FEET + 0.35), (1.9, 0.7), _DARK)
     telescope = strut((1.8, 0.0, 6.5), (reach - 0.9, 0.0, FEET + 0.7), (0.5, 0.35), _STEEL)
     foot = revolve(((0.95, FEET, _STEEL), (0.0, FEET + 0.5, _STEEL)), 12)
@@ -72,7 +72,7 @@ def _leg(reach: float) -> Mesh:
 
 
 def _fin() -> Mesh:
-    """Return the grid fin that reaches along x."""
+    """Return the grid fin along x."""
     bars = [
         box((RADIUS + 1.1, side, FINS), (2.0, 0.14, 0.5), _STEEL) for side in (-0.75, 0.0, 0.75)]
     ends = [box((RADIUS + reach, 0.0, FINS), (0.14, 1.5, 0.5), _STEEL) for reach in (0.8, 2.0)]

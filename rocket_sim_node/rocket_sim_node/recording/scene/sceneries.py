@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How each world looks: a scenery by the world's name."""
+"""Registry of sceneries: the appearance of each world, by name."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -34,16 +34,15 @@ Effect: TypeAlias = Callable[[rr.RecordingStream, Trajectory, WorldInfo, Timepoi
 
 @dataclass(frozen=True)
 class Scenery:
-    """What a recording of a world consists of, beside what all have.
+    """World-specific parts of a recording.
 
-    `static` logs what stands still, at the head of a recording; each of `effects` logs what a
-    flight does to an entity of its own. `plots` are shown, `unseen` is recorded beside them, so
-    that a sample has the same fields in every world, as one component must. Lengths are in heights
-    of the vehicle's origin above the ground when it stands: `label` is where the outcome is
-    written above the origin, `velocity` and `thrust` are the arrows of 1 m/s and of full throttle
-    (there is none when it is 0), and at the end of a flight an origin within `reach` of the ground
-    has touched it. `bends` is how many points a piece of the trail has between its ends; `legs` is
-    how many legs a sample must tell of.
+    `static` logs the static scene at the start of a recording; each of `effects` logs a flight's
+    effect on one entity. `plots` are shown; `unseen` are only recorded, so that a sample has the
+    same fields in every world, as a component must. Lengths are in standing heights of the
+    vehicle's origin: `label` is the height of the outcome's label above the origin, `velocity` and
+    `thrust` the arrows of 1 m/s and of full throttle (no arrow if 0). An origin within `reach` of
+    the ground at the end of a flight has touched it. `bends` is the number of points between the
+    ends of a piece of the trail; `legs` is the number of legs that a sample must have.
     """
 
     view: Callable[[], rrb.View]
@@ -65,15 +64,15 @@ class Scenery:
         return self.plots + self.unseen
 
 
-def _log_rocket(stream: rr.RecordingStream, stage: WorldInfo) -> None:
+def _log_rocket(stream: rr.RecordingStream, info: WorldInfo) -> None:
     """Log ground, pad and vehicle in three dimensions."""
     entities.log_styles(
-        stream, stage, unit=0.35 * stage.scale, mark=0.8, nose=rocket_model.NOSE * stage.scale)
-    ground.log_ground(stream, stage)
-    body = entities.archetype(transform(rocket_model.rocket(), stage.scale))
+        stream, info, unit=0.35 * info.scale, mark=0.8, nose=rocket_model.NOSE * info.scale)
+    ground.log_ground(stream, info)
+    body = entities.archetype(transform(rocket_model.rocket(), info.scale))
     stream.log(entities.BODY, body, static=True)
-    effects.log_body(stream, stage.scale)
-    contact_log.log_style(stream, stage)
+    effects.log_body(stream, info.scale)
+    contact_log.log_style(stream, info)
 
 
 SCENERIES: Mapping[str, Scenery] = {
@@ -104,5 +103,5 @@ SCENERIES: Mapping[str, Scenery] = {
 
 
 def scenery(world: str) -> Scenery:
-    """Return how a world looks; one that nobody has drawn looks like `rocket`."""
+    """Return the scenery of a world; the default is that of `rocket`."""
     return SCENERIES.get(world, SCENERIES['rocket'])

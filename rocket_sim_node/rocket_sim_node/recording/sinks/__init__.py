@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a recording goes: a file, a live viewer, a web page."""
+"""Destinations of a recording: a file, a live viewer, a web page."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a recording goes."""
+"""Interface of the destinations of a recording."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -12,14 +12,14 @@ import rerun as rr
 APPLICATION = 'hoverslam'
 
 Put: TypeAlias = Callable[[rr.RecordingStream], None]
-"""Logs something to the stream that it is given, whenever that is."""
+"""Function that logs something to the given stream, possibly later and repeatedly."""
 Note: TypeAlias = Callable[[str, str], None]
-"""Takes a level ('INFO', 'WARN', 'ERROR') and a text."""
+"""Function that takes a level ('INFO', 'WARN', 'ERROR') and a text."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What decides how a recording is laid out."""
+    """Properties of a recording that determine its layout."""
 
     world: str = ''
     training: bool = False
@@ -27,13 +27,13 @@ class Look:
 
 
 class Sink(Protocol):
-    """A file, or a viewer that shows what happens while it happens."""
+    """A file, or a live viewer."""
 
     live: bool
-    """Whether it shows flights that are under way."""
+    """Whether it shows flights in progress."""
 
     def begin(self, head: Put, look: Look) -> None:
-        """Log what stands at the head of a recording, and lay it out."""
+        """Log the start of a recording, and its layout."""
         ...
 
     def write(self, put: Put) -> None:
@@ -41,14 +41,14 @@ class Sink(Protocol):
         ...
 
     def flight(self, put: Put) -> bool:
-        """Log a flight that has ended; return whether it was taken."""
+        """Log an ended flight; return whether it was accepted."""
         ...
 
     def under_way(self, put: Put, until: int) -> None:
-        """Log what is new of a flight that goes on; sinks that are not live do nothing.
+        """Log the new part of a flight in progress; sinks that are not live do nothing.
 
         :param put: logs the flight as if it ended now.
-        :param until: step of the recording from which on that is not yet to be shown.
+        :param until: step of the recording from which on nothing is to be shown yet.
         """
         ...
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a file: written under another name, whole when it gets its own."""
+"""Sink that writes a recording to a file, under a temporary name until it is complete."""
 from __future__ import annotations
 
 import errno
@@ -28,25 +28,25 @@ from rocket_sim_node.recording.sinks.rrd_file import end
 from rocket_sim_node.recording.sinks.rrd_file import flush
 
 RESERVE = 32 * 2**20
-"""bytes of disk left free; below it the recording ends, whole"""
+"""Bytes of disk space to keep free; below it the recording is closed, complete."""
 UNHEARD = 2**18
-"""bytes that the file of a recorder which has heard nothing yet stays below"""
+"""Upper limit, bytes, of a file without any recorded data."""
 JOINED = 32 * 2**20
-"""bytes of a file whose chunks are joined at its end, all in memory; a larger one is copied, at
-100 MB a second"""
+"""Maximum bytes of a file whose chunks are joined in memory at its end; a larger one is copied, at
+100 MB a second."""
 LOOK = 10.0
-"""s between two looks whether what was recorded got into the file"""
+"""Seconds between checks that logged data was written to the file."""
 
 
 def partial_path(path: Path) -> Path:
-    """Return the name under which a recording is written."""
+    """Return the temporary name of a recording."""
     return path.with_name(f'{path.stem}.partial{path.suffix}')
 
 
 def publish(source: Path, path: Path) -> Path:
-    """Give a file its own name, or the next free one: run.rrd, run-2.rrd and so on.
+    """Rename a file to `path`, or to the next free name: run.rrd, run-2.rrd and so on.
 
-    :return: the name it got.
+    :return: the resulting path.
     """
     for number in itertools.count(1):
         target = path if number == 1 else path.with_name(f'{path.stem}-{number}{path.suffix}')
@@ -67,9 +67,9 @@ def publish(source: Path, path: Path) -> Path:
 class FileSink:
     """Writes a recording to a file.
 
-    The file appears under its name when the sink is closed; until then it is
-    `<name>.partial.rrd`, locked. A partial file of a recorder that was killed, or that could not
-    finish, is repaired first and published. An existing file is never overwritten.
+    The file gets its name when the sink is closed; until then it is `<name>.partial.rrd`, locked.
+    A partial file of a recorder that was killed or could not finish is repaired and published
+    first. An existing file is never overwritten.
     """
 
     live = False
@@ -77,7 +77,7 @@ class FileSink:
     def __init__(self, path: Path, note: Note) -> None:
         """Open the partial file.
 
-        :raises OSError: when the place cannot be written, has no room, or another recorder is
+        :raises OSError: when the folder is not writable, has no space, or another recorder is
             writing there.
         """
         self._path = path
@@ -107,7 +107,7 @@ class FileSink:
             raise
 
     def _take(self) -> int:
-        """Return a lock on the partial file, which is made when there is none."""
+        """Return a lock on the partial file, which is created if missing."""
         while True:
             lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             try:
@@ -117,16 +117,16 @@ class FileSink:
                 raise OSError(
                     error.errno, 'another recorder writes this file', str(self._partial)
                 ) from error
-            if not _is(lock, self._partial):  # it was published in this moment
+            if not _is(lock, self._partial):  # it was published at this moment
                 os.close(lock)
-            elif os.fstat(lock).st_nlink > 1:  # published by one who was killed in this moment
+            elif os.fstat(lock).st_nlink > 1:  # published by a process killed at this moment
                 self._partial.unlink()
                 os.close(lock)
             else:
                 return lock
 
     def _become(self, source: Path) -> None:
-        """Put another file in the place of the partial one, locked as well."""
+        """Replace the partial file by another one, also locked."""
         lock = os.open(source, os.O_RDWR | os.O_CLOEXEC)
         _lock(lock)
         source.replace(self._partial)
@@ -137,17 +137,17 @@ class FileSink:
         stream = rr.RecordingStream(APPLICATION)
         stream.set_log_time_enabled(False)
         try:
-            # Rerun would keep the table of contents in memory until the end, 3 MB for an hour of
-            # training.
+            # Otherwise Rerun would keep the table of contents in memory until the end, 3 MB for an
+            # hour of training.
             stream.save(self._partial, default_blueprint=blueprint(), write_footer=False)
         except RuntimeError as error:
             raise OSError(5, f'could not be written: {error}', str(self._partial)) from error
         return stream
 
     def _repair(self) -> None:
-        """Publish what can be read of the partial file.
+        """Publish the readable part of the partial file.
 
-        :raises OSError: when there is no room for that, or it was ended; the partial file stays.
+        :raises OSError: when there is no space, or the repair was stopped; the partial file stays.
         """
         size = os.fstat(self._lock).st_size
         self._check_space(2 * size + RESERVE)
@@ -186,22 +186,22 @@ class FileSink:
                 str(self._path.parent))
 
     def begin(self, head: Put, look: Look) -> None:
-        """Write what stands at the head of a recording, and how it is laid out."""
+        """Write the start of a recording, and its layout."""
         if self._stream is not None and look != self._look:
             self._look = look
             self._stream.send_blueprint(_layout(look))
         self.write(head)
 
     def flight(self, put: Put) -> bool:
-        """Write a flight that has ended; return whether it certainly was written."""
+        """Write an ended flight; return whether it was certainly written."""
         self.write(put)
         return self._stream is not None
 
     def under_way(self, put: Put, until: int) -> None:
-        """Do nothing: a flight is written as a whole."""
+        """Do nothing: flights are written when they have ended."""
 
     def write(self, put: Put) -> None:
-        """Write now; when the disk is nearly full, close the file instead."""
+        """Write now, or close the file when the disk is nearly full."""
         if self._stream is None:
             return
         try:
@@ -216,10 +216,9 @@ class FileSink:
             self._look_at(self._stream)
 
     def _look_at(self, stream: rr.RecordingStream) -> None:
-        """See whether what was logged gets written, and close the file when it does not.
+        """Check that logged data is written, and close the file if it is not.
 
-        A disk may stand still for a while, that of a network for instance; a writer that has died
-        fails at once.
+        A disk may block for a while, for instance a network disk; a dead writer fails at once.
         """
         began = time.monotonic()
         try:
@@ -227,7 +226,7 @@ class FileSink:
             self._stood = False
         except RuntimeError as error:
             if time.monotonic() - began < PATIENCE:
-                self.close()  # which says why
+                self.close()  # reports the reason
             elif self._stood:
                 self._note('ERROR', f'the recording ends here: {error}')
                 self.close()
@@ -237,10 +236,10 @@ class FileSink:
         self._next_look = time.monotonic() + LOOK
 
     def _add_contents(self) -> None:
-        """Give the partial file its table of contents; join its chunks when that is quick."""
+        """Add a table of contents to the partial file; join its chunks when that is fast."""
         try:
             size = self._partial.stat().st_size
-            self._check_space(size + RESERVE // 2)  # others write there, too
+            self._check_space(size + RESERVE // 2)  # other processes may write there too
             if size > JOINED:
                 add_contents(self._partial, self._whole, _layout(self._look))
             else:
@@ -253,7 +252,7 @@ class FileSink:
                                f'which viewers miss when it is large: {error}')
 
     def close(self) -> None:
-        """Finish the file and give it its name, unless the disk was too full for that."""
+        """Finish the file and rename it, unless the disk was too full."""
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
@@ -292,7 +291,7 @@ def _lock(file: int) -> None:
 
 
 def _is(file: int, path: Path) -> bool:
-    """Return whether a file that is open has this name."""
+    """Return whether an open file has this path."""
     try:
         return os.path.samestat(os.fstat(file), path.stat())
     except FileNotFoundError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stream that takes a growing flight again and again, and sends only what is new of it."""
+"""Stream adapter that receives a growing flight repeatedly and forwards only the new rows."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -14,10 +14,10 @@ FOR_EVER = 2**62
 
 
 class _Rows:
-    """Some rows of a column, of times or of a component."""
+    """Selected rows of a time or component column."""
 
     def __init__(self, column: Any, array: pa.Array, mask: pa.Array) -> None:
-        """Keep the rows of `array`, the column's, where the mask is true."""
+        """Keep the column's rows, given as `array`, where the mask is true."""
         self._column = column
         self._rows = array.filter(mask)
 
@@ -26,7 +26,7 @@ class _Rows:
         return str(self._column.timeline_name())
 
     def component_descriptor(self) -> rr.ComponentDescriptor:
-        """Return what the component is."""
+        """Return the component's descriptor."""
         return cast('rr.ComponentDescriptor', self._column.component_descriptor())
 
     def as_arrow_array(self) -> pa.Array:
@@ -35,10 +35,10 @@ class _Rows:
 
 
 class Increments:
-    """Passes on those rows of an entity that come after all that it has passed of it before.
+    """Forwards those rows of an entity that come after all that were forwarded before.
 
-    Flights lie one after another on the timeline `step`, so for each entity the last step passed
-    says what is new, whether a flight goes on or another has begun.
+    Flights follow one another on the timeline `step`, so for each entity the last forwarded step
+    determines what is new, within a flight or in the next one.
     """
 
     def __init__(self, stream: rr.RecordingStream) -> None:
@@ -46,13 +46,13 @@ class Increments:
         self._stream = stream
         self._last: dict[str, int] = {}
         self.until = FOR_EVER
-        """step from which on nothing is passed"""
+        """Step from which on nothing is forwarded."""
 
     def send_columns(
         self, entity_path: str, indexes: Iterable[rr.TimeColumn],
         columns: Iterable[rr.ComponentColumn],
     ) -> None:
-        """Pass on what is new, if anything is; see `rerun.send_columns`.
+        """Forward the new rows, if there are any; see `rerun.send_columns`.
 
         :raises ValueError: when there is no timeline `step`.
         """

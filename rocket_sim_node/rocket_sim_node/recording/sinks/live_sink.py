@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a stream to a viewer, which may come late, go away and come back."""
+"""Sink that streams a recording to a viewer, which may connect late, disconnect and return."""
 from __future__ import annotations
 
 import queue
@@ -25,15 +25,15 @@ from rocket_sim_node.recording.sinks.increments import Increments
 DEFAULT_PORT = 9876
 KEPT_FLIGHTS = 64
 KEPT_REPORTS = 2000
-"""flights, and other entries, that a viewer gets which comes late"""
+"""Number of flights, and of other entries, that are kept for a viewer that connects late."""
 _LOOK_OUT = 1.0
-"""s between two looks for a viewer, or whether it is still there, while nothing is to be sent"""
+"""Seconds between checks for a viewer or its presence, while nothing is sent."""
 
 
 def parse(url: str) -> tuple[str, int]:
     """Return host and port of a viewer's URL.
 
-    :raises ValueError: when it is none.
+    :raises ValueError: when it is not a valid URL.
     """
     parts = urlsplit(url)
     if parts.scheme not in ('rerun', 'rerun+http', 'rerun+https') or not parts.hostname \
@@ -45,31 +45,31 @@ def parse(url: str) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class _Item:
-    """Something to be sent: an entry of the recording, a flight, or part of one."""
+    """Something to send: an entry of the recording, a flight, or part of one."""
 
     put: Put
     flight: bool = False
     until: int = increments.FOR_EVER
     kept: bool = True
-    """for viewers that come later"""
+    """Whether it is kept for viewers that connect later."""
 
 
 class LiveSink:
     """Sends a recording to a viewer, from a thread of its own.
 
-    Neither the file beside it nor anybody else waits for the viewer. Whenever one is there, be it
-    late or again, it gets the head of the recording, the flights that ended lately, and all that
-    comes from then on. What a slow viewer cannot take is dropped, flight by flight, and counted.
+    Nothing else waits for the viewer. Whenever one connects, late or again, it receives the start
+    of the recording, the recent flights, and everything from then on. If a viewer is too slow,
+    whole flights are dropped and counted.
     """
 
     live = True
 
     def __init__(self, url: str, note: Note, *, room: int = 64, patience: float = 2.0) -> None:
-        """Start the thread; the viewer need not be there yet.
+        """Start the thread; the viewer may connect later.
 
-        :param room: entries that may wait.
-        :param patience: s within which the viewer must have taken one.
-        :raises ValueError: when the URL is none.
+        :param room: maximum number of waiting entries.
+        :param patience: time limit, s, for the viewer to receive one.
+        :raises ValueError: when the URL is invalid.
         """
         self._address = parse(url)
         self._url = url
@@ -90,9 +90,9 @@ class LiveSink:
         self._thread.start()
 
     def begin(self, head: Put, look: Look) -> None:
-        """Set what a viewer gets first, whenever it comes, and how it is laid out.
+        """Set what a viewer receives first when it connects, and its layout.
 
-        One that is there already gets it now.
+        A connected viewer receives it now.
         """
         another, self._head, self._look = look != self._look, head, look
 
@@ -105,24 +105,24 @@ class LiveSink:
         self._put(_Item(again, kept=False))
 
     def write(self, put: Put) -> None:
-        """Send soon, or drop when too much waits already."""
+        """Queue an entry, or drop it when the queue is full."""
         self._put(_Item(put))
 
     def flight(self, put: Put) -> bool:
-        """Send what the viewer has not seen of a flight that has ended; return True."""
+        """Send the unsent part of an ended flight; return True."""
         self._put(_Item(put, flight=True))
         return True
 
     def under_way(self, put: Put, until: int) -> None:
-        """Send what the viewer has not seen of a flight that goes on, if nothing else waits.
+        """Send the unsent part of a flight in progress, if nothing else is waiting.
 
-        What is left out comes with the next part, or with the whole flight.
+        Anything omitted is sent with the next part, or with the ended flight.
         """
         if self._queue.empty():
             self._put(_Item(put, flight=True, until=until, kept=False))
 
     def close(self) -> None:
-        """Send what waits, for a second at most."""
+        """Send waiting entries, for at most a second."""
         with suppress(queue.Full):
             self._queue.put(None, timeout=1.0)
             self._thread.join(1.0)
@@ -141,13 +141,13 @@ class LiveSink:
         while going:
             try:
                 going = self._turn()
-            except Exception as error:  # noqa: BLE001 - whatever it is, the thread has to go on
+            except Exception as error:  # noqa: BLE001 - the thread must survive any error
                 self._complain(error)
         if self._stream is not None:
             self._stream.disconnect()
 
     def _turn(self) -> bool:
-        """Send the next thing that waits, or look after the viewer; tell whether to go on."""
+        """Send the next waiting entry, or check for the viewer; return whether to continue."""
         try:
             item = self._queue.get(timeout=_LOOK_OUT)
         except queue.Empty:
@@ -161,11 +161,11 @@ class LiveSink:
         if self._stream is not None:
             self._send(item)
         else:
-            self._connect()  # which sends it with the rest
+            self._connect()  # also sends this item
         return True
 
     def _connect(self) -> None:
-        """Go to meet a viewer, and tell it what it has missed."""
+        """Connect to a viewer, and send what it has missed."""
         now = time.monotonic()
         if self._stream is not None or self._head is None or now < self._next_try:
             return
@@ -178,7 +178,7 @@ class LiveSink:
                 self._note('WARN', f'no viewer at {self._url}: one that comes later gets the '
                                    f'last {KEPT_FLIGHTS} flights')
             return
-        # Another recording for each connection: one that was only slow has some of it already.
+        # A new recording for each connection: a viewer that was only slow has some data already.
         stream = rr.RecordingStream(
             APPLICATION, recording_id=f'{APPLICATION}-{time.time_ns():x}')
         stream.set_log_time_enabled(False)
@@ -192,7 +192,7 @@ class LiveSink:
             for item in list(kept):
                 try:
                     self._send(item)
-                except Exception as error:  # noqa: BLE001 - the rest shall be shown all the same
+                except Exception as error:  # noqa: BLE001 - the other entries must still be shown
                     kept.remove(item)
                     self._complain(error)
 
@@ -200,7 +200,7 @@ class LiveSink:
         self._note('ERROR', f'not shown by the viewer at {self._url}: {error}')
 
     def _send(self, item: _Item) -> None:
-        """Send and wait until the viewer has it; when it does not take it, let go of it."""
+        """Send an item and wait until the viewer has received it; disconnect if it does not."""
         if self._stream is None or self._unsent is None:
             return
         if item.flight:
@@ -213,7 +213,7 @@ class LiveSink:
             self.dropped += 1
 
     def _flush(self) -> None:
-        """Wait until the viewer, if there is one, has what was sent; let go of one that died."""
+        """Wait until a connected viewer has received everything; disconnect if it is dead."""
         if self._stream is None:
             return
         try:
@@ -221,8 +221,8 @@ class LiveSink:
         except RuntimeError as error:
             self._note('WARN', f'the viewer at {self._url} is gone: {error}')
             stream, self._stream = self._stream, None
-            # It goes on trying, for as long as a viewer that was stopped stands: nobody waits for
-            # that, but there is no other stream before it is over.
+            # It keeps trying as long as the connection of a stopped viewer exists. Nothing waits
+            # for that, but no other stream can be opened meanwhile.
             self._farewell = threading.Thread(target=stream.disconnect, daemon=True)
             self._farewell.start()
 

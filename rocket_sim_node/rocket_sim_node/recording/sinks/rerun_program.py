@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The Rerun program: it repairs and verifies recordings, and serves them as a web page."""
+"""Wrapper of the Rerun program, which repairs, verifies and serves recordings."""
 from __future__ import annotations
 
 import ctypes
@@ -16,9 +16,9 @@ from pathlib import Path
 LOCAL = '127.0.0.1'
 _PR_SET_PDEATHSIG = 1
 PATIENCE = 60.0
-"""s that the program may take to do something to a file"""
+"""Base time limit of an operation on a file, s."""
 SLOWEST = 2e6
-"""bytes/s of a file's that it must manage on top"""
+"""Minimum throughput, bytes/s, that extends the time limit by the file's size."""
 
 
 def _die_with_parent() -> None:
@@ -26,27 +26,27 @@ def _die_with_parent() -> None:
 
 
 _LIKE_US = _die_with_parent if sys.platform == 'linux' else None
-"""what a child does first, so that it ends when we do, however that comes"""
+"""Executed first in a child process, so that it ends with its parent in any case."""
 
 
 _TOLD = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-"""what somebody else ends a program by; what a damaged file may do to it are others"""
+"""Signals by which others stop a program, as opposed to crashes on a damaged file."""
 
 
 class ViewerError(RuntimeError):
-    """The Rerun program is missing or did not do what was asked."""
+    """The Rerun program is missing or failed."""
 
 
 class ViewerEnded(ViewerError):
-    """It is missing, or somebody ended it: another time it may do what was asked."""
+    """The program is missing or was stopped from outside; another attempt may succeed."""
 
 
 def binary() -> Path:
     """Return the native program of the installed package.
 
-    The console script of the same name would leave it orphaned when it is ended.
+    The console script of the same name would leave it orphaned when stopped.
 
-    :raises ViewerEnded: when it is not there.
+    :raises ViewerEnded: when it is missing.
     """
     try:
         import rerun_cli  # type: ignore[import-untyped]  # it has no types
@@ -61,9 +61,9 @@ def binary() -> Path:
 
 
 def environment() -> dict[str, str]:
-    """Return an environment in which it asks nothing, writes no state and tells its maker nothing.
+    """Return an environment in which it asks nothing, stores no state and sends no telemetry.
 
-    It sends how it is used over the network (`rerun analytics`), but not where `CI` is set.
+    It reports usage over the network (`rerun analytics`), unless `CI` is set.
     """
     return {
         **os.environ, 'RERUN_APP_ONLY': 'true', 'CI': 'true', 'RUST_LOG': 'error', 'NO_COLOR': '1'}
@@ -72,8 +72,8 @@ def environment() -> dict[str, str]:
 def rrd(*arguments: str | Path) -> None:
     """Run `rerun rrd …`.
 
-    :raises ViewerError: when it fails, with the last of what it said, or takes far too long for
-        the files that it is given.
+    :raises ViewerError: when it fails, with the last of its output, or exceeds the time limit for
+        its files.
     """
     timeout = PATIENCE + sum(
         path.stat().st_size for path in arguments if isinstance(path, Path) and path.is_file()
@@ -82,7 +82,7 @@ def rrd(*arguments: str | Path) -> None:
     try:
         result = subprocess.run(
             command, env=environment(), capture_output=True, text=True, timeout=timeout,
-            check=False, start_new_session=True,  # Ctrl-C is for us, and we wait for it
+            check=False, start_new_session=True,  # Ctrl-C is for this process
             preexec_fn=_LIKE_US)
     except subprocess.TimeoutExpired as error:
         raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
@@ -94,7 +94,7 @@ def rrd(*arguments: str | Path) -> None:
 
 
 def verify(path: Path) -> None:
-    """Check that a recording is whole and readable.
+    """Check that a recording is complete and readable.
 
     :raises ViewerError: when it is not.
     """
@@ -102,16 +102,16 @@ def verify(path: Path) -> None:
 
 
 def repair(broken: Path, repaired: Path) -> None:
-    """Write what can be read of a recording that was cut off to a new file.
+    """Write the readable part of a truncated recording to a new file.
 
-    :raises ViewerError: when there is nothing to save.
+    :raises ViewerError: when nothing can be recovered.
     """
     rrd('merge', '--continue-on-error', broken, '-o', repaired)
     verify(repaired)
 
 
 class Program:
-    """The program as a child that ends when this process does, however that ends."""
+    """The program as a child process that ends with this process in any case."""
 
     def __init__(self, *arguments: str, **variables: str) -> None:
         """Start it; `variables` are added to its environment.
@@ -122,11 +122,11 @@ class Program:
         self._process = subprocess.Popen(
             [str(binary()), *arguments], env={**environment(), **variables},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said,
-            start_new_session=True,  # Ctrl-C is for us: it has to take what we still send
+            start_new_session=True,  # Ctrl-C must not stop it: data is still to come
             preexec_fn=_LIKE_US)
 
     def said(self, length: int = 600) -> str:
-        """Return the beginning of what it complained of."""
+        """Return the beginning of its error output."""
         self._said.seek(0)
         return ' '.join(self._said.read().decode(errors='replace').split())[:length]
 
@@ -144,7 +144,7 @@ class Program:
             time.sleep(0.05)
 
     def stop(self, patience: float = 1.0) -> None:
-        """End it, by force when it does not go by itself."""
+        """Stop it, by force if necessary."""
         self._process.terminate()
         try:
             self._process.wait(patience)
@@ -155,7 +155,7 @@ class Program:
 
 
 def reachable(host: str, port: int, patience: float = 0.3) -> bool:
-    """Return whether somebody listens there."""
+    """Return whether a server listens there."""
     try:
         with socket.create_connection((host, port), timeout=patience):
             return True
@@ -164,7 +164,7 @@ def reachable(host: str, port: int, patience: float = 0.3) -> bool:
 
 
 def free_port() -> int:
-    """Return a port of this machine that nobody listens on."""
+    """Return an unused port of this machine."""
     with socket.socket() as probe:
         probe.bind((LOCAL, 0))
         return int(probe.getsockname()[1])

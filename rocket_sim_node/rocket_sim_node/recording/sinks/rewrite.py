@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A finished recording written anew: fewer, larger chunks, and the layout that fits it."""
+"""Rewriting of a finished recording with fewer, larger chunks and a matching layout."""
 from __future__ import annotations
 
 import dataclasses
@@ -20,19 +20,19 @@ from rocket_sim_node.recording.sinks.rrd_file import opened
 from rocket_sim_node.recording.sinks.rrd_file import written
 
 LARGE_CHUNKS = dataclasses.replace(OptimizationProfile.OBJECT_STORE, split_size_ratio=None)
-"""what was logged together stays together: each chunk costs the index a kilobyte or two"""
+"""Data logged together stays together: each chunk adds one or two kilobytes to the index."""
 FLUSHED = 50
-"""chunks that may wait to be written while a recording is copied"""
+"""Maximum number of unwritten chunks while a recording is copied."""
 
 
 def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
     """Write the recording in `source` to `target`, under the same identity.
 
-    A file as it was recorded has some chunks for each flight; joined, it is smaller and opens
-    quicker. It gets the tabs for training and conditions when there was any.
+    A file as recorded has several chunks for each flight; joined, it is smaller and opens faster.
+    The layout has tabs for training and conditions if the recording contains any.
 
     :param tab: the one in front.
-    :raises OSError: when `source` cannot be read or `target` not be written.
+    :raises OSError: when `source` cannot be read or `target` cannot be written.
     """
     with _os_error('not a readable recording', source):
         reader = opened(source)
@@ -46,11 +46,11 @@ def rewrite(source: Path, target: Path, tab: str = 'flight') -> None:
 
 
 def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
-    """Write the recording in `source`, which has no table of contents, to `target` with one.
+    """Copy the recording in `source`, which has no table of contents, to `target` with one.
 
-    With it a viewer finds its way in a large file. Little of the file is in memory at a time.
+    A viewer needs it to navigate a large file. Only little of the file is in memory at a time.
 
-    :raises OSError: when `source` cannot be read or `target` not be written.
+    :raises OSError: when `source` cannot be read or `target` cannot be written.
     """
     with _os_error(f'could not be copied to {target.name}', source):
         reader = opened(source)
@@ -63,7 +63,7 @@ def add_contents(source: Path, target: Path, layout: rrb.Blueprint) -> None:
 
 
 def is_empty(path: Path) -> bool:
-    """Return whether a recording holds a layout and properties of its own, and nothing else.
+    """Return whether a recording has only a layout and its own properties.
 
     :raises OSError: when it cannot be read.
     """
@@ -74,7 +74,7 @@ def is_empty(path: Path) -> bool:
 
 @contextmanager
 def _os_error(what: str, path: Path) -> Iterator[None]:
-    """Raise OSError for what Rerun raises."""
+    """Convert Rerun's errors to OSError."""
     try:
         yield
     except (RuntimeError, ValueError, IndexError) as error:
@@ -82,7 +82,7 @@ def _os_error(what: str, path: Path) -> Iterator[None]:
 
 
 def joined(reader: RrdReader) -> ChunkStore:
-    """Return all of a recording in fewer, larger chunks."""
+    """Return all data of a recording in fewer, larger chunks."""
     return reader.stream().collect(optimize=LARGE_CHUNKS)
 
 
@@ -105,7 +105,7 @@ def _stream(reader: RrdReader, target: Path, layout: rrb.Blueprint) -> rr.Record
 
 
 def _world(reader: RrdReader) -> str:
-    """Return the name of the world that was recorded last, empty when it is not said."""
+    """Return the name of the last recorded world, empty if there is none."""
     for chunk in reader.stream():
         if chunk.entity_path == entities.WORLD and chunk.is_static:
             batch = chunk.to_record_batch()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that Rerun writes: how writing one ends, and whether it was written to its end."""
+"""Rerun's files: opening, flushing and closing them, and a check for completeness."""
 from __future__ import annotations
 
 import ctypes
@@ -14,13 +14,13 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 PATIENCE = 10.0
-"""s to write what waits to be written"""
+"""Time limit, s, for writing pending data."""
 
 
 def opened(path: Path | str) -> RrdReader:
-    """Open a recording, one without a table of contents, too.
+    """Open a recording, with or without a table of contents.
 
-    :raises RuntimeError: or ValueError, when it is none.
+    :raises RuntimeError: or ValueError, when it is not a recording.
     """
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', RerunWarning)
@@ -28,9 +28,9 @@ def opened(path: Path | str) -> RrdReader:
 
 
 def has_contents(path: Path) -> bool:
-    """Return whether a recording was written to its end, where its table of contents is."""
+    """Return whether a recording is complete, i.e. has the table of contents at its end."""
     with warnings.catch_warnings():
-        # Without one it is read all the same, and warned of.
+        # Without one it is still readable, with a warning.
         warnings.simplefilter('error', RerunWarning)
         try:
             RrdReader(path)
@@ -40,19 +40,19 @@ def has_contents(path: Path) -> bool:
 
 
 def flush(stream: rr.RecordingStream) -> None:
-    """Wait until all is written that was logged.
+    """Wait until everything that was logged is written.
 
-    :raises RuntimeError: when it could not be.
+    :raises RuntimeError: when that fails.
     """
     stream.flush(timeout_sec=PATIENCE)
 
 
 def end(stream: rr.RecordingStream) -> None:
-    """Write what is still to be written, and let go of the file.
+    """Write pending data, and close the file.
 
-    The thread that writes for Rerun ends at its first error. What waits for it then, a flush or
-    the end of the stream, fails or blocks for ever. The table of contents comes last, and an
-    error there is not reported: ask `has_contents`.
+    Rerun's writer thread ends at its first error. A flush or the end of the stream then fails or
+    blocks forever. The table of contents is written last, and an error there is not reported:
+    check `has_contents`.
 
     :raises RuntimeError: when something could not be written.
     """
@@ -62,7 +62,7 @@ def end(stream: rr.RecordingStream) -> None:
         try:
             flush(stream)
             stream.disconnect()
-        except Exception as error:  # noqa: BLE001 - it is raised below
+        except Exception as error:  # noqa: BLE001 - re-raised below
             errors.append(error)
 
     thread = threading.Thread(target=run, daemon=True)
@@ -77,7 +77,7 @@ def end(stream: rr.RecordingStream) -> None:
 def _leave(stream: rr.RecordingStream) -> None:
     """Abandon a stream whose writer has died.
 
-    To flush or free it may block for ever, now and when the process ends: nobody shall do it.
+    Flushing or freeing it may block forever, even at exit, so it is never freed.
     """
     rr.unregister_shutdown()
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
@@ -85,7 +85,7 @@ def _leave(stream: rr.RecordingStream) -> None:
 
 @contextmanager
 def written(stream: rr.RecordingStream, path: Path) -> Iterator[None]:
-    """End a stream that writes a file with a table of contents.
+    """Close a stream to a file with a table of contents, on exit.
 
     :raises RuntimeError: when not all of it could be written.
     """

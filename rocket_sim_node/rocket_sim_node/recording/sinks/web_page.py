@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording as a web page, for browsers on this machine unless told otherwise."""
+"""Web server for a recording, for browsers on this machine by default."""
 from __future__ import annotations
 
 import ipaddress
@@ -10,23 +10,23 @@ from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 
 INVITATION = 'watch it in a browser: '
-"""How the line begins that tells people of the page."""
+"""Start of the log line that announces the page."""
 
 
 class WebPage:
     """The Rerun program as a server for any number of browsers.
 
-    It keeps what it got, so that a browser that comes late sees all of it.
+    It keeps the data it received, so that a browser that connects late sees all of it.
     """
 
     def __init__(self, port: int, host: str = LOCAL, memory: str = '512MiB') -> None:
-        """Start it and wait until it listens.
+        """Start the server and wait until it listens.
 
-        :param port: of the page; the data flows through another one.
-        :param host: address of this machine that it listens at; 0.0.0.0: at all of them.
-        :param memory: kept for browsers that come late; older data makes room.
-        :raises ValueError: when `host` is no address.
-        :raises ViewerError: when it cannot be started, for example because the port is taken.
+        :param port: of the page; the data uses another port.
+        :param host: address of this machine to listen on; 0.0.0.0 for all.
+        :param memory: limit of the data kept for late browsers; the oldest is dropped.
+        :raises ValueError: when `host` is not an address.
+        :raises ViewerError: when it cannot be started, for example because the port is in use.
         """
         try:
             address = ipaddress.IPv4Address(host)
@@ -53,5 +53,5 @@ class WebPage:
             raise
 
     def close(self) -> None:
-        """Stop it."""
+        """Stop the server."""
         self._program.stop()

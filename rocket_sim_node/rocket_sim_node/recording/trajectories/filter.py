@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which flights are recorded."""
+"""Filter that selects the flights to record."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from rocket_sim_node.settings import setting
 
 @dataclass(frozen=True)
 class RecordingFilter:
-    """What is wanted of all that flies.
+    """Selection of flights to record.
 
-    While an agent learns, flights are alike for hours: then every n-th is enough, and half of
-    the room is kept for the evaluation at the end. When none learns, every flight is recorded.
+    While an agent learns, flights are similar for hours: every n-th is enough, and half of the
+    capacity is reserved for the final evaluation. Otherwise every flight is recorded.
     """
 
     rows: tuple[int, ...] = setting(
@@ -26,11 +26,11 @@ class RecordingFilter:
         'half of it while an agent learns', 0, 1e12)
 
     def wanted(self, episode: int, *, landed: bool, learning: bool) -> bool:
-        """Return whether a flight of a chosen rocket is recorded."""
+        """Return whether a flight of a selected rocket is recorded."""
         return (
             not learning or episode % self.every_nth_episode == 0
             or (self.crashes and not landed))
 
     def room(self, *, learning: bool) -> int:
-        """Return how many steps may be recorded in all, up to now."""
+        """Return the total number of steps that may be recorded so far."""
         return self.max_steps // 2 if learning else self.max_steps

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a landing of world `rocket` goes on after its last sample: the planar contact model."""
+"""Motion after a landing in world `rocket`, simulated by the planar contact model."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -19,60 +19,60 @@ from rocket_sim_node.worlds.rocket.outcome import OUTCOMES
 from rocket_sim_node.worlds.rocket.outcome import TIPPED
 
 _SETTLE = tuple(OUTCOMES[code] for code in (LANDED, TIPPED, OFF_PAD))
-"""Outcomes that are followed; of a touchdown that is too fast the legs would not hold."""
+"""Outcomes that are continued; in a touchdown that is too fast the legs would not hold."""
 _FASTEST, _FASTEST_SPIN, _FARTHEST = 100.0, 20.0, 1e5
-"""m/s, rad/s and m from the pad with which no rocket touches down"""
+"""Limits in m/s, rad/s and m from the pad beyond any touchdown."""
 _LIGHTEST, _HEAVIEST, _STRONGEST = 0.1, 1e9, 10.0
-"""kg, kg and a factor: no conditions make lighter rockets, heavier ones, or more gravity"""
+"""Limits in kg, kg and a factor: beyond any conditions' mass and gravity."""
 _GRAVITY = 'gravity_factor'
 
 
-def follow(flights: Sequence[Trajectory], stage: WorldInfo) -> list[Settling | None]:
-    """Return what becomes of rockets after their flights; None where that is not asked.
+def follow(flights: Sequence[Trajectory], info: WorldInfo) -> list[Settling | None]:
+    """Return the motion of rockets after their flights; None where it is not simulated.
 
-    They settle together, which takes little longer than the slowest of them alone.
+    They are simulated together, which takes little longer than the slowest of them alone.
 
-    :param stage: of any world; only flights of `rocket` are followed, others end at rest.
+    :param info: of any world; only flights of `rocket` are continued.
     """
     ends: list[Settling | None] = [None] * len(flights)
     chosen = [
-        place for place, flight in enumerate(flights)
-        if stage.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)
-        and 0.0 <= _gravity_factor(flight, stage) <= _STRONGEST]
+        index for index, flight in enumerate(flights)
+        if info.world == 'rocket' and flight.outcome in _SETTLE and _may_be(flight)
+        and 0.0 <= _gravity_factor(flight, info) <= _STRONGEST]
     if not chosen:
         return ends
     last = Trajectory(0, 0, 0, '', np.stack([
-        flights[place].values[-1, :WIDTH] for place in chosen]))
+        flights[index].values[-1, :WIDTH] for index in chosen]))
     settled = settle(
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
         frames.vector_from_ros(last.linear_velocity),
-        frames.vector_from_ros(last.angular_velocity), last.mass, stage.settings, trajectory=True,
-        gravity=stage.settings['gravity'] * np.array([
-            _gravity_factor(flights[place], stage) for place in chosen]))
+        frames.vector_from_ros(last.angular_velocity), last.mass, info.settings, trajectory=True,
+        gravity=info.settings['gravity'] * np.array([
+            _gravity_factor(flights[index], info) for index in chosen]))
     course, names = settled.trajectory, settled.names()
     assert course is not None
-    for lane, place in enumerate(chosen):
-        # The first moment is that of touchdown, which the flight has.
+    for lane, index in enumerate(chosen):
+        # The first time is that of touchdown, which the flight already has.
         own = slice(1, int(course.length[lane])), lane
         count = int(course.length[lane]) - 1
-        ends[place] = Settling.build(
+        ends[index] = Settling.build(
             names[lane], frames.vector_to_ros(course.position[own]),
-            frames.quaternion_to_ros(course.orientation[own]), flights[place].layout,
+            frames.quaternion_to_ros(course.orientation[own]), flights[index].layout,
             linear_velocity=frames.vector_to_ros(course.linear_velocity[own]),
             angular_velocity=frames.vector_to_ros(course.angular_velocity[own]),
             fuel=np.full(count, last.fuel[lane]), mass=np.full(count, last.mass[lane]))
     return ends
 
 
-def _gravity_factor(flight: Trajectory, stage: WorldInfo) -> float:
+def _gravity_factor(flight: Trajectory, info: WorldInfo) -> float:
     """Return the factor of gravity that was drawn for a flight."""
-    names = stage.condition_names
+    names = info.condition_names
     known = _GRAVITY in names and flight.layout.conditions == len(names)
     return float(flight.conditions[-1, names.index(_GRAVITY)]) if known else 1.0
 
 
 def _may_be(flight: Trajectory) -> bool:
-    """Return whether the contact model has an answer: anybody may say what a rocket ends with."""
+    """Return whether the contact model can handle the final state, which comes from a message."""
     def last(name: str) -> float:
         return float(np.linalg.norm(flight.values[-1, FIELDS[name]]))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights: what the samples of a rocket add up to, and what may follow a touchdown."""
+"""Trajectories of rockets, built from samples, and their continuation after touchdown."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ F64 = NDArray[np.float64]
 
 
 def up_of(orientation: F64) -> F64:
-    """Return where the axes of bodies with attitudes `(n, 4)` point, `(n, 3)` in the world."""
+    """Return the up axes of bodies with attitudes `(n, 4)`, `(n, 3)` in the world."""
     x, y, z, w = orientation.T
     return np.stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)), axis=1)
 
 
 def tilt_of(orientation: F64) -> F64:
-    """Return the angle between the vertical and bodies with attitudes `(n, 4)`, `(n,)` deg."""
+    """Return the tilt from vertical of bodies with attitudes `(n, 4)`, `(n,)` deg."""
     up = up_of(orientation)
     return np.rad2deg(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))
 
@@ -34,8 +34,8 @@ def tilt_of(orientation: F64) -> F64:
 class Trajectory:
     """One episode of one rocket, from its first state to its last.
 
-    `values` is `(n, layout.width)` as in :class:`Samples`; `outcome` is its name, empty when the
-    flight was not seen to its end; `step` is the simulator's step of the first sample.
+    `values` is `(n, layout.width)` as in :class:`Samples`; `outcome` is its name, empty if the end
+    was not received; `step` is the simulator's step of the first sample.
     """
 
     row: int
@@ -46,11 +46,11 @@ class Trajectory:
     layout: Layout = NO_LAYOUT
 
     def __len__(self) -> int:
-        """Return n, the number of samples, one more than the steps flown."""
+        """Return n, the number of samples, one more than the number of steps."""
         return len(self.values)
 
     def __getattr__(self, name: str) -> F64:
-        """Return a quantity by its name, `(n, k)`; `(n,)` for the scalars every world has."""
+        """Return a quantity by its name, `(n, k)`; `(n,)` for scalars of :data:`FIELDS`."""
         if name not in FIELDS and name not in OWN_FIELDS:
             raise AttributeError(name)
         column = self.values[:, self.layout.place(name)]
@@ -78,7 +78,7 @@ class Trajectory:
 
     @property
     def touching(self) -> NDArray[np.bool_]:
-        """Whether the ground pushes, or a foot stands on it, `(n,)`."""
+        """Whether there is a contact force or a foot in contact, `(n,)`."""
         pushed: NDArray[np.bool_] = np.any(self.contact_force != 0.0, axis=1)
         stands: NDArray[np.bool_] = np.any(self.contact > 0.0, axis=1)
         return pushed | stands
@@ -89,7 +89,7 @@ class Trajectory:
         return float(self.reward[1:].sum())
 
     def followed_by(self, settling: Settling | None) -> Trajectory:
-        """Return it with the samples after its touchdown, if there are any."""
+        """Return it with the samples after its touchdown appended, if there are any."""
         if settling is None:
             return self
         return replace(self, values=np.concatenate((self.values, settling.values)))
@@ -97,10 +97,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Settling:
-    """What became of a rocket after its touchdown, which ended the flight.
+    """Motion of a rocket after the touchdown that ended its flight.
 
     `verdict` is a word such as 'stands' or 'tips_over'; `values` `(m, k)` are m further samples,
-    one step after the other, in the layout of the flight that they follow.
+    one per step, in the layout of the flight that they follow.
     """
 
     verdict: str
@@ -111,12 +111,12 @@ class Settling:
         cls, verdict: str, position: NDArray[Any], orientation: NDArray[Any],
         layout: Layout = NO_LAYOUT, **quantities: NDArray[Any],
     ) -> Settling:
-        """Make one from what is known; the rest is 0: no engine, no torque, no reward.
+        """Create one from known quantities; the rest is 0: no engine, no torque, no reward.
 
         :param position: `(m, 3)` m and `orientation` `(m, 4)` x y z w, z up.
         :param layout: of the flight.
         :param quantities: others of :data:`FIELDS` and :data:`OWN_FIELDS`, `(m, k)`.
-        :raises ValueError: when one does not fit, naming it.
+        :raises ValueError: when one has the wrong size, naming it.
         """
         values = np.zeros((len(position), layout.width))
         given = {'position': position, 'orientation': orientation, **quantities}
@@ -132,20 +132,20 @@ class Settling:
 
 
 class TrajectoryBuffer:
-    """Collects the samples of one rocket in memory set aside beforehand.
+    """Collects the samples of one rocket in preallocated memory.
 
-    `episode` and `first_step`, in the simulator, are those of the flight; -1 and 0 when there is
+    `episode` and `first_step`, in the simulator, are those of the flight; -1 and 0 if there is
     none.
     """
 
     def __init__(self, capacity: int = 1600) -> None:
-        """Set memory aside; it doubles when a flight is longer."""
+        """Allocate memory; it doubles when a flight is longer."""
         self._layout = NO_LAYOUT
         self._values = np.empty((capacity, self._layout.width))
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was collected."""
+        """Discard the collected samples."""
         self._count = 0
         self.first_step = 0
         self.episode = -1
@@ -158,8 +158,8 @@ class TrajectoryBuffer:
     def extend(self, samples: Samples) -> bool:
         """Add samples of one episode in the order of their steps.
 
-        :return: false, with nothing kept, when they do not continue what is here and do not
-            begin an episode: the start, or a part of it, was missed.
+        :return: false, with nothing kept, if they neither continue the collected samples nor begin
+            an episode: part of its start was missed.
         """
         begins = samples.values[0, 0] == 0.0
         gapless = samples.step[-1] - samples.step[0] == len(samples.step) - 1
@@ -186,13 +186,13 @@ class TrajectoryBuffer:
         return True
 
     def so_far(self, row: int, outcome: str = '') -> Trajectory:
-        """Return the flight collected, as a copy."""
+        """Return a copy of the flight collected so far."""
         return Trajectory(
             row, self.episode, self.first_step, outcome, self._values[:self._count].copy(),
             self._layout)
 
     def finish(self, row: int, outcome: str) -> Trajectory:
-        """Return the flight collected, and begin anew."""
+        """Return the collected flight, and start a new one."""
         flight = self.so_far(row, outcome)
         self.clear()
         return flight

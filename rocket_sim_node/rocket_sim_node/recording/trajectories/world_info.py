@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording needs to know of a world: the numbers that shape its picture."""
+"""Properties of a world that determine its appearance in recordings."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -9,22 +9,22 @@ from dataclasses import field
 from rocket_sim_node.worlds.lunar import vehicle
 
 DRAWN_HEIGHT = 5.2
-"""m from the feet to the origin of the vehicle as it is drawn; others are scaled to fit."""
+"""m from the feet to the origin of the vehicle as drawn; other vehicles are scaled to fit."""
 
 UNSAID: Mapping[str, Mapping[str, float]] = {
     'lunar_lander': {
         'touchdown_height': vehicle.LEG_DOWN, 'landed_distance': 2.0, 'fuel': 0.0},
 }
-"""What some worlds do not say of themselves among their settings."""
+"""Values that some worlds' descriptions lack."""
 
 
 @dataclass(frozen=True)
 class WorldInfo:
-    """A world as its recordings show it; SI units.
+    """A world as shown in its recordings; SI units.
 
-    `fuel` is 0 where none is burnt; `stance` is how far the feet stand from the axis, as seen in
-    a planar world, and `field_half_width` how far the terrain reaches. `condition_names` names
-    what is drawn for each episode, in the order of the samples' `conditions`.
+    `fuel` is 0 for a world without it; `stance` is the distance of the feet from the axis, as seen
+    in a planar world, and `field_half_width` the half-width of the terrain. `condition_names`
+    names the values drawn for each episode, in the order of the samples' `conditions`.
     """
 
     world: str
@@ -39,14 +39,14 @@ class WorldInfo:
     field_half_width: float = 10.0
     condition_names: tuple[str, ...] = ()
     settings: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
-    """all that the world says of itself"""
+    """All settings in the world's description."""
 
     @classmethod
     def build(
         cls, world: str, dt: float, outcomes: tuple[str, ...], settings: Mapping[str, float],
         condition_names: tuple[str, ...] = (),
     ) -> WorldInfo:
-        """Take from a world's settings what is known here; the rest keeps its default."""
+        """Take the known properties from a world's settings; the rest has defaults."""
         known = {**UNSAID.get(world, {}), **settings}
 
         def value(name: str, default: float) -> float:
@@ -71,5 +71,5 @@ class WorldInfo:
 
     @property
     def scale(self) -> float:
-        """How much larger than drawn the vehicle is."""
+        """Size of the vehicle relative to its drawing."""
         return self.unit / DRAWN_HEIGHT

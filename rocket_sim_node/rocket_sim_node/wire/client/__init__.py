@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's end of the wire: one simulator, or a fleet of them."""
+"""The agent's side of the protocol: a client for one simulator, and for a fleet of them."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The answer of a step, put together from the topics that it comes on, and checked."""
+"""Assembly and validation of a step's answer from the topics it arrives on."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -18,17 +18,17 @@ from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
 
 Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
-"""what `VectorEnv.step` answers"""
+"""The return value of `VectorEnv.step`."""
 
 
 class Answers:
-    """Collects `observation`, `reward` and `episodes` of the step awaited; drops all else."""
+    """Collects `observation`, `reward` and `episodes` of the awaited step; drops all else."""
 
     def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
-        """Await nothing.
+        """Set up without awaiting a step.
 
-        :param boxes: of observation, reward and episodes.
-        :param warn: is told what was passed over because it is no message.
+        :param boxes: mailboxes of observation, reward and episodes.
+        :param warn: called with a text for each message that could not be decoded.
         """
         self._warn = warn
         self._boxes = tuple(boxes)
@@ -39,19 +39,19 @@ class Answers:
         self._episodes: Any = None
 
     def expect(self, spec: WorldSpec) -> None:
-        """Say which world answers."""
+        """Set the world whose answers are expected."""
         self._spec = spec
 
     def await_step(self, session: int, step: int) -> None:
-        """Wait for the answer to an action of this session and step; drop what there was."""
+        """Start to wait for the answer to this session and step; drop what came before."""
         self._session, self._step = session, step
         self._observation = self._reward = self._episodes = None
 
     @property
     def missing(self) -> Mailbox | None:
-        """Where something is to come before the answer is complete; None when it is.
+        """The mailbox that the next missing part arrives in; None when the answer is complete.
 
-        The simulator sends the observation last: who has it mostly has all the rest already.
+        The simulator sends the observation last, so once it is here the rest usually is too.
         """
         observation, reward, episodes = self._boxes
         if self._observation is None:
@@ -61,9 +61,9 @@ class Answers:
         return episodes if self._episodes is None and len(self._reward.final_rows) else None
 
     def collect(self) -> bool:
-        """Take what has come; tell whether the answer is complete.
+        """Read the messages that have arrived; return whether the answer is complete.
 
-        Messages of another session or step are passed over.
+        Messages of another session or step are skipped.
         """
         while (box := self.missing) is not None:
             message = self._next(box)
@@ -80,16 +80,16 @@ class Answers:
         return True
 
     def heard_of(self, session: int) -> bool:
-        """Take the observations that have come; tell whether one is of this session."""
+        """Read the observations that have arrived; return whether one belongs to this session."""
         heard = False
         while (message := self._next(self._boxes[0])) is not None:
             heard |= message.session == session
         return heard
 
     def _next(self, box: Mailbox) -> Any:
-        """Return the next message of a box, None without.
+        """Return the next message of a mailbox, or None.
 
-        Bytes that are no message may be anybody's: they are passed over.
+        Bytes that cannot be decoded may come from any publisher, so they are skipped.
         """
         while True:
             try:
@@ -101,9 +101,9 @@ class Answers:
         return bool(message.session == self._session and message.step == self._step + 1)
 
     def take(self) -> tuple[int, Step]:
-        """Return the step reached and what `VectorEnv.step` answers.
+        """Return the step reached and the return value of `VectorEnv.step`.
 
-        :raises ValueError: naming topic, field, what came and what was expected.
+        :raises ValueError: naming topic, field, actual and expected value.
         """
         spec, reward, observed = self._spec, self._reward, self._observation
         assert spec is not None and reward is not None and observed is not None
@@ -113,10 +113,10 @@ class Answers:
         return reward.step, (observation, *result)
 
     def _result(self, reward: Any, ended: Any) -> tuple[F32, Bools, Bools, dict[str, Any]]:
-        """Return what an action brought: the answer of `VectorEnv.step` but for the observation.
+        """Return what an action led to: the return value of `VectorEnv.step` less the observation.
 
-        :param ended: the message of the episodes that ended, None where there was none.
-        :raises ValueError: naming topic, field, what came and what was expected.
+        :param ended: the message of finished episodes, None if there was none.
+        :raises ValueError: naming topic, field, actual and expected value.
         """
         spec = self._spec
         assert spec is not None
@@ -135,10 +135,10 @@ class Answers:
 
 
 def observation_of(where: str, values: NDArray[np.float32], spec: WorldSpec) -> F32:
-    """Return what came as an observation of all rockets, `(N, D)`.
+    """Return received values as an observation of all rockets, `(N, D)`.
 
     :param where: topic or service, and field.
-    :raises ValueError: naming it, what came and what was expected.
+    :raises ValueError: naming `where`, actual and expected value.
     """
     _check_size(where, values, spec.num_envs * spec.observation_size)
     _check_finite(where, values)
@@ -157,9 +157,9 @@ def _check_finite(where: str, values: NDArray[Any]) -> None:
 
 
 def _check_reward(spec: WorldSpec, reward: Any) -> None:
-    """Check what the last action brought before anything is learnt from it.
+    """Check a reward message before anything is learned from it.
 
-    :raises ValueError: naming topic, field, what came and what was expected.
+    :raises ValueError: naming topic, field, actual and expected value.
     """
     rows, count = reward.final_rows, spec.num_envs
     for name in ('reward', 'terminated', 'truncated'):
@@ -182,8 +182,8 @@ def _check_reward(spec: WorldSpec, reward: Any) -> None:
 def _check_episodes(spec: WorldSpec, message: Any, rows: NDArray[Any]) -> None:
     """Check the episodes that ended at a step.
 
-    :param rows: `(K,)` rockets whose they are, as `reward` says.
-    :raises ValueError: naming topic, field, what came and what was expected.
+    :param rows: `(K,)` rockets that finished, according to `reward`.
+    :raises ValueError: naming topic, field, actual and expected value.
     """
     for name in message._fields[2:]:
         values = getattr(message, name)
@@ -199,5 +199,5 @@ def _check_episodes(spec: WorldSpec, message: Any, rows: NDArray[Any]) -> None:
 
 
 def _some(values: NDArray[Any]) -> str:
-    """Return the first few of some numbers."""
+    """Return the first few values as text."""
     return ' '.join(map(str, values[:8].tolist())) + (' ...' if len(values) > 8 else '') or 'none'

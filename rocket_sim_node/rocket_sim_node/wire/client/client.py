@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator somewhere, used like a world in this process."""
+"""A remote simulator with the interface of a world in this process."""
 from __future__ import annotations
 
 import secrets
@@ -23,14 +23,14 @@ from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import Snapshot
 
 RELEASE_TIMEOUT = 1.0
-"""s that a farewell may take"""
+"""Seconds to wait for the answer to a release."""
 
 
 class Client:
-    """A simulator as a `VectorEnv`: resets, steps, re-sends, and says when it restarted.
+    """A remote simulator as a `VectorEnv`: resets, steps, re-sends, detects restarts.
 
-    It spins `executor` only while it waits, in the thread that calls it, so that the other
-    callbacks of the node are served in between and nothing is nested.
+    It spins `executor` only while it waits, in the calling thread, so the node's other callbacks
+    are served meanwhile and spinning is never nested.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class Client:
         options: ConnectionOptions | None = None,
         agent: int | None = None,
     ) -> None:
-        """Advertise; `connect`, `reset` or `restore` come next.
+        """Create publishers and subscriptions; call `connect`, `reset` or `restore` next.
 
-        :param agent: identity, 1 to 2**64 - 1. One that comes back under the same identity may
-            go on at once; None draws a new one.
+        :param agent: identity, 1 to 2**64 - 1. An agent that returns under the same identity may
+            continue at once; None draws a new one.
         """
         options = options or ConnectionOptions()
         self.node = node
@@ -51,25 +51,25 @@ class Client:
         self.link = Connection(node, options, agent or secrets.randbits(63) + 1)
 
     def __enter__(self) -> Client:
-        """Use as a context that lets go of the simulator at the end."""
+        """Use as a context that releases the simulator on exit."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go."""
+        """Release the simulator."""
         self.close()
 
     @property
     def spec(self) -> WorldSpec:
-        """The world at the far end; waits for it the first time.
+        """The simulator's world; the first access waits for it.
 
-        :raises WireTimeout: when no simulator shows up.
+        :raises WireTimeout: when no simulator appears.
         """
         return self.connect() if self.link.world is None else self.link.spec
 
     def connect(self) -> WorldSpec:
-        """Wait for a simulator and return what it is.
+        """Wait for a simulator and return the shape of its world.
 
-        :raises WireTimeout: when none shows up.
+        :raises WireTimeout: when none appears.
         """
         self.waiter.wait(lambda: self.link.world is not None, 'a description')
         return self.link.adopt_spec()
@@ -77,22 +77,22 @@ class Client:
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes; see :class:`VectorEnv`.
 
-        A simulator that is slow to answer is asked again, and without a seed each time begins the
-        episodes that come next: for flights that can be repeated give a seed.
+        A simulator that is slow to answer is asked again. Without a seed, each request begins the
+        next episodes; pass a seed for repeatable flights.
 
         :raises WireTimeout: when there is no answer.
-        :raises SimulatorBusy: when another agent keeps it.
+        :raises SimulatorBusy: when another agent keeps control of it.
         """
         observation: F32 = self._do(Reset(seed, settings))
         return observation
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
-        """Advance all rockets by one step, exactly once, whatever gets lost on the way.
+        """Advance all rockets by exactly one step, even if messages are lost.
 
-        With a simulator in real time it waits for a later step than the last, and answers with the
-        newest there is: rewards and ends of those passed over come with it, of four at most.
+        In real time, wait for a step later than the last one and return the newest available.
+        Rewards and episode ends of skipped steps are included, for at most four steps.
 
-        :raises ValueError: for bad actions; nothing was sent.
+        :raises ValueError: for invalid actions; nothing was sent.
         :raises EnvironmentRestarted: when the simulator is in another session.
         :raises WireTimeout: when there is no answer.
         """
@@ -109,7 +109,7 @@ class Client:
         return state
 
     def restore(self, state: bytes) -> F32:
-        """Put all rockets back into a snapshot; see :class:`VectorEnv`."""
+        """Restore all rockets from a snapshot; see :class:`VectorEnv`."""
         observation: F32 = self._do(Restore(state))
         return observation
 
@@ -135,19 +135,19 @@ class Client:
 
     @property
     def session(self) -> int:
-        """The session that this client flies in; 0 outside of one."""
+        """The session of the last reset or restore; 0 before the first."""
         return self.link.session
 
     @property
     def realtime(self) -> bool:
-        """Whether the simulator goes by the clock; known once connected."""
+        """Whether the simulator runs in real time; known once connected."""
         return self.link.realtime
 
     @property
     def resent(self) -> int:
-        """How many actions were sent again."""
+        """Number of actions that were sent again."""
         return self.link.resent
 
     def close(self) -> None:
-        """Let go of the simulator, so that another agent need not wait."""
+        """Release the simulator, so that another agent can take it at once."""
         self.waiter.linger(self.link.release(), RELEASE_TIMEOUT)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The agent's end of the wire to one simulator: asks, re-sends, checks, and never waits."""
+"""Agent's connection to one simulator: send, re-send and check answers, without blocking."""
 from __future__ import annotations
 
 import math
@@ -40,48 +40,48 @@ from rocket_sim_node.worlds.rocket import conditions
 
 _NONE = np.zeros(0)
 _BUSY_RETRY = 0.5
-"""s between two tries to take a simulator that another agent flies"""
+"""Seconds between attempts to take a simulator that another agent controls."""
 _DESCRIPTION_TIMEOUT = 5.0
-"""s from the answer of a reset to the description of its session"""
+"""Seconds to wait, after a reset is answered, for the description of its session."""
 _KEEP_PERIOD = 0.5
-"""s of silence after which `keep` speaks"""
+"""Seconds of silence after which `keep` sends a message."""
 _COMPARE_PERIOD = 0.5
-"""s between two looks at the definitions of messages while a topic has no far end"""
+"""Seconds between comparisons of message definitions while a topic has no peer."""
 
 
 class WorldChanged(ValueError):
-    """A simulator came back as another world."""
+    """A simulator returned with another world."""
 
 
 class SimulatorBusy(RuntimeError):
-    """Another agent flies the simulator and does not let go."""
+    """Another agent controls the simulator and does not release it."""
 
 
 @dataclass(frozen=True)
 class ConnectionOptions:
-    """How long to wait for what."""
+    """Time-outs and reliability of a connection."""
 
     resend_after: float = 0.2
-    """s without an answer after which an action is sent again; doubled each time, up to 1.6 s"""
+    """Seconds without an answer before an action is re-sent; doubled each time, up to 1.6 s."""
     patience: float = 60.0
-    """s without an answer after which nobody is expected to answer any more"""
+    """Seconds without an answer before giving up."""
     acknowledge: str = 'auto'
-    """one of `qos.ACKNOWLEDGE`"""
+    """One of `qos.ACKNOWLEDGE`."""
 
 
 class Connection:
     """One simulator: `ask` for something, `poll` until it has come, `take` it.
 
-    Somebody else spins the node; nothing here waits. A command is asked for at a time.
+    The caller spins the node; nothing here blocks. Only one command is pending at a time.
     """
 
     def __init__(
         self, node: Node, options: ConnectionOptions, agent: int, namespace: str = '',
     ) -> None:
-        """Advertise.
+        """Create publishers, subscriptions and clients.
 
         :param agent: identity, 1 to 2**64 - 1.
-        :param namespace: of the simulator, with its slash; empty: the node's own.
+        :param namespace: of the simulator, with its leading slash; empty: the node's own.
         """
         self._node, self._options, self.agent = node, options, agent
         prefix = f'{namespace}/' if namespace else ''
@@ -93,7 +93,7 @@ class Connection:
         self.step = 0
         self.resent = 0
         self.heard = 0.0
-        """when something last came from the simulator, s of the steady clock"""
+        """Steady-clock time, s, of the last message from the simulator."""
         self._spoke = 0.0
         self._action = Codec(msg.Action)
         self._message = b''
@@ -103,18 +103,18 @@ class Connection:
         self._call: ServiceCall | None = None
         self._asked = 0.0
         self._claimed = False
-        """whether the simulator may believe that it is ours"""
+        """Whether the simulator may consider this agent in control."""
         self._flying = False
-        """whether a step was taken since the last reset or restore was asked for"""
+        """Whether a step was taken since the last reset or restore was requested."""
         self._compare_at = 0.0
-        """when the definitions of messages are to be compared again, s of the steady clock: at the
-        first step, then now and then, until all topics have a far end"""
+        """Steady-clock time, s, of the next comparison of message definitions: at the first step,
+        then periodically until all topics have a peer."""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
         self._world_subscription = node.create_subscription(
             msg.World, f'{prefix}world', self._on_world, qos.WORLD)
         self.topic = str(self._world_subscription.topic_name)
-        """on which the simulator describes itself, with its namespace"""
+        """Full name of the topic that describes the simulator."""
         stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
@@ -127,28 +127,28 @@ class Connection:
                 ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
                 ('release', srv.Release))}
 
-    # What it is
+    # Description of the simulator
 
     @property
     def realtime(self) -> bool:
-        """Whether the simulator goes by the clock; known once described."""
+        """Whether the simulator runs in real time; known once described."""
         return self.described_realtime if self._spec is None else self._realtime
 
     @property
     def described_realtime(self) -> bool:
-        """Whether the simulator as last described goes by the clock."""
+        """Whether the simulator's latest description says real time."""
         return self.world is not None and self.world.mode == msg.World.REALTIME
 
     @property
     def spec(self) -> WorldSpec:
-        """The world that is flown at the far end, once described."""
+        """The simulator's world, once described."""
         return self._spec or self.adopt_spec()
 
     def _on_world(self, message: msg.World) -> None:
         if self._spec is not None:
             try:
                 conversion.world_from_message(message)
-            except ValueError as error:  # whoever it is from, it is not the one that was flown
+            except ValueError as error:  # from whatever publisher, it is not the adopted world
                 self._warn(f'left out: {error}')
                 return
         self.world, self.heard = message, time.monotonic()
@@ -156,8 +156,8 @@ class Connection:
     def described(self) -> WorldSpec:
         """Return the shape of the world as last described.
 
-        :raises ValueError: for a description that makes no sense, or by a node that was built from
-            other definitions of the messages.
+        :raises ValueError: for an invalid description, or one from a node that was built with
+            other message definitions.
         """
         self._compare_definitions(again=0.0)
         assert self.world is not None
@@ -175,9 +175,9 @@ class Connection:
             self._compare_definitions(again=now + _COMPARE_PERIOD)
 
     def adopt_spec(self) -> WorldSpec:
-        """Take the shape of the world as last described.
+        """Adopt the shape of the world as last described.
 
-        :raises WorldChanged: when it came back as another one.
+        :raises WorldChanged: when it differs from the one adopted before.
         :raises ValueError: as `described` does.
         """
         spec = self.described()
@@ -196,37 +196,37 @@ class Connection:
             raise WorldChanged(f'{self.name} came back as another world: {change}')
         return self._spec
 
-    # Asking
+    # Requests
 
     @property
     def deadline(self) -> float:
-        """When `poll` wants to be called at the latest, s of the steady clock."""
+        """Steady-clock time, s, by which `poll` must be called."""
         return self._next
 
     @property
     def mailbox(self) -> Mailbox | None:
-        """Where the answer of a step is to come next; None when something else is awaited."""
+        """The mailbox for the next part of a step's answer; None when no step is pending."""
         return self._answers.missing if isinstance(self._command, np.ndarray) else None
 
     @property
     def arrived(self) -> bool:
-        """Whether the answer of a step is here already."""
+        """Whether the complete answer of a step has arrived."""
         return isinstance(self._command, np.ndarray) and self._answers.collect()
 
     @property
     def entities(self) -> dict[str, list[Any]]:
-        """What of the node the answer of a service comes by."""
+        """The node's entities that deliver the answer of a service."""
         return {
             'subscriptions': [self._world_subscription], 'clients': list(self._clients.values())}
 
     def waited(self, now: float) -> float:
-        """Return for how long the far end has owed an answer, s."""
+        """Return how long the pending answer has been outstanding, s."""
         return now - self._asked if self._command is not None else 0.0
 
     def ask(self, command: Command) -> None:
-        """Begin to have the simulator do something.
+        """Send a command to the simulator.
 
-        :raises ValueError: for bad actions; nothing was sent.
+        :raises ValueError: for invalid actions; nothing was sent.
         """
         now = self._asked = time.monotonic()
         self._answer = None
@@ -249,12 +249,12 @@ class Connection:
         self._command = command
 
     def poll(self) -> bool:
-        """Do what is due; tell whether the answer has come.
+        """Do what is due; return whether the answer has arrived.
 
         :raises EnvironmentRestarted: when the simulator is in another session.
         :raises WireTimeout: when there was no answer for too long.
-        :raises SimulatorBusy: when another agent keeps it.
-        :raises ValueError: for what the simulator refuses, or an answer that makes no sense.
+        :raises SimulatorBusy: when another agent keeps control of it.
+        :raises ValueError: when the simulator refuses the command, or the answer is invalid.
         """
         command = self._command
         if isinstance(command, np.ndarray):
@@ -264,7 +264,7 @@ class Connection:
         return command is not None and self._poll_call(command)
 
     def take(self) -> Any:
-        """Return the answer, as the flight that asked expects it."""
+        """Return the answer in the form that the job expects."""
         command, self._command = self._command, None
         self._silence = self._call = None
         if isinstance(command, np.ndarray):
@@ -276,18 +276,18 @@ class Connection:
         return answer
 
     def let_go(self) -> None:
-        """Remind the simulator of nobody before it has flown for us again."""
+        """Stop sending keep-alives until the next step succeeds."""
         self._flying = False
 
     def drop(self) -> None:
-        """Expect nothing any more of what was asked."""
+        """Discard the pending command."""
         if self._call is not None:
             self._call.drop()
         self._command = self._call = self._silence = None
         self._described_by = 0.0
 
     def listen(self) -> None:
-        """Take note of whether the simulator answers us, late, while nothing is asked of it."""
+        """Note late answers of the simulator while nothing is pending."""
         if self._answers.heard_of(self.session):
             self.heard = time.monotonic()
 
@@ -305,7 +305,7 @@ class Connection:
         now = time.monotonic()
         if now >= self._next:
             assert self._silence is not None
-            self._compare_late()  # perhaps that is why nothing is understood
+            self._compare_late()  # differing definitions may be why no answer can be decoded
             self._silence.check(self._next)
             self.resent += 1
             self._publisher.publish(self._message)
@@ -314,21 +314,21 @@ class Connection:
         return False
 
     def _check_session(self) -> None:
-        """Raise when the simulator has said that it is in a session that is not ours."""
+        """Raise when the simulator has announced a session other than ours."""
         if self.world is not None and self.world.session != self.session:
             raise EnvironmentRestarted(
                 f'{self.name} is in session {self.world.session:016x}, '
                 f'expected {self.session:016x}')
 
     def keep(self) -> None:
-        """Remind the simulator of its agent while that one computes; call it often.
+        """Send a keep-alive while the agent computes; call it often.
 
-        The last action sent again changes nothing and is heard. In real time it would fly on by an
-        order of the past: there, who computes for long has the engine cut.
+        It re-sends the last action, which changes nothing in lock-step. In real time a repeated
+        action would be applied again, so none is sent and the watchdog cuts the engine.
         """
         now = time.monotonic()
         if isinstance(self._command, np.ndarray) or self.realtime or not self._flying:
-            return  # asked for the next step, that is asked for again anyway
+            return  # the pending step is re-sent anyway
         if now - self._spoke > _KEEP_PERIOD:
             self._spoke = now
             self._publisher.publish(self._message)
@@ -342,7 +342,7 @@ class Connection:
         self._next = begin
 
     def _poll_call(self, command: Command) -> bool:
-        """Call the service until it answers, and judge the answer."""
+        """Call the service until it answers, then judge the answer."""
         assert self._call is not None
         now = time.monotonic()
         response = self._call.poll(now)
@@ -367,16 +367,16 @@ class Connection:
         return srv.Snapshot.Request(agent=self.agent, session=self.session, step=self.step)
 
     def _flat(self, settings: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what a reset sets, as numbers by name.
+        """Return the settings of a reset as numbers by name.
 
-        :raises ValueError: for conditions that do not exist, or that this world does not have.
+        :raises ValueError: for unknown conditions, or ones that this world does not have.
         """
         if 'conditions' in settings:
             conditions.check_world(self.spec, settings['conditions'])
         return conditions.flatten(settings)
 
     def _judge(self, command: Command, response: Any, now: float) -> bool:
-        """Take a good answer; try again later when the simulator is busy."""
+        """Accept a successful answer; retry later when the simulator is busy."""
         name = _name(command)
         if response.code == response.OK:
             self._answer = response
@@ -387,10 +387,10 @@ class Connection:
             return self._poll_description()
         said = printable(response.message)
         if isinstance(command, Snapshot):
-            # Refused for the session: the simulator is not where we believe it to be.
+            # Refused because of the session: the simulator is not in the state we assumed.
             raise EnvironmentRestarted(f'snapshot: {said}')
         if response.code != response.BUSY:
-            self.adopt_spec()  # the better reason, if it is another world now
+            self.adopt_spec()  # raises the more precise error if the world changed
             raise ValueError(f'{self.name}: {name}: {said}')
         left = self._asked + self._options.patience - now
         if left <= 0:
@@ -402,10 +402,10 @@ class Connection:
         return False
 
     def _poll_description(self) -> bool:
-        """Go on in the session that a reset or restore drew, once the world's description came.
+        """Enter the session that a reset or restore drew, once its description has arrived.
 
-        What else comes on `world` is a restart. When another reset follows at once, it never
-        comes.
+        Any other message on `world` means a restart. If another reset follows at once, the
+        description never arrives.
         """
         response = self._answer
         if self.world is None or self.world.session != response.session:
@@ -425,10 +425,10 @@ class Connection:
             conversion.from_sequence(response.observation, 'f4'), spec)
         return True
 
-    # The end
+    # Shutdown
 
     def release(self) -> Callable[[], bool]:
-        """Let go of the simulator, so that another agent need not wait; tells when it is done."""
+        """Release the simulator for another agent; the returned function tells when it is done."""
         client = self._clients['release']
         if not (self._claimed and self._node.context.ok() and client.service_is_ready()):
             return lambda: True
@@ -437,7 +437,7 @@ class Connection:
         return future.done
 
     def destroy(self) -> None:
-        """Withdraw from the topics and services."""
+        """Destroy publishers, subscriptions and clients."""
         self.drop()
         self._node.destroy_publisher(self._publisher)
         self._node.destroy_subscription(self._world_subscription)
@@ -448,9 +448,9 @@ class Connection:
 
 
 def _name(command: Command) -> str:
-    """Return the service that a command is asked of.
+    """Return the name of the service that handles a command.
 
-    :raises TypeError: for what is no command.
+    :raises TypeError: for an object that is not a command.
     """
     if not isinstance(command, Reset | Restore | Snapshot):
         raise no_command(command)
@@ -458,7 +458,7 @@ def _name(command: Command) -> str:
 
 
 def difference(ours: WorldSpec, theirs: WorldSpec) -> str:
-    """Return in which field two worlds differ, and how."""
+    """Return the first field in which two worlds differ, with both values."""
     old, new = ({**asdict(spec), **spec.settings} for spec in (ours, theirs))
     name = next(name for name in {**new, **old} if name != 'settings'
                 and old.get(name) != new.get(name))

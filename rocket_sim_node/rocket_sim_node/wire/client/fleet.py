@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulators, one or many, that fly for one agent; they may join, leave and die while they do.
+"""Fleet of simulators that run jobs for one agent and may join, leave or fail at any time.
 
-Each flies a flight of its own, so that all of them and the agent work at once: while the agent
-thinks about one, the others move. What a flight comes to does not depend on who flies it, nor on
-how often it was begun, and results come in the order of the flights: the number of simulators
-decides how long it takes and nothing else.
+Each simulator runs its own job, so simulators and agent work in parallel: while the agent computes
+for one, the others step. A job's result does not depend on which simulator runs it or how often
+it was restarted, and results are returned in job order. The number of simulators therefore only
+affects the run time.
 """
 from __future__ import annotations
 
@@ -40,71 +40,71 @@ from rocket_sim_node.worlds.jobs import Restore
 
 T = TypeVar('T')
 _OTHER = (WorldChanged, DefinitionsDiffer)
-"""why a simulator is not one of the fleet"""
+"""Errors that exclude a simulator from the fleet."""
 _IDLE_PERIOD = 0.1
-"""s between two looks for somebody who flies"""
+"""Seconds between checks for a usable simulator."""
 _SILENT = 2.0
-"""s without an answer after which a flight is given to a simulator that has nothing to do; more
-each time, as a step may just take long"""
+"""Seconds without an answer before a job is moved to an idle simulator; increased with each
+attempt, because a step may simply take long."""
 
 
 class SimulatorFleet:
-    """Simulators as a `worlds.flight.Fleet`. It spins `executor` while it waits, nobody else."""
+    """Simulators as a `worlds.jobs.Fleet`. It alone spins `executor` while it waits."""
 
     def __init__(
         self, node: Node, executor: Executor, options: ConnectionOptions, agent: int,
         pattern: str = '',
     ) -> None:
-        """Advertise.
+        """Connect to simulators.
 
         :param agent: identity, 1 to 2**64 - 1.
-        :param pattern: namespaces, such as `/sim_*`, of the simulators that may fly: whatever
-            matches is taken in when it appears. Empty: the one of the node's own namespace.
-        :raises ValueError: when the pattern is no namespace.
+        :param pattern: namespaces, such as `/sim_*`, of the simulators to use; every match is
+            added when it appears. Empty: the simulator in the node's own namespace.
+        :raises ValueError: when the pattern is not a valid namespace.
         """
         self._node = node
-        self._roster = FleetMembership(node, options, agent, pattern)
+        self._membership = FleetMembership(node, options, agent, pattern)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
-        """since nobody flies"""
+        """Time-out that runs while no simulator has a job; None otherwise."""
         self._idle_look = math.inf
-        """when it is looked at next, s of the steady clock"""
+        """Steady-clock time, s, of the next check."""
 
     def __enter__(self) -> SimulatorFleet:
-        """Use as a context that lets go of the simulators at the end."""
+        """Use as a context that releases the simulators on exit."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Let go."""
+        """Release the simulators."""
         self.close()
 
     @property
     def spec(self) -> WorldSpec:
-        """The shape that the world of each has; waits for the first of them.
+        """The shape of each simulator's world; the first access waits for one.
 
-        :raises WireTimeout: when none shows up.
+        :raises WireTimeout: when none appears.
         """
-        return self._roster.spec or self.connect()
+        return self._membership.spec or self.connect()
 
     @property
     def realtime(self) -> bool:
-        """Whether a simulator goes by the clock."""
-        return any(member.link.realtime for member in self._roster)
+        """Whether any simulator runs in real time."""
+        return any(worker.connection.realtime for worker in self._membership)
 
     def connect(self) -> WorldSpec:
-        """Wait for the first simulator and return what it is.
+        """Wait for the first simulator and return the shape of its world.
 
-        :raises WireTimeout: when none shows up.
+        :raises WireTimeout: when none appears.
         """
         def found() -> bool:
-            self._roster.look()
-            return self._roster.anybody_free
+            self._membership.look()
+            return self._membership.has_free_worker
 
-        self._waiter.wait(found, 'a description', self._roster.where)
-        assert self._roster.spec is not None
-        return self._roster.spec
+        self._waiter.wait(found, 'a description', self._membership.where)
+        assert self._membership.spec is not None
+        return self._membership.spec
 
-    # Flying
+    # Running jobs
 
     def fly(
         self,
@@ -112,10 +112,10 @@ class SimulatorFleet:
         poll: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> Iterator[T]:
-        """Fly them all and yield their results, in order; see `worlds.flight.Fleet`.
+        """Run all jobs and yield their results in order; see `worlds.jobs.Fleet`.
 
-        :raises WireTimeout: when nobody is there to fly, or answers.
-        :raises SimulatorBusy: when another agent keeps them all.
+        :raises WireTimeout: when no simulator is available, or none answers.
+        :raises SimulatorBusy: when another agent controls all of them.
         """
         waiting = deque(Task(number, begin) for number, begin in enumerate(flights))
         results: dict[int, T] = {}
@@ -123,158 +123,158 @@ class SimulatorFleet:
         try:
             while due < len(flights):
                 poll()
-                self._roster.look()
+                self._membership.look()
                 self._assign(waiting, results)
-                for member in self._wait():
-                    self._attend(member, waiting, results, report)
+                for worker in self._wait():
+                    self._attend(worker, waiting, results, report)
                 if not waiting:
                     self._relieve(waiting, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
         finally:
-            for member in self._roster:
-                if member.task is not None:
-                    member.task.flight.close()
-                    member.drop()
+            for worker in self._membership:
+                if worker.task is not None:
+                    worker.task.flight.close()
+                    worker.drop()
             for task in waiting:
                 task.flight.close()
 
     def _assign(self, waiting: deque[Task[T]], results: dict[int, T]) -> None:
-        """Give flights to those that have none: first to whom they would begin where it is."""
-        free = [member for member in self._roster if member.free]
-        for member in free:
+        """Assign jobs to free simulators, first those whose snapshot is already restored there."""
+        free = [worker for worker in self._membership if worker.free]
+        for worker in free:
             for task in waiting:
                 if isinstance(task.command, Restore) and (
-                        task.command.state == member.mooring.state):
+                        task.command.state == worker.last_snapshot.state):
                     waiting.remove(task)
-                    self._start(member, task, results)
+                    self._start(worker, task, results)
                     break
-        for member in free:
-            if waiting and member.free:
-                self._start(member, waiting.popleft(), results)
+        for worker in free:
+            if waiting and worker.free:
+                self._start(worker, waiting.popleft(), results)
 
     def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
-        """Take a flight from whom nothing is heard of, when somebody else is free to fly it."""
-        if not self._roster.anybody_free:
+        """Move a job from an unresponsive simulator when another one is free."""
+        if not self._membership.has_free_worker:
             return
         now = time.monotonic()
-        for member in self._roster:
-            if member.task is None:
+        for worker in self._membership:
+            if worker.task is None:
                 continue
-            patience = _SILENT * member.task.attempts
-            if member.gone or member.link.waited(now) > patience:
-                why = 'gone' if member.gone else f'silent for {patience:g} s'
-                self._lose(member, waiting, why, report)
+            patience = _SILENT * worker.task.attempts
+            if worker.gone or worker.connection.waited(now) > patience:
+                why = 'gone' if worker.gone else f'silent for {patience:g} s'
+                self._lose(worker, waiting, why, report)
                 return
 
     def _lose(
-        self, member: FleetWorker, waiting: deque[
+        self, worker: FleetWorker, waiting: deque[
             Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
-        """Give a member's flight back, and expect nothing of it before it is heard again."""
-        report(f'{member.link.name}: {why}; its flight begins anew')
-        self._give_back(member, waiting)
-        member.link.let_go()
-        member.lost_at = time.monotonic()
+        """Take back a worker's job and ignore the worker until it is heard from again."""
+        report(f'{worker.connection.name}: {why}; its flight begins anew')
+        self._give_back(worker, waiting)
+        worker.connection.let_go()
+        worker.lost_at = time.monotonic()
 
     @staticmethod
-    def _give_back(member: FleetWorker, waiting: deque[Task[T]]) -> None:
-        """Put a member's flight before the others that wait, to begin anew."""
-        task = member.task
+    def _give_back(worker: FleetWorker, waiting: deque[Task[T]]) -> None:
+        """Put a worker's job at the head of the queue, restarted."""
+        task = worker.task
         assert task is not None
-        member.drop()
+        worker.drop()
         task.flight.close()
         task.begin()
         waiting.appendleft(task)
 
-    def _start(self, member: FleetWorker, task: Task[T], results: dict[int, T]) -> None:
-        member.task = task
-        self._go_on(member, member.mooring.answer(task.command), results)
+    def _start(self, worker: FleetWorker, task: Task[T], results: dict[int, T]) -> None:
+        worker.task = task
+        self._go_on(worker, worker.last_snapshot.answer(task.command), results)
 
-    def _go_on(self, member: FleetWorker, answer: Any, results: dict[int, T]) -> None:
-        """Hand a flight its answer, if there is one, and ask for what it wants next."""
-        task = member.task
+    def _go_on(self, worker: FleetWorker, answer: Any, results: dict[int, T]) -> None:
+        """Send a job its answer, if there is one, and issue its next command."""
+        task = worker.task
         assert task is not None
         try:
             while answer is not None:
                 task.command = task.flight.send(answer)
-                answer = member.mooring.answer(task.command)
+                answer = worker.last_snapshot.answer(task.command)
         except StopIteration as end:
             results[task.number] = end.value
-            member.task = None
+            worker.task = None
             return
-        member.link.ask(task.command)
+        worker.connection.ask(task.command)
 
     def _attend(
-        self, member: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
+        self, worker: FleetWorker, waiting: deque[Task[T]], results: dict[int, T],
         report: Callable[[str], None],
     ) -> None:
-        """See whether an answer has come, and go on with it."""
-        task, link = member.task, member.link
+        """Check whether an answer has arrived, and continue the job with it."""
+        task, connection = worker.task, worker.connection
         assert task is not None
         try:
-            if not link.poll():
+            if not connection.poll():
                 return
-            answer = link.take()
+            answer = connection.take()
         except EnvironmentRestarted as error:
             report(f'simulator restarted, work begins again: {error}')
             if task.attempts >= MAX_ATTEMPTS:
                 raise
-            self._give_back(member, waiting)
+            self._give_back(worker, waiting)
         except (WireTimeout, SimulatorBusy, *_OTHER) as error:
-            if not any(other.free or other.task for other in self._roster
-                       if other is not member):
+            if not any(other.free or other.task for other in self._membership
+                       if other is not worker):
                 raise
-            self._lose(member, waiting, str(error), report)
+            self._lose(worker, waiting, str(error), report)
             if isinstance(error, _OTHER):
-                member.fits = False
+                worker.fits = False
                 self._node.get_logger().error(f'{error}; it is not flown any more')
         else:
-            member.mooring.note(task.command, answer)
-            self._go_on(member, answer, results)
+            worker.last_snapshot.note(task.command, answer)
+            self._go_on(worker, answer, results)
 
     def _wait(self) -> list[FleetWorker]:
-        """Return the members that may have to be attended to, once there are some.
+        """Return the workers that may need attention, once there are any.
 
-        :raises WireTimeout: when nobody flies, for longer than the patience.
+        :raises WireTimeout: when no worker has a job for longer than the patience.
         """
-        busy = [member for member in self._roster if member.task is not None]
+        busy = [worker for worker in self._membership if worker.task is not None]
         if not busy:
             self._idle = self._idle or Silence(
-                self._node, 'somebody who flies', self._waiter.patience, self._roster.where)
+                self._node, 'somebody who flies', self._waiter.patience, self._membership.where)
             self._idle.check(self._idle_look)
             self._idle_look = time.monotonic() + _IDLE_PERIOD
             self._waiter.spin(_IDLE_PERIOD)
             return []
         self._idle, self._idle_look = None, math.inf
-        if not self._waiter.overdue and (ready := [m for m in busy if m.link.arrived]):
-            return ready  # while one was thought about, others have answered: no need to wait
+        if not self._waiter.overdue and (ready := [m for m in busy if m.connection.arrived]):
+            return ready  # answers arrived while the agent computed: no need to wait
         mailboxes: list[Mailbox] = []
         entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
-        for member in busy:
-            mailbox = member.link.mailbox
+        for worker in busy:
+            mailbox = worker.connection.mailbox
             if mailbox is not None:
                 mailboxes.append(mailbox)
                 continue
-            for kind, found in member.link.entities.items():
+            for kind, found in worker.connection.entities.items():
                 entities[kind] += found
-        due = min(member.link.deadline for member in busy)
+        due = min(worker.connection.deadline for worker in busy)
         full, others = self._waiter.attend(due - time.monotonic(), mailboxes, **entities)
         if others or time.monotonic() >= due:
             return busy
-        return [member for member in busy if member.link.mailbox in full]
+        return [worker for worker in busy if worker.connection.mailbox in full]
 
     def keep(self) -> None:
-        """Remind the simulators of their agent while that one computes; call it often."""
-        for member in self._roster:
-            member.link.keep()
+        """Send keep-alives to the simulators while the agent computes; call it often."""
+        for worker in self._membership:
+            worker.connection.keep()
 
     def close(self) -> None:
-        """Let go of the simulators, so that another agent need not wait, and of their topics.
+        """Release the simulators for another agent, and close their connections.
 
-        It cannot be flown with after that.
+        The fleet cannot be used afterwards.
         """
-        farewells = [member.link.release() for member in self._roster]
+        farewells = [worker.connection.release() for worker in self._membership]
         self._waiter.linger(lambda: all(done() for done in farewells), RELEASE_TIMEOUT)
-        self._roster.close()
+        self._membership.close()

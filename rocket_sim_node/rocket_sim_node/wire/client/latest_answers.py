@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The answer of a simulator that goes by the clock: the newest step there is, and what led to it.
+"""Answers of a simulator in real time: the newest complete step, with the steps it skips.
 
-A pilot that takes longer than a step would otherwise fly by observations that have waited in a
-queue, ever the same few steps late.
+Otherwise a pilot that takes longer than a step would act on observations that waited in a queue,
+always a few steps late.
 """
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.worlds.base import Episodes
 
 _KEPT = 16
-"""messages of a topic that may be kept, whoever sends them"""
+"""Messages kept of each topic, regardless of the sender."""
 
 
 class LatestAnswers(Answers):
-    """Collects all that comes after a step, and answers with the newest one that is whole.
+    """Collects everything after a step, and answers with the newest complete step.
 
-    Rewards of the steps that were passed over are added up, and who ended in them has ended: who
-    did so twice counts once in `final_rows`, with the last observation, and twice in `episodes`.
-    What of a step got lost is missing, and so is what no queue holds any more: a pilot that is
-    more than four steps late hears of the last four.
+    Rewards of skipped steps are summed, and rockets that finished in them are reported as
+    finished. A rocket that finished twice counts once in `final_rows`, with its last observation,
+    and twice in `episodes`. Lost messages are missing, and so are those that no queue holds any
+    more: a pilot more than four steps late receives the last four.
     """
 
     def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
-        """Await nothing; see :class:`Answers`."""
+        """Set up without awaiting a step; see :class:`Answers`."""
         super().__init__(boxes, warn)
         self._kept: tuple[dict[int, Any], ...] = ({}, {}, {})
         self._newest = 0
-        """step that is whole; 0 before there is one"""
+        """Newest complete step; 0 before there is one."""
 
     def await_step(self, session: int, step: int) -> None:
-        """Wait for the answer to an action of this session and step; any later one will do."""
+        """Start to wait for the answer to this session and step, or to any later step."""
         if session != self._session:
             self._kept = ({}, {}, {})
         self._session, self._step, self._newest = session, step, 0
@@ -49,7 +49,7 @@ class LatestAnswers(Answers):
 
     @property
     def missing(self) -> Mailbox | None:
-        """Where something is to come before a step is whole; None when one is."""
+        """The mailbox that the next missing part arrives in; None when a step is complete."""
         if self._newest:
             return None
         observations, rewards, _ = self._kept
@@ -60,7 +60,7 @@ class LatestAnswers(Answers):
         return self._boxes[place]
 
     def collect(self) -> bool:
-        """Take what has come; tell whether a step is whole."""
+        """Read the messages that have arrived; return whether a step is complete."""
         for box, kept in zip(self._boxes, self._kept, strict=True):
             while (message := self._next(box)) is not None:
                 if message.session == self._session and message.step > self._step:
@@ -74,9 +74,9 @@ class LatestAnswers(Answers):
         return self._newest > 0
 
     def take(self) -> tuple[int, Step]:
-        """Return the newest step and what `VectorEnv.step` answers, of all since the last one.
+        """Return the newest step and the return value of `VectorEnv.step` over all skipped steps.
 
-        :raises ValueError: naming topic, field, what came and what was expected.
+        :raises ValueError: naming topic, field, actual and expected value.
         """
         spec, newest = self._spec, self._newest
         assert spec is not None and newest
@@ -87,7 +87,7 @@ class LatestAnswers(Answers):
             for step in sorted(rewards) if step <= newest), strict=True)
         if len(infos) == 1:
             return newest, (observation, reward[0], terminated[0], truncated[0], infos[0])
-        # The last one first, as of equal rows the first one is taken.
+        # Newest first, because the first of equal rows is used.
         rows, last = np.unique(
             np.concatenate([info['final_rows'] for info in infos[::-1]]), return_index=True)
         final = np.concatenate([info['final_observation'] for info in infos[::-1]])[last]

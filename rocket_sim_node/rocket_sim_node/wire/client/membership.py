@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who flies for an agent: simulators that join, leave, and come back as another world."""
+"""Membership of a fleet: simulators that join, leave, or return with another world."""
 from __future__ import annotations
 
 import fnmatch
@@ -15,16 +15,16 @@ from rocket_sim_node.wire.client.worker import FleetWorker
 from rocket_sim_node.worlds.base import WorldSpec
 
 _LOOK_PERIOD = 1.0
-"""s between two looks at who has joined and who has left"""
+"""Seconds between checks for simulators that have joined or left."""
 _FIRST_LOOK_PERIOD = 0.1
-"""s, while nobody has joined"""
+"""The same, while none has joined."""
 _WORLD_TYPE = 'rocket_msgs/msg/World'
 
 
 def check_pattern(pattern: str) -> None:
-    """Check what simulators shall be called.
+    """Check a pattern for the namespaces of simulators.
 
-    :raises ValueError: when that is no namespace.
+    :raises ValueError: when it is not a valid namespace pattern.
     """
     if pattern and not pattern.startswith('/'):
         raise ValueError(
@@ -32,44 +32,44 @@ def check_pattern(pattern: str) -> None:
 
 
 class FleetMembership:
-    """The simulators that may fly: all whose namespace matches, or the one of the node's own.
+    """The usable simulators: all with a matching namespace, or the one in the node's own.
 
-    The world of the first one is that of all.
+    The first one's world is the reference for all others.
     """
 
     def __init__(self, node: Node, options: ConnectionOptions, agent: int, pattern: str) -> None:
-        """Begin with nobody, or with the one of the node's namespace when the pattern is empty.
+        """Begin empty, or with the simulator of the node's namespace when the pattern is empty.
 
-        :raises ValueError: when the pattern is no namespace.
+        :raises ValueError: when the pattern is not a valid namespace.
         """
         check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
-        self._members: dict[str, FleetWorker] = {}
+        self._workers: dict[str, FleetWorker] = {}
         self.spec: WorldSpec | None = None
-        """the world, once somebody was there"""
+        """The fleet's world, once a simulator was found."""
         self._looked = 0.0
         if not pattern:
-            self._members[''] = FleetWorker(Connection(node, options, agent))
+            self._workers[''] = FleetWorker(Connection(node, options, agent))
 
     def __iter__(self) -> Iterator[FleetWorker]:
-        """Give those that are there, and those that left while they flew."""
-        return iter(list(self._members.values()))
+        """Iterate over present simulators, and departed ones that still have a job."""
+        return iter(list(self._workers.values()))
 
     @property
     def where(self) -> str:
-        """Where simulators are looked for, as the log shall say it; empty: where the node is."""
+        """Pattern of the topics where simulators are expected; empty: the node's namespace."""
         return f'{self._pattern}/world' if self._pattern else ''
 
     @property
-    def anybody_free(self) -> bool:
-        """Whether something can be given to one of them."""
-        return any(member.free for member in self)
+    def has_free_worker(self) -> bool:
+        """Whether a simulator is free to take a job."""
+        return any(worker.free for worker in self)
 
     def look(self) -> None:
-        """Take in who has joined, part with who has left, now and then."""
-        for member in self:
-            if member.link.world is not member.vetted:
-                self._vet(member)
+        """Add simulators that have joined and remove those that have left, periodically."""
+        for worker in self:
+            if worker.connection.world is not worker.vetted:
+                self._vet(worker)
         now = time.monotonic()
         period = _LOOK_PERIOD if self.spec else _FIRST_LOOK_PERIOD
         if not self._pattern or now - self._looked < period:
@@ -82,50 +82,50 @@ class FleetMembership:
             if topic.endswith(suffix) and _WORLD_TYPE in kinds
             and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
             and self._node.count_publishers(topic)}
-        for namespace in sorted(there - self._members.keys()):
-            self._members[namespace] = FleetWorker(
+        for namespace in sorted(there - self._workers.keys()):
+            self._workers[namespace] = FleetWorker(
                 Connection(self._node, self._options, self._agent, namespace))
-        for namespace, member in list(self._members.items()):
-            member.gone = namespace not in there
-            if member.task is None:
-                member.link.listen()
-            if member.gone and member.task is None:
-                self._members.pop(namespace).link.destroy()
+        for namespace, worker in list(self._workers.items()):
+            worker.gone = namespace not in there
+            if worker.task is None:
+                worker.connection.listen()
+            if worker.gone and worker.task is None:
+                self._workers.pop(namespace).connection.destroy()
                 self._tell(f'{namespace} has left')
 
-    def _vet(self, member: FleetWorker) -> None:
-        """Take the world of the first simulator for that of all; refuse another one.
+    def _vet(self, worker: FleetWorker) -> None:
+        """Adopt the first simulator's world as the reference; refuse any other world.
 
-        On `world` anybody may speak: what one is that was taken in, its answers tell.
+        Any node may publish on `world`; the world of an accepted simulator shows in its answers.
         """
-        member.vetted = member.link.world
-        if member.fits:
+        worker.vetted = worker.connection.world
+        if worker.fits:
             return
-        link, reason = member.link, ''
+        connection, reason = worker.connection, ''
         try:
-            spec = link.described()
+            spec = connection.described()
             if self.spec and spec != self.spec:
                 reason = f'its {difference(self.spec, spec)}'
-            elif self._pattern and link.described_realtime:
+            elif self._pattern and connection.described_realtime:
                 reason = 'its mode is realtime, expected lockstep'
             else:
-                self.spec = link.adopt_spec()
+                self.spec = connection.adopt_spec()
         except ValueError as error:
             if not self._pattern:
                 raise
             reason = str(error)
-        member.fits = not reason
+        worker.fits = not reason
         if reason:
-            self._node.get_logger().error(f'{link.name} is not flown: {reason}')
+            self._node.get_logger().error(f'{connection.name} is not flown: {reason}')
         elif self._pattern:
-            self._tell(f'{link.name} has joined')
+            self._tell(f'{connection.name} has joined')
 
     def _tell(self, text: str) -> None:
-        count = sum(member.fits for member in self._members.values())
+        count = sum(worker.fits for worker in self._workers.values())
         self._node.get_logger().info(f'{text}; simulators: {count}')
 
     def close(self) -> None:
-        """Withdraw from the topics and services of all."""
-        for member in self:
-            member.link.destroy()
-        self._members.clear()
+        """Close all connections."""
+        for worker in self:
+            worker.connection.destroy()
+        self._workers.clear()

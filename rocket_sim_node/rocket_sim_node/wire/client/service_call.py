@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A call of a service that is made anew until it is answered; nothing here waits."""
+"""A service call that is repeated until it is answered, without blocking."""
 from __future__ import annotations
 
 from typing import Any
@@ -11,22 +11,23 @@ from rclpy.task import Future
 from rocket_sim_node.wire.node.waiting import Silence
 
 _TIMEOUT, _LONGEST = 0.25, 10.0
-"""s after which a call is made anew; doubled each time, up to this, as it may just take long"""
+"""Seconds before a call is repeated; doubled each time up to the second value, because a call may
+simply take long."""
 _READY_PERIOD = 0.05
-"""s between two looks at whether the service is there"""
+"""Seconds between checks for whether the service is available."""
 
 
 class ServiceCall:
-    """One request to one service: `poll` it until the response is there."""
+    """One request to one service: `poll` until the response has arrived."""
 
     def __init__(
         self, node: Node, client: Client, request: Any, patience: float, topic: str, begin: float,
     ) -> None:
-        """Prepare; nothing is sent yet.
+        """Prepare the call; nothing is sent yet.
 
-        :param patience: s without a response after which none is expected any more.
-        :param topic: on which the far end describes itself, for what is said when it is silent.
-        :param begin: when to call first, s of the steady clock.
+        :param patience: seconds without a response before giving up.
+        :param topic: topic that describes the peer, for messages about its silence.
+        :param begin: steady-clock time, s, of the first call.
         """
         self._client, self._request = client, request
         self._silence = Silence(node, f'an answer of {client.srv_name}', patience, topic)
@@ -34,14 +35,14 @@ class ServiceCall:
         self._future: Future[Any] | None = None
         self._again = begin
         self.due = begin
-        """when `poll` wants to be called at the latest, s of the steady clock"""
+        """Steady-clock time, s, by which `poll` must be called."""
         self.made = False
-        """whether anything was sent"""
+        """Whether anything was sent."""
 
     def poll(self, now: float) -> Any:
-        """Call when the service is there, again when it does not answer; return the response.
+        """Call once the service is available, repeat if it does not answer; return the response.
 
-        It is None before it has come.
+        Returns None until the response has arrived.
 
         :raises WireTimeout: when there was none for too long.
         """
@@ -53,7 +54,7 @@ class ServiceCall:
         self._silence.check(self.due)
         if now >= self._again:
             self._call_anew(now)
-        # No later than to say how long it has been, or that patience is over.
+        # In time for the next notice or the time-out.
         self.due = min(self._again, self._silence.due)
         return None
 
@@ -67,7 +68,7 @@ class ServiceCall:
             self._timeout = min(2 * self._timeout, _LONGEST)
 
     def drop(self) -> None:
-        """Expect no response any more."""
+        """Ignore any further response."""
         if self._future is not None:
             self._client.remove_pending_request(self._future)
             self._future = None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is heard on topics on which anybody may publish: what makes no sense is left out."""
+"""Validation of input from open topics: invalid messages are skipped with a warning."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -16,15 +16,15 @@ from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node.steady_clock import STEADY
 
 _BEYOND_ALL = 1e30
-"""what no quantity comes to; a recording holds single precision"""
+"""Limit that no valid quantity reaches; recordings hold single precision."""
 
 
 @contextmanager
 def leaving_out(node: Node, what: str) -> Iterator[None]:
-    """Do something with what others said; what makes no sense is left out, with a warning.
+    """Run code that handles received messages; skip invalid input with a warning.
 
-    What is told of a world shapes numbers far from where it is heard. A file or a viewer that
-    fails is another matter (`OSError`, `ViewerError`).
+    Values of a world description are used in computations far from where it was received, so the
+    error may occur there. Failures of files or viewers are not caught (`OSError`, `ViewerError`).
     """
     try:
         yield
@@ -37,7 +37,7 @@ def leaving_out(node: Node, what: str) -> Iterator[None]:
 def samples_from_message(message: msg.RocketState) -> Samples:
     """Return the samples in a message.
 
-    :raises ValueError: when a field's length does not fit or a value is not finite, naming it.
+    :raises ValueError: when a field has the wrong length or a non-finite value, naming it.
     """
     samples = Samples.build(
         conversion.from_sequence(message.step, 'u8'), conversion.from_sequence(message.row, 'u4'),

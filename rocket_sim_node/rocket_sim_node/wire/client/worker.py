@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator of a fleet, and the flight that it flies."""
+"""A simulator of a fleet, and the job that it runs."""
 from __future__ import annotations
 
 import time
@@ -15,43 +15,43 @@ from rocket_sim_node.worlds.jobs import LastSnapshot
 
 T = TypeVar('T')
 _RETRY = 10.0
-"""s after which one that was lost is tried again, though nothing has been heard of it"""
+"""Seconds before a lost simulator is tried again even if nothing was heard from it."""
 
 
 class Task(Generic[T]):
-    """A flight, and how often it was begun."""
+    """A job and the number of times it was started."""
 
     def __init__(self, number: int, begin: Callable[[], Job[T]]) -> None:
         self.number, self._begin, self.attempts = number, begin, 0
         self.begin()
 
     def begin(self) -> None:
-        """Begin anew."""
+        """Start the job from the beginning."""
         self.attempts += 1
         self.flight = self._begin()
         self.command: Command = next(self.flight)
 
 
 class FleetWorker:
-    """A simulator and what it is doing."""
+    """A simulator's connection, its restored snapshot and its current job."""
 
-    def __init__(self, link: Connection) -> None:
-        self.link = link
-        self.mooring = LastSnapshot()
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self.last_snapshot = LastSnapshot()
         self.task: Task[Any] | None = None
         self.lost_at = 0.0
         self.vetted: Any = None
-        """the description that was looked at last"""
+        """The description that was checked last."""
         self.fits = self.gone = False
 
     @property
     def free(self) -> bool:
-        """Whether it can be given something: it fits, is idle, and was heard since it was lost."""
+        """Whether it can take a job: it matches, is idle, and was heard from since it was lost."""
         return self.task is None and self.fits and not self.gone and (
-            self.link.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
+            self.connection.heard >= self.lost_at or time.monotonic() - self.lost_at > _RETRY)
 
     def drop(self) -> None:
-        """Forget what it was doing and where it is."""
-        self.link.drop()
-        self.mooring.cast_off()
+        """Forget its job and its snapshot."""
+        self.connection.drop()
+        self.last_snapshot.forget()
         self.task = None

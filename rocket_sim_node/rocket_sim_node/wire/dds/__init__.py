@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How Fast DDS is set up, secured and cleaned up after."""
+"""Fast DDS: transport, security, quality of service and shared-memory clean-up."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an XML profile is one that Fast DDS will take as it stands.
+"""Validation of XML profiles that Fast DDS would otherwise ignore.
 
-Fast DDS reads its profiles while a participant is made. Of a file with an error in it it takes
-nothing at all and prints a line, so that a node runs with other settings than its owner believes.
-So does one with a file of which ROS 2 uses nothing.
+Fast DDS reads its profiles while a participant is created. If a file has an error, it ignores the
+whole file and prints one line, so the node runs with other settings than the user expects. The
+same happens with a file of which ROS 2 uses nothing.
 """
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from pathlib import Path
 from typing import Any
 
 _NAMESPACES = ('http://www.eprosima.com', 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles')
-"""of today's and of older documents; Fast DDS takes either, or none"""
+"""Namespaces of current and older documents; Fast DDS accepts either, or none."""
 _PREFIX = {'f': _NAMESPACES[0]}
 _VARIABLE = re.compile(r'\$\{(\w*)\}')
 _DEFAULT = 'is_default_profile'
 _BY_TOPIC = ('data_writer', 'data_reader')
 _BY_DEFAULT = ('participant', 'topic', 'domainparticipant_factory')
-"""profiles that ROS 2 uses: those named like a topic, too, and those that are the default"""
+"""Profiles that ROS 2 uses by default; it also uses profiles named after a topic."""
 _NO_PROFILES = ('log', 'library_settings')
-"""what Fast DDS heeds beside profiles"""
+"""Sections outside of profiles that Fast DDS reads."""
 _HOST = r'(?=.*[^\W\d])[\w.-]+'
 _ADDRESSES: dict[str, tuple[Any, str, str]] = {
     'interfaceWhiteList': (
         ipaddress.ip_address, rf'{_HOST}(:\w+)?', 'an IP address or the name of an interface'),
     'udpv4': (ipaddress.IPv4Address, _HOST, 'an IPv4 address or the name of a host')}
-"""by where they stand: what reads an address, what a name looks like, and both in words"""
+"""Per element: the parser of an address, the pattern of a host name, and both in words."""
 
 
 class ProfileError(ValueError):
-    """An XML profile that Fast DDS would not take as a whole, or that changes nothing."""
+    """An XML profile that Fast DDS would reject, or that has no effect."""
 
 
 def schema_path() -> Path | None:
-    """Return the schema of profiles that came with Fast DDS 3; None without one."""
+    """Return the XML schema of profiles installed with Fast DDS 3; None if there is none."""
     for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
         path = Path(prefix) / 'share' / 'fastdds' / 'fastdds_profiles.xsd'
         if prefix and path.is_file():
@@ -45,9 +45,9 @@ def schema_path() -> Path | None:
 
 
 def check_profile(path: Path, schema: Path) -> None:
-    """Check a profile against the schema of Fast DDS.
+    """Check a profile against the XML schema of Fast DDS.
 
-    :raises ProfileError: names file, line, what is there and what was expected.
+    :raises ProfileError: naming file, line, actual and expected value.
     """
     from lxml import etree
 
@@ -83,7 +83,7 @@ def check_profile(path: Path, schema: Path) -> None:
 
 
 def _filled_in(path: Path, line: int, text: str) -> str:
-    """Return a text with the variables of the environment in it, as Fast DDS reads it."""
+    """Return a text with environment variables expanded as Fast DDS does."""
     for name in _VARIABLE.findall(text):
         if name not in os.environ:
             raise ProfileError(
@@ -98,7 +98,7 @@ def _profiles(root: Any) -> list[tuple[str, Any]]:
 
 
 def _check_names(path: Path, root: Any) -> None:
-    """Check what the schema cannot say: of a kind each has a name of its own."""
+    """Check that names are unique within a kind, which the schema cannot express."""
     named = [(kind, element.get('profile_name'), element) for kind, element in _profiles(root)]
     for element in root.iterfind('.//f:transport_descriptor/f:transport_id', _PREFIX):
         named.append(('transport_descriptor', element.text, element))
@@ -112,7 +112,7 @@ def _check_names(path: Path, root: Any) -> None:
 
 
 def _check_use(path: Path, root: Any) -> None:
-    """Check what the schema cannot say: ROS 2 uses something of it."""
+    """Check that ROS 2 uses part of the file, which the schema cannot express."""
     profiles = _profiles(root)
     if any(kind in _BY_TOPIC or (kind in _BY_DEFAULT and element.get(_DEFAULT) == 'true')
            for kind, element in profiles):
@@ -130,7 +130,7 @@ def _check_use(path: Path, root: Any) -> None:
 
 
 def _check_transports(path: Path, root: Any) -> None:
-    """Check what the schema cannot say: the transports of a participant are described."""
+    """Check that a participant's transports are defined, which the schema cannot express."""
     described = root.iterfind('.//f:transport_descriptor/f:transport_id', _PREFIX)
     known = [element.text for element in described]
     for element in root.iterfind('.//f:userTransports/f:transport_id', _PREFIX):
@@ -141,7 +141,7 @@ def _check_transports(path: Path, root: Any) -> None:
 
 
 def _check_addresses(path: Path, root: Any) -> None:
-    """Check what the schema cannot say: an address is one, or may be a name."""
+    """Check that addresses are addresses or valid host names, which the schema cannot express."""
     for place, (read, name, words) in _ADDRESSES.items():
         for element in root.iterfind(f'.//f:{place}/f:address', _PREFIX):
             try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of service of the wire, by stream."""
+"""Quality of service of each stream."""
 from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy
@@ -18,22 +18,21 @@ def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
 
 
 WORLD = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
-"""The description of a simulator: late joiners get the last one."""
+"""Description of a simulator: late joiners receive the last one."""
 
 STREAM = _reliable(4, DurabilityPolicy.VOLATILE)
-"""Action, observation, reward: stale data is refused by session and step, not by depth."""
+"""Action, observation, reward: stale data is rejected by session and step, not by depth."""
 
 ACKNOWLEDGE = ('auto', 'always', 'never')
-"""When those who read a stream acknowledge each message, so that DDS repeats what was lost."""
+"""When readers of a stream acknowledge messages, so that DDS repeats lost ones."""
 
 
 def read_stream(acknowledge: str) -> QoSProfile:
-    """Return how to read a stream; whoever writes one offers both ways.
+    """Return the QoS for reading a stream; writers support both modes.
 
-    Within a machine messages are lost only where a socket is full, and acknowledging them takes
-    time and wakes threads; what is lost after all, the agent asks for again. So `auto`
-    acknowledges only when peers beyond this machine may be discovered: by range, by name, or by a
-    set-up of the user's.
+    Within one machine, messages are lost only when a socket is full, and the agent re-sends in
+    that case; acknowledgements cost time and wake threads. `auto` therefore acknowledges only when
+    peers on other machines may be discovered: by range, by name, or by a user's own configuration.
     """
     if acknowledge == 'always' or (
             acknowledge == 'auto' and (beyond_machine() or set_up_by_user())):
@@ -43,4 +42,4 @@ def read_stream(acknowledge: str) -> QoSProfile:
         reliability=ReliabilityPolicy.BEST_EFFORT)
 
 EVENTS = _reliable(100, DurabilityPolicy.VOLATILE)
-"""Episodes, state, training status: for those who watch."""
+"""Episodes, state, training status: for observers."""

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Security that was asked for is there, or no node starts.
+"""Check that DDS-Security, when requested, is in effect before a node starts.
 
-ROS 2 secures a node when `ROS_SECURITY_ENABLE` is `true` and says nothing when it then runs
-without: in strategy `Permissive`, the default, when it finds no keys; in either when the variable
-holds anything but `true`, such as `1`. Here whoever asks for security gets it or an error.
+ROS 2 secures a node when `ROS_SECURITY_ENABLE` is `true`, but silently runs without security in
+two cases: in strategy `Permissive`, the default, when it finds no keys; and in either strategy
+when the variable holds anything but `true`, such as `1`. Here, a request for security either
+succeeds or raises an error.
 """
 from __future__ import annotations
 
@@ -17,33 +18,33 @@ from pathlib import Path
 ENABLE, STRATEGY = 'ROS_SECURITY_ENABLE', 'ROS_SECURITY_STRATEGY'
 KEYSTORE, OVERRIDE = 'ROS_SECURITY_KEYSTORE', 'ROS_SECURITY_ENCLAVE_OVERRIDE'
 ENCLAVES = '/hoverslam'
-"""below it each node has an enclave of its own, see launch_scripts/security"""
+"""Parent of the enclaves, one for each node; see launch_scripts/security."""
 FILES = (
     'identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s',
     'permissions.p7s')
-"""of an enclave: without one of them a middleware may go on unsecured"""
+"""Files of an enclave; without one of them a middleware may continue unsecured."""
 _ADVICE = (
     'install a ROS 2 that has it (a distribution with ros-<distro>-sros2; the wheels lack it) and '
     f'use ./launch_scripts/secure, or unset {ENABLE} to run unsecured')
 _LACKING = ("doesn't have the security libraries", 'does not have security support')
-"""what Fast DDS and Cyclone DDS say when they were built without security"""
+"""Error messages of Fast DDS and Cyclone DDS when built without security."""
 _ATTEMPT = """
 import rclpy
 rclpy.init()
 rclpy.create_node('attempt')
 """
 _PATIENCE = 60.0
-"""s for the attempt"""
+"""Time limit of the check in a subprocess, s."""
 
 
 class SecurityError(Exception):
-    """Security was asked for and cannot be had."""
+    """Security was requested and is not available."""
 
 
 def requested() -> bool:
-    """Return whether security was asked for.
+    """Return whether security was requested.
 
-    :raises SecurityError: when the variable says neither yes nor no; ROS 2 would take it for no.
+    :raises SecurityError: when the variable is neither yes nor no; ROS 2 would read it as no.
     """
     value = os.environ.get(ENABLE, '')
     if value not in ('', 'true', 'false'):
@@ -55,7 +56,7 @@ def requested() -> bool:
 def supported() -> bool:
     """Return whether the middleware in use was built with DDS-Security.
 
-    It only tells when it is to use it: another process has it try, with an enclave of empty files.
+    It can only be found out by using it, so a subprocess tries with an enclave of empty files.
     """
     with tempfile.TemporaryDirectory() as folder:
         enclave = Path(folder) / 'enclaves' / 'attempt'
@@ -72,18 +73,18 @@ def supported() -> bool:
             raise SecurityError(
                 'whether the middleware of this ROS 2 has DDS-Security was not to be found out in '
                 f'{_PATIENCE:g} s: try again') from error
-    # Who secures refuses empty keys; who takes them pays no heed to them.
+    # A secured middleware rejects empty keys; one without security ignores them.
     return told.returncode != 0 and not any(
         words in told.stdout + told.stderr for words in _LACKING)
 
 
 def require(node: str, args: Sequence[str]) -> None:
-    """Make sure that a node of this process is secured, when this was asked for.
+    """Ensure that this process's node is secured, if security was requested.
 
-    A node for which no enclave is named gets its own.
+    A node without an explicit enclave gets its own.
 
-    :param args: of the command line.
-    :raises SecurityError: saying why it cannot be secured, and what to do.
+    :param args: command-line arguments.
+    :raises SecurityError: with the reason and a remedy.
     """
     if not requested():
         return
@@ -104,12 +105,12 @@ def require(node: str, args: Sequence[str]) -> None:
             f'security was asked for ({ENABLE}=true), but {folder} lacks {", ".join(missing)}; '
             './launch_scripts/secure makes the keys of all nodes')
     os.environ[OVERRIDE] = enclave
-    # With these files there both strategies secure; this one does not go on when they fail.
+    # With all files present both strategies secure the node; Enforce also stops when that fails.
     os.environ[STRATEGY] = 'Enforce'
 
 
 def _named(args: Sequence[str]) -> str:
-    """Return the enclave that a command line names."""
+    """Return the enclave named on a command line."""
     for flag, value in zip(args, args[1:], strict=False):
         if flag in ('-e', '--enclave'):
             return value
@@ -117,7 +118,7 @@ def _named(args: Sequence[str]) -> str:
 
 
 def main() -> int:
-    """Say whether security can be had, for scripts."""
+    """Print whether security is available, for scripts."""
     if supported():
         return 0
     sys.stderr.write(f'the middleware of this ROS 2 was built without DDS-Security: {_ADVICE}\n')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A POSIX semaphore by which processes take turns, taken without waiting."""
+"""A named POSIX semaphore as a lock between processes, acquired without blocking."""
 from __future__ import annotations
 
 import ctypes
@@ -13,21 +13,21 @@ from contextlib import suppress
 from pathlib import Path
 
 UNFINISHED = 'hoverslam_semaphore_'
-"""with which the name of one begins that is being made"""
+"""Name prefix of a semaphore under construction."""
 _SIZE = 32
-"""bytes of a `sem_t` in glibc, which is what the file of a named semaphore holds"""
+"""Size, bytes, of a `sem_t` in glibc, which is the content of a named semaphore's file."""
 _LIBRARY = ctypes.CDLL(None)
 
 
 @contextmanager
 def taken(file: Path) -> Iterator[bool]:
-    """Take a semaphore, if that can be done at once, and give it back in the end.
+    """Try to acquire a semaphore without waiting; release it on exit.
 
-    Yields whether it was taken; false where somebody has it, or died with it.
+    Yields whether it was acquired; false when a process holds it, or died holding it.
 
-    :param file: of a named semaphore, such as `/dev/shm/sem.name`; made where there is none.
-    :raises OSError: when it cannot be opened or made, is none or another user's, or was removed
-        as it was taken.
+    :param file: of a named semaphore, such as `/dev/shm/sem.name`; created if missing.
+    :raises OSError: when it cannot be opened or created, is not a semaphore, belongs to another
+        user, or was removed while being acquired.
     """
     memory, status = _opened(file)
     semaphore = (ctypes.c_char * _SIZE).from_buffer(memory)
@@ -40,10 +40,10 @@ def taken(file: Path) -> Iterator[bool]:
     finally:
         if took:
             _LIBRARY.sem_post(ctypes.byref(semaphore))
-        del semaphore  # which keeps the memory from being closed
+        del semaphore  # the reference would keep the mapping from being closed
         memory.close()
     if not took:
-        yield False  # who looks who has it mapped shall not find this process
+        yield False  # unmapped first: a search for processes that map it must not find this one
 
 
 def _opened(file: Path) -> tuple[mmap.mmap, os.stat_result]:
@@ -64,7 +64,7 @@ def _opened(file: Path) -> tuple[mmap.mmap, os.stat_result]:
 
 
 def _make(file: Path) -> None:
-    """Make a semaphore that nobody has, as glibc does: whole, or not at all."""
+    """Create a free semaphore atomically, as glibc does."""
     content = bytearray(_SIZE)
     if _LIBRARY.sem_init(ctypes.byref((ctypes.c_char * _SIZE).from_buffer(content)), 1, 1):
         raise OSError(f'{file}: a semaphore could not be made')

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Fast DDS left in shared memory for processes that are dead, removed when a node starts.
+"""Removal of Fast DDS's leftover shared memory of dead processes, when a node starts.
 
-A participant has a segment for its messages and ports at which it is told of those of others,
-files in /dev/shm; beside each lies one that its owner keeps locked (flock) while it lives. Who is
-killed takes nothing along but its locks: 2 MB stay. Some of it is removed by peers that live or
-by `fastdds shm clean`; ports that were only written to, and the semaphores under which ports are
-opened, by nobody.
+A participant owns a segment for its messages and ports for notifications from others, as files in
+/dev/shm. Beside each lies a lock file that its owner keeps locked (flock) while it lives. When a
+process is killed, only its locks disappear: 2 MB of files remain. Live peers or `fastdds shm
+clean` remove some of them, but nothing removes ports that were only written to, or the semaphores
+that guard the opening of ports.
 """
 from __future__ import annotations
 
@@ -24,40 +24,40 @@ from rocket_sim_node.wire.dds.semaphore import taken
 
 SHARED_MEMORY = Path('/dev/shm')
 PROFILE = 'hoverslam_'
-"""with which names of files begin that Fast DDS reads while a node starts"""
+"""Name prefix of temporary profiles that Fast DDS reads while a node starts."""
 _START = 60.0
-"""s; longer than that takes"""
+"""Upper limit of a node's start-up time, s."""
 _NAME = re.compile(r'(?:sem\.)?(fast(?:dds|rtps)_(?:[0-9a-f]{16}|port\d+))(_el|_sl|_mutex)?')
 _PORT = re.compile(r'fast(?:dds|rtps)_port(\d+)')
 _LOCKS = ('_el', '_sl')
 OWN_PORTS = 32768
-"""from where nodes here draw their ports, each start others, see transport.py: few domains have
-theirs there. Below, participants take what is free"""
+"""First data port of nodes here; each start draws its own, see transport.py. Few domains have
+ports there. Below it, participants take any free port."""
 _YOUNG = 2.0
-"""s; a process that is just starting may not have locked or mapped yet what it made"""
+"""Minimum age, s; a starting process may not have locked or mapped its files yet."""
 _BATCH = 64
-"""ports without locks that are held together, as a look at who has them mapped takes its time"""
+"""Ports without locks checked at once, as finding the processes that map them is slow."""
 _MOST_HELD = 1.0
-"""s; who wants to open a port waits for twice as long, and goes on without the semaphore"""
+"""Longest time, s, to hold a port's semaphore; Fast DDS waits twice as long, then ignores it."""
 
 
 def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
-    """Remove this user's files that belong to nobody alive, and return their names.
+    """Remove this user's files that belong to no live process, and return their names.
 
-    A segment or port stays, with all that belongs to it, while it is young or its lock is held;
-    where there is no lock, while a process that this user may look at has one of its files mapped.
-    What cannot be removed stays too. That a peer has the port of a dead process mapped keeps
-    nothing: Fast DDS makes such a port anew, and its own `shm clean` removes it as well.
+    A segment or port and its files are kept while it is young or its lock is held. One without a
+    lock is kept while a process that this user may inspect maps one of its files. Files that
+    cannot be removed are kept too. A peer's mapping of a dead process's port does not protect it:
+    Fast DDS recreates such a port, and its own `shm clean` removes it as well.
 
-    Participants that start meanwhile, those of other programs, too, try ports of the same names,
-    and open each under its semaphore. So does who removes one here: otherwise it might remove what
-    somebody has just taken over, who would hear of nobody any more. The semaphores of such ports
-    stay.
+    Other participants that start meanwhile, including those of other programs, try ports of the
+    same names and open each under its semaphore. The removal takes the same semaphore; otherwise
+    it might delete a port that a process has just reused, which would then receive no
+    notifications. The semaphores of such ports are kept.
 
     :param young: age, s, below which nothing is removed.
     """
     removed: list[str] = []
-    with suppress(OSError):  # such as: too many files are open. The next start may do better.
+    with suppress(OSError):  # e.g. too many open files; the next start tries again
         removed += _remove([
             file for pattern in (f'{PROFILE}*.xml', f'{UNFINISHED}*')
             for file in folder.glob(pattern) if _is_old([file], _START)])
@@ -77,14 +77,14 @@ def clean(folder: Path = SHARED_MEMORY, young: float = _YOUNG) -> list[str]:
 
 
 def _clean_unlocked(folder: Path, names: list[str], young: float) -> list[str]:
-    """Remove segments and ports without locks that no process has mapped, and stuck semaphores."""
+    """Remove unmapped segments and ports that have no lock file, and stuck semaphores."""
     with ExitStack() as stack:
         begin = time.monotonic()
         held = [_hold(folder, name, young, stack) for name in names]
         used = _mapped(folder) if any(held) else set()
         if time.monotonic() - begin > _MOST_HELD:
             return []
-        # The semaphores are mapped here; who waits for one has no more of its port.
+        # The semaphores are mapped by this process; waiting for one does not map its port.
         return [
             name for files in held
             if not used & {file.name for file in files if not file.name.startswith('sem.')}
@@ -92,10 +92,10 @@ def _clean_unlocked(folder: Path, names: list[str], young: float) -> list[str]:
 
 
 def _hold(folder: Path, name: str, young: float, stack: ExitStack) -> list[Path]:
-    """Lock a segment or port, and have nobody open it until the stack is closed.
+    """Lock a segment or port, so that no process can open it until the stack is closed.
 
-    Returns which files are to be removed; none if it belongs to somebody. Whoever died with the
-    semaphore of a port in hand keeps all others waiting: that alone is to be removed then.
+    Returns the files to remove; none if a process owns it. If a process died while holding the
+    port's semaphore, it blocks all others: then only the semaphore is to be removed.
     """
     files = _files(folder, name)
     if not files:
@@ -110,7 +110,7 @@ def _hold(folder: Path, name: str, young: float, stack: ExitStack) -> list[Path]
                 return []
             files = _files(folder, name)
         rest = [file for file in files if file != semaphore]
-        # The semaphore was old as well; some file systems note that it was taken.
+        # The semaphore's age was checked above; some file systems update it when it is acquired.
         if not _is_old(rest, young) or not _lock(rest, attempt):
             return []
         stack.push(attempt.pop_all())
@@ -118,7 +118,7 @@ def _hold(folder: Path, name: str, young: float, stack: ExitStack) -> list[Path]
 
 
 def _is_stuck(semaphore: Path, young: float) -> bool:
-    """Tell whether a semaphore stays taken although no process has it."""
+    """Return whether a semaphore stays taken although no process holds it."""
     for _ in range(2):
         if not _is_old([semaphore], young) or semaphore.name in _mapped(semaphore.parent):
             return False
@@ -135,7 +135,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def _files(folder: Path, name: str) -> list[Path]:
-    """Return the files of a segment or port that there are."""
+    """Return the existing files of a segment or port."""
     names = (name, *(name + suffix for suffix in _LOCKS), f'sem.{name}_mutex')
     return [folder / each for each in names if os.path.lexists(folder / each)]
 
@@ -145,43 +145,44 @@ def _is_lock(file: Path) -> bool:
 
 
 def _is_shared(name: str) -> bool:
-    """Tell whether something is a port that many take, one after the other.
+    """Return whether this is a port that several processes use, one after the other.
 
-    Its semaphore stays: removed while somebody waits for it, it would protect nothing.
+    Its semaphore is kept: removed while a process waits for it, it would no longer protect the
+    port.
     """
     match = _PORT.fullmatch(name)
     return match is not None and int(match[1]) < OWN_PORTS
 
 
 def _is_old(files: list[Path], young: float) -> bool:
-    """Tell whether all are files, this user's, and old enough."""
+    """Return whether all files are regular, owned by this user and old enough."""
     try:
         found = [file.lstat() for file in files]
-    except OSError:  # gone meanwhile: somebody is at it
+    except OSError:  # removed meanwhile: in use
         return False
     now, user = time.time(), os.geteuid()
     return all(
         stat.S_ISREG(status.st_mode) and status.st_uid == user
-        and abs(now - status.st_mtime) >= young  # the clock may have been set back since
+        and abs(now - status.st_mtime) >= young  # absolute, as the clock may have been set back
         for status in found)
 
 
 def _lock(files: list[Path], stack: ExitStack) -> bool:
-    """Lock those that are for it until the stack is closed; tell whether that could be done."""
+    """Lock the lock files among these until the stack is closed; return whether that succeeded."""
     try:
         for file in filter(_is_lock, files):
             descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
             stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if not os.path.samestat(os.fstat(descriptor), file.lstat()):
-                return False  # removed by somebody, and made anew by somebody else
+                return False  # removed and recreated by other processes meanwhile
     except OSError:
         return False
     return True
 
 
 def _remove(files: list[Path]) -> list[str]:
-    """Remove files, locks at last, and return the names of those removed."""
+    """Remove files, lock files last, and return the names of those removed."""
     removed = []
     for file in sorted(files, key=_is_lock):
         with suppress(OSError):
@@ -191,7 +192,7 @@ def _remove(files: list[Path]) -> list[str]:
 
 
 def _mapped(folder: Path) -> set[str]:
-    """Return the names of the files of a folder that processes have mapped."""
+    """Return the names of a folder's files that are mapped by any process."""
     prefix = f'{folder}/'
     return {path.removeprefix(prefix) for path in _mappings() if path.startswith(prefix)}
 
@@ -201,7 +202,7 @@ def _mappings() -> Iterator[str]:
         if process.name.isdecimal():
             with suppress(OSError), (process / 'maps').open(errors='replace') as lines:
                 for line in lines:
-                    # address, rights, offset, device, inode, path
+                    # columns: address, permissions, offset, device, inode, path
                     fields = line.split(maxsplit=5)
                     if len(fields) == 6:
                         yield fields[5].rstrip('\n')

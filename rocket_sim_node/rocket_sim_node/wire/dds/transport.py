@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What carries the wire: how far it reaches, and Fast DDS as lock-step needs it.
+"""Transport configuration of Fast DDS: network reach, ports and use of shared memory.
 
-Fast DDS takes some of its settings from nothing but an XML profile, which it finds by an
-environment variable while the first node is made. The profiles here, `profiles/machine.xml` and
-`profiles/network.xml`, are for nodes that reach this machine only, and for those that may have
-peers beyond. Who sets up Fast DDS otherwise (a profile of one's own, a discovery server) has the
-word: then there are none of ours, and a profile is checked before the node starts.
+Some settings of Fast DDS can only be given by an XML profile, which it finds through an
+environment variable while the first node is created. `profiles/machine.xml` is for nodes that
+reach this machine only, `profiles/network.xml` for nodes that may have peers on others. A user's
+own configuration (an XML profile, a discovery server) takes precedence: then none of ours is used,
+and the user's profile is validated before the node starts.
 
-Each start takes other ports for its data. Fast DDS names its shared memory after them, and with
-those of a process that was killed, as it would by default, its peers find it at once but write
-into the memory of the dead one: for seconds, or, once that was removed, for good.
+Each start uses other data ports. Fast DDS names its shared memory after the ports. If a restarted
+process had the ports of one that was killed, as by default, peers would discover it at once but
+write into the dead process's memory: for seconds or, once that was removed, forever.
 
-Not everybody uses shared memory both ways, see :class:`SharedMemory`.
+Some nodes use shared memory in one direction only, see :class:`SharedMemory`.
 """
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 _PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
 _DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
-"""which Fast DDS takes from the folder it is started in, without a word"""
+"""Profile that Fast DDS silently loads from the working directory."""
 _OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
 _MACHINE, _NETWORK = (
     Path(__file__).parent / 'profiles' / name for name in ('machine.xml', 'network.xml'))
 _DATA_OFFSET = 'HOVERSLAM_DATA_PORT_OFFSET'
 _FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
 _USUAL_OFFSET = 11
-"""ports of a domain and of its data (RTPS 2.2, 9.6.1.1)"""
+"""Offset of a domain's data ports from its first port (RTPS 2.2, 9.6.1.1)."""
 _LAST_PORT = 65535
 
 
@@ -58,50 +58,50 @@ _BY_UDP = """<defaultUnicastLocatorList>
 
 
 class TransportError(ValueError):
-    """Fast DDS cannot be set up, or did not do as it was told."""
+    """Fast DDS cannot be configured, or did not apply its configuration."""
 
 
 class SharedMemory(Enum):
-    """What a node uses shared memory for, where it can; the rest goes over UDP."""
+    """Use of shared memory by a node, where available; everything else goes over UDP."""
 
     BOTH_WAYS = auto()
-    """Who is sent much, and must not lose it: observations of 4 096 rockets, 245 kB, are more than
-    a socket holds as Linux comes."""
+    """For receivers of large messages that must not be lost: observations of 4 096 rockets, 245
+    kB, exceed Linux's default socket buffer."""
 
     TO_SEND = auto()
-    """Who may be killed under load and shall be back at once. Readers and writers of a queue in
-    shared memory take turns by a lock in it; whoever is killed while holding it, reading its own
-    queue mostly, has all who write to it wait for Fast DDS's 1 s."""
+    """For processes that may be killed under load and must be back at once. Readers and writers of
+    a shared-memory queue hold a lock in it; if a process is killed while holding it, mostly while
+    reading its own queue, all writers to it wait for Fast DDS's time-out of 1 s."""
 
     NEVER = auto()
-    """Who only listens, and nobody shall depend on its going on. A reader that is stopped, by a
-    debugger or by Ctrl-Z, leaves what it has not read in its writer's shared memory, and that may
-    stay there when it goes on; what is free then is in pieces, and the writer's next message of
-    40 kB fits into none of them, whoever it is for. Fast DDS (3.2, `SharedMemManager.hpp`) drops
-    it without a word, again each time."""
+    """For passive listeners, which must not affect others when they stop. A reader stopped by a
+    debugger or Ctrl-Z leaves unread messages in its writer's shared memory, which may stay there
+    after it continues. The free memory is then fragmented, and the writer's next message of 40 kB
+    does not fit, whichever reader it is for. Fast DDS (3.2, `SharedMemManager.hpp`) drops it
+    silently, every time."""
 
 
 def discovery_range() -> str:
-    """Return how far peers are looked for: this machine only, unless the environment says."""
+    """Return the discovery range: this machine only, unless the environment says otherwise."""
     if os.environ.get('ROS_LOCALHOST_ONLY') == '1':
         return 'LOCALHOST'
     return os.environ.get(RANGE) or 'LOCALHOST'
 
 
 def beyond_machine() -> bool:
-    """Return whether peers beyond this machine may be discovered, by range or by name."""
+    """Return whether peers on other machines may be discovered, by range or by name."""
     if discovery_range() == 'OFF' or os.environ.get('ROS_LOCALHOST_ONLY') == '1':
         return False
     return bool(os.environ.get('ROS_STATIC_PEERS')) or discovery_range() != 'LOCALHOST'
 
 
 def set_up_by_user() -> bool:
-    """Return whether Fast DDS was told otherwise where its peers are, or how to reach them."""
+    """Return whether the user configured where Fast DDS finds its peers, or how to reach them."""
     return bool(_user_profiles()) or any(os.environ.get(name) for name in _OWN_SETUP)
 
 
 def _user_profiles() -> list[Path]:
-    """Return the user's profiles: named, or lying where Fast DDS looks for one."""
+    """Return the user's profiles: named explicitly, or in Fast DDS's default location."""
     paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
     if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
         paths.append(_DEFAULT_PROFILE.absolute())
@@ -110,15 +110,15 @@ def _user_profiles() -> list[Path]:
 
 @contextmanager
 def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> Iterator[None]:
-    """Have what is made inside, a context and its first node, use the right transport.
+    """Configure the transport for the context and first node that are created inside.
 
-    The environment is as it was afterwards. Where another set-up than ours opens sockets beyond
-    this machine although the range does not say so, that is told.
+    The environment is restored afterwards. A warning is logged if a user's own configuration opens
+    sockets beyond this machine although the range does not say so.
 
-    :param rmw: name of the implementation of ROS 2's middleware.
-    :param shared_memory: which way the node uses it.
-    :raises ProfileError: for a profile of the user's that Fast DDS would not take.
-    :raises TransportError: for a range that is none; when the node could be heard beyond this
+    :param rmw: name of the ROS 2 middleware implementation.
+    :param shared_memory: the node's use of shared memory.
+    :raises ProfileError: for a user's profile that Fast DDS would reject.
+    :raises TransportError: for an invalid range; when the node could be reached from beyond this
         machine and must not.
     """
     if discovery_range() not in _RANGES:
@@ -139,7 +139,7 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
                 _PROFILES[0]: str(used), _SKIP_DEFAULT: '1',
                 _DATA_OFFSET: str(fresh_data_offset(_domain()))}
             if closed and discovery_range() == 'LOCALHOST':
-                # With its own name for it ROS 2 would add sockets that hear the network.
+                # With LOCALHOST, ROS 2 would add sockets that listen on the network.
                 settings |= {RANGE: 'SYSTEM_DEFAULT', 'ROS_LOCALHOST_ONLY': None}
         before = {name: os.environ.get(name) for name in settings}
         opened = open_ports()
@@ -158,10 +158,10 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
 
 @contextmanager
 def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iterator[Path]:
-    """Yield the path of a copy of a profile whose participant uses shared memory less.
+    """Yield the path of a copy of a profile that restricts the participant's shared memory.
 
-    Where shared memory is, as a full disk keeps nobody from starting. A file without a name would
-    not do: Fast DDS looks for its real path.
+    The copy lies in shared memory, so that a full disk does not prevent a start. An unnamed file
+    would not work: Fast DDS resolves its real path.
 
     :raises TransportError: when it cannot be written.
     """
@@ -184,7 +184,7 @@ def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iter
 
 
 def _own_setup(schema: Path | None) -> bool:
-    """Return whether Fast DDS is set up by its user; check what profiles there are, if it can."""
+    """Return whether the user configured Fast DDS; validate the user's profiles if possible."""
     for path in _user_profiles():
         if schema is not None:
             check_profile(path, schema)
@@ -195,25 +195,25 @@ def _own_setup(schema: Path | None) -> bool:
 
 
 def _domain() -> int:
-    """Return the ROS domain; 0 for what is no number: ROS will say so."""
+    """Return the ROS domain; 0 for an invalid number, which ROS reports itself."""
     text = os.environ.get('ROS_DOMAIN_ID', '')
     return int(text) if text.isdecimal() else 0
 
 
 def fresh_data_offset(domain: int) -> int:
-    """Return from where, beyond a domain's first port, a start counts its ports for data.
+    """Return the offset of this start's data ports from the domain's first port.
 
-    Drawn at random from some ten thousands; in the highest domains, which have fewer, the usual.
+    Drawn at random from some ten thousands; the highest domains have fewer and use the default.
     """
     first = _FIRST_PORT + _PORTS_OF_DOMAIN * domain
     low = max(OWN_PORTS - first, _PORTS_OF_DOMAIN)
-    # Fast DDS counts up from there by two a participant, and goes on where a port is taken.
+    # Fast DDS counts up from there in steps of two per participant, and skips ports in use.
     count = (_LAST_PORT - _PORTS_OF_DOMAIN - first - low) // 2
     return low + 2 * secrets.randbelow(count) if count > 0 else _USUAL_OFFSET
 
 
 def open_ports() -> list[str]:
-    """Return the UDP ports of this process that are bound to more than 127.0.0.0/8."""
+    """Return this process's UDP ports that are bound beyond 127.0.0.0/8."""
     inodes = set()
     for link in Path('/proc/self/fd').iterdir():
         try:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back."""
+"""Conversion between messages and NumPy arrays."""

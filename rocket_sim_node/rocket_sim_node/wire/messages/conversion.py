@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back, without a copy per element.
+"""Conversion between messages and arrays, without a Python loop over the elements.
 
-rosidl keeps a numeric sequence as an `array.array` and copies one in a single move; a NumPy array
-assigned to the same field is taken number by number, hundreds of times slower.
+rosidl stores a numeric sequence as an `array.array` and copies one in a single operation; a NumPy
+array assigned to the same field is converted number by number, hundreds of times slower.
 """
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 
 MOST_ENVS = 16_384
-"""Rockets of one simulator. Observations, 60 B a rocket, fit into Fast DDS's shared memory, and
-actions, 12 B, into a socket of the 208 KiB that Linux comes with; with twice as many an exchange
-takes seconds, or for ever. More rockets fly in more simulators."""
+"""Maximum number of rockets in one simulator. Observations, 60 B a rocket, fit into Fast DDS's
+shared memory, and actions, 12 B, into Linux's default socket buffer of 208 KiB; with twice as
+many, an exchange takes seconds or never completes. More rockets need more simulators."""
 _MOST_NAMES = 4096
 _MOST_CONDITIONS = 1024
 _LEAST_DT, _MOST_DT = 1e-5, 60.0
@@ -33,7 +33,7 @@ _CODES = {'f4': 'f', 'f8': 'd', 'u1': 'B', 'u4': 'I', 'u8': 'Q', 'i4': 'i'}
 
 
 def to_sequence(values: NDArray[Any], kind: str) -> array[Any]:
-    """Return `values`, flattened, as what a message field holds; `kind` is a NumPy type code."""
+    """Return `values` flattened for a message field; `kind` is a NumPy type code."""
     return array(_CODES[kind], np.ascontiguousarray(values, dtype=kind).tobytes())
 
 
@@ -43,14 +43,14 @@ def from_sequence(sequence: array[Any], kind: str) -> NDArray[Any]:
 
 
 def settings_to_message(settings: dict[str, float]) -> list[Setting]:
-    """Return settings as they travel."""
+    """Return settings as messages."""
     return [Setting(name=name, value=float(value)) for name, value in settings.items()]
 
 
 def settings_from_message(settings: list[Setting]) -> dict[str, float]:
     """Return settings by name.
 
-    :raises ValueError: when a name stands there twice.
+    :raises ValueError: when a name occurs twice.
     """
     values = {item.name: item.value for item in settings}
     if len(values) != len(settings):
@@ -74,9 +74,9 @@ def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> Wor
 
 
 def world_from_message(message: World) -> WorldSpec:
-    """Return the shape of the world at the far end.
+    """Return the shape of the world that a message describes.
 
-    :raises ValueError: for a description that no world has; names field, value and expected.
+    :raises ValueError: for an invalid description, naming field, value and expected value.
     """
     spec = WorldSpec(
         name=message.world, num_envs=message.num_envs, dt=message.dt,
@@ -97,7 +97,7 @@ def world_from_message(message: World) -> WorldSpec:
 def _description_checks(
     message: World, spec: WorldSpec,
 ) -> Iterator[tuple[str, object, bool, str]]:
-    """Yield name, value, whether it is good, and what is expected, of what a world says."""
+    """Yield name, value, validity and expectation of each field of a world's description."""
     yield 'num_envs', spec.num_envs, 1 <= spec.num_envs <= MOST_ENVS, f'1 to {MOST_ENVS}'
     yield 'dt', spec.dt, _LEAST_DT <= spec.dt <= _MOST_DT, f'{_LEAST_DT:g} to {_MOST_DT:g} s'
     yield 'mode', message.mode, message.mode in (World.LOCKSTEP, World.REALTIME), '0 or 1'
@@ -111,7 +111,7 @@ def _description_checks(
             ('world', [spec.name]), ('observation_names', spec.observation_names),
             ('action_names', spec.action_names), ('outcomes', spec.outcomes),
             ('condition_names', spec.condition_names), ('settings', list(spec.settings))):
-        # They come to logs and terminals.
+        # Names appear in logs and terminals.
         yield name, words, all(map(str.isprintable, words)), 'printable characters'
     yield ('action_kind', message.action_kind,
            message.action_kind in (World.CONTINUOUS, World.DISCRETE), '0 or 1')
@@ -167,12 +167,12 @@ _EPISODE_KINDS = {
 
 
 def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
-    """Return finished episodes as the fields of their message, in its order."""
+    """Return finished episodes in the order of the message's fields."""
     return [getattr(episodes, name) for name in _EPISODE_KINDS]
 
 
 def episodes_from_message(message: Any) -> Episodes:
-    """Return finished episodes as arrays, of the same types as in process."""
+    """Return finished episodes as arrays, with the same types as those of a world in process."""
     return Episodes(**{
         name: getattr(message, name).astype(dtype) for name, dtype in _EPISODE_KINDS.items()})
 
@@ -180,7 +180,7 @@ def episodes_from_message(message: Any) -> Episodes:
 def state_to_message(
     step: NDArray[np.uint64], telemetry: Telemetry, session: int,
 ) -> RocketState:
-    """Return telemetry `(S,)` of the steps `(S,)` that it is of as one message, z up."""
+    """Return telemetry `(S,)` of steps `(S,)` as one message, converted to z up."""
     message = RocketState(session=session, step=to_sequence(step, 'u8'))
     for name in frames.VECTORS:
         setattr(message, name, to_sequence(

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether both ends of a topic were built from the same definition of its message.
+"""Check that publishers and subscribers of a topic use the same message definition.
 
-DDS matches ends by the names of topic and type, as our profiles for Fast DDS have it, and ROS 2
-compares no more: a node that was built before a message got another field would read its bytes as
-something else. Each end tells a hash of its definition, though (REP 2016), which
-`ros2 topic info -v` shows.
+With our Fast DDS profiles, DDS matches endpoints by the names of topic and type, and ROS 2 checks
+nothing more: a node built before a field was added would misread the bytes. Each endpoint does,
+however, announce a hash of its definition (REP 2016), which `ros2 topic info -v` shows.
 """
 from __future__ import annotations
 
@@ -22,14 +21,14 @@ class DefinitionsDiffer(ValueError):
 
 
 def check_definitions(node: Node, reads: Iterable[str], writes: Iterable[str] = ()) -> bool:
-    """Make sure that the far ends of topics define their messages as this node does.
+    """Check that the peers on these topics use this node's message definitions.
 
-    Where there are several, one that agrees will do. Who tells no hash, as before ROS 2 Iron, is
-    believed. Tell whether each topic has a far end: it may not have been discovered yet.
+    If a topic has several peers, one that matches suffices. A peer without a hash, as before ROS 2
+    Iron, is accepted. Returns whether each topic has a peer; it may not have been discovered yet.
 
-    :param reads: topics that the node subscribes to, as it names them.
+    :param reads: topics that the node subscribes to, as the node names them.
     :param writes: topics that it publishes on.
-    :raises DefinitionsDiffer: with topic, node, hash, and the expected one.
+    :raises DefinitionsDiffer: with topic, node, its hash and the expected hash.
     """
     return all([
         *(_check(node, topic, node.get_subscriptions_info_by_topic(topic),
@@ -40,7 +39,7 @@ def check_definitions(node: Node, reads: Iterable[str], writes: Iterable[str] = 
 
 def _check(node: Node, topic: str, near: Sequence[Any], far: Sequence[Any]) -> bool:
     whoami = (node.get_name(), node.get_namespace())
-    # Another of our name counts as well: it may be one that was killed, and is not forgotten yet.
+    # Endpoints of our own node name count too: a killed instance may still be listed.
     own = {hash_ for name, hash_ in hashes(near) if name == whoami}
     theirs = hashes(far)
     if not own or not theirs or any(hash_ in own for _, hash_ in theirs):
@@ -53,7 +52,7 @@ def _check(node: Node, topic: str, near: Sequence[Any], far: Sequence[Any]) -> b
 
 
 def hashes(ends: Iterable[Any]) -> list[tuple[tuple[str, str], str]]:
-    """Return name, namespace and hash of ends that tell one."""
+    """Return name, namespace and hash of the endpoints that announce a hash."""
     known = (((end.node_name, end.node_namespace), getattr(end, 'topic_type_hash', None))
              for end in ends)
     return [(node, str(hash_)) for node, hash_ in known if hash_ is not None and hash_.version > 0]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What runs a node: start, stop, waiting, parameters, diagnostics."""
+"""Infrastructure of a node: start, stop, waiting, parameters, diagnostics."""

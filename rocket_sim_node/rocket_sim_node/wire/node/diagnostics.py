@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What went wrong, counted: on the log, throttled, and on `/diagnostics`."""
+"""Counters of refusals and faults, logged with throttling and published on `/diagnostics`."""
 from __future__ import annotations
 
 from collections import Counter
@@ -16,33 +16,33 @@ from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 PERIOD = 1.0
-"""s between diagnostics"""
+"""Seconds between diagnostics messages."""
 _LONGEST = 300
-"""characters of what is told of one refusal: who sends rubbish does not choose how much"""
+"""Maximum length of a logged refusal, characters; its text may come from any sender."""
 
 
 def shortened(text: str) -> str:
-    """Return a text of bounded length."""
+    """Return a text cut to the maximum length."""
     if len(text) <= _LONGEST:
         return text
     return f'{text[:_LONGEST]} ... ({len(text)} characters)'
 
 
 class DiagnosticsPublisher:
-    """Counts refusals and other events of a node and reports them once a second.
+    """Counts refusals and other events of a node, and reports them once a second.
 
-    The level is ERROR while an alarm stands, WARN when something was refused, or else went
-    wrong, within the last second, and OK otherwise.
+    The level is ERROR while an alarm is active, WARN after a refusal or warning within the last
+    second, and OK otherwise.
     """
 
     def __init__(
         self, node: Node, events: tuple[str, ...] = (),
         present: Callable[[], Mapping[str, object]] = dict,
     ) -> None:
-        """Advertise `/diagnostics`, the one topic that ROS expects by its absolute name.
+        """Create the publisher of `/diagnostics`, which ROS expects by its absolute name.
 
-        :param events: that are reported from the start, with a count of 0.
-        :param present: returns what else is to be said of the moment, by name.
+        :param events: counters that are reported from the start, as 0.
+        :param present: returns further current values to report, by name.
         """
         self._node, self._present = node, present
         self._counts: Counter[str] = Counter(dict.fromkeys(events, 0))
@@ -52,13 +52,16 @@ class DiagnosticsPublisher:
         create_timer(node, PERIOD, self._report)
 
     def count(self, name: str) -> None:
-        """Count something that is no fault."""
+        """Count an event that is not a fault."""
         self._counts[name] += 1
 
     def refuse(self, where: str, why: str) -> None:
-        """Count and log bad input; `where` is the topic or service, `why` names field and value.
+        """Count and log invalid input.
 
-        The first refusal, and the first after a quiet second, are reported at once.
+        The first refusal, and the first after a second without any, are reported at once.
+
+        :param where: topic or service.
+        :param why: names field and value.
         """
         self._counts[f'refused on {where}'] += 1
         self._refused = shortened(f'{where}: {why}')
@@ -68,21 +71,21 @@ class DiagnosticsPublisher:
         self._tell(self._refused)
 
     def warn(self, name: str, text: str) -> None:
-        """Count and log what is no refusal, but not as it should be; report it as one."""
+        """Count, log and report a problem that is not a refusal."""
         self._counts[name] += 1
         self._node.get_logger().warning(
             shortened(text), throttle_duration_sec=PERIOD, throttle_time_source_type=STEADY)
         self._tell(shortened(text))
 
     def alarm(self, name: str, text: str) -> None:
-        """Count and log a fault, and report it as an error until `clear`."""
+        """Count and log a fault, and report an error until `clear`."""
         self._counts[name] += 1
         self._alarm = text
         self._node.get_logger().warning(text)
         self._publish()
 
     def clear(self, text: str = '') -> None:
-        """End the alarm, if there is one, and log why."""
+        """End an active alarm and log the reason."""
         if not self._alarm:
             return
         self._alarm = ''

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for the messages of a step with as little as possible between the network and us.
+"""Low-latency waiting for the messages of a step, bypassing the executor.
 
-An executor collects all that a node has, for each message anew, or hands events from thread to
-thread, and makes Python objects of messages: that takes longer than the way through DDS. A
-lock-step exchange waits for one topic of each far end and nothing else. So its topics have
-subscriptions that no executor knows, which hand out bytes, and a wait set for them, used as
-`rclpy.wait_for_message` does. What else the node has is served by its executor in between.
+An executor rebuilds its list of entities for each message, or passes events between threads, and
+converts messages to Python objects: that takes longer than the transfer through DDS. A lock-step
+exchange waits for one topic of each peer only. Its topics therefore have subscriptions that are
+not added to an executor and return bytes, and their own wait set, used as in
+`rclpy.wait_for_message`. The node's executor serves everything else in between.
 
-Before it sleeps in the wait set, who exchanges briskly looks for a message for a while and yields
-its core in between. To fall asleep and be woken costs more than most answers take to come: a core
-that has halted wakes late and cold. DDS's own threads get the core whenever they want it.
+If messages arrive quickly, the inbox polls for a while before it sleeps in the wait set, and
+yields its core in between. Falling asleep and waking up takes longer than most answers: a halted
+core wakes slowly, with cold caches. DDS's own threads can preempt the polling at any time.
 """
 from __future__ import annotations
 
@@ -29,41 +29,41 @@ from rclpy.type_support import check_is_valid_msg_type
 from rocket_sim_node.wire.messages.cdr import Codec
 
 _SERVE_PERIOD = 0.05
-"""s between two looks at what else the node has"""
+"""Seconds between executor runs that serve the rest of the node."""
 _LOOK_OUT = 0.0006
-"""s of looking for a message before sleeping: more than most answers of a simulator take; more
-than that takes from others on a machine with two cores"""
+"""Seconds of polling before sleeping: longer than most answers of a simulator take. Polling longer
+slows down other processes on a machine with two cores."""
 _BRISK = 0.0008
-"""s within which the message before had come, where it is worth it"""
+"""Polling is used if the previous message arrived within this time, s."""
 _CORES = len(os.sched_getaffinity(0))
 _SERVED_AT_ONCE = 16
-"""callbacks, at most: an executor serves one at a time and does not say whether there was any"""
+"""Maximum callbacks per run: `spin_once` serves one and does not report whether there was any."""
 
 
 class Mailbox:
-    """A subscription whose messages are taken by whoever looks for them.
+    """A subscription that is read by polling instead of callbacks.
 
-    The node does not know it, so `destroy_all` comes before the node's own end: a subscription
-    that is left keeps the participant, and peers do not hear that it is gone.
+    The node does not know it, so call `destroy_all` before the node is destroyed: a remaining
+    subscription keeps the participant alive, and peers do not notice that it is gone.
     """
 
     _open: ClassVar[weakref.WeakSet[Mailbox]] = weakref.WeakSet()
 
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
-        """Subscribe; remapping and namespaces are those of the node."""
-        check_is_valid_msg_type(kind)  # which loads what the type needs in C
+        """Subscribe, with the node's remapping and namespace."""
+        check_is_valid_msg_type(kind)  # also loads the type's C support
         self._node, self._kind, self.topic = node, kind, topic
         self._codec = Codec(kind)
         with node.handle:
             self.handle = _rclpy.Subscription(
                 node.handle, kind, topic, profile.get_c_qos_profile())
         self.held: Any = None
-        """what came first, once somebody has looked: a wait set knows nothing of it any more"""
+        """A message already taken from DDS; the wait set no longer reports it."""
         self._open.add(self)
 
     @property
     def full(self) -> bool:
-        """Whether a message has come."""
+        """Whether a message has arrived."""
         if self.held is None:
             self.held = self._fetch()
         return self.held is not None
@@ -73,9 +73,9 @@ class Mailbox:
             return self.handle.take_message(self._kind, True)
 
     def take(self) -> Any:
-        """Return the oldest message that has come, as :meth:`Codec.decode` does; None without.
+        """Return the oldest received message, as :meth:`Codec.decode` does, or None.
 
-        :raises ValueError: when it is no message of this type; names the topic.
+        :raises ValueError: when it is not a message of this type; names the topic.
         """
         if not self.full:
             return None
@@ -92,16 +92,16 @@ class Mailbox:
 
     @classmethod
     def destroy_all(cls, node: Node) -> None:
-        """Unsubscribe those of a node that are left."""
+        """Destroy a node's remaining mailboxes."""
         for mailbox in [one for one in cls._open if one._node is node]:
             mailbox.destroy()
 
 
 class Inbox:
-    """Waits for mailboxes, and has an executor serve the rest of a node."""
+    """Waits for mailboxes, and lets an executor serve the rest of a node."""
 
     def __init__(self, node: Node, executor: Executor) -> None:
-        """Wait for nothing yet."""
+        """Set up without a wait set; `wait` creates it."""
         self._node, self._executor = node, executor
         self._wait_set: Any = None
         self._size: tuple[int, ...] = (0, 0, 0, 0)
@@ -110,22 +110,23 @@ class Inbox:
 
     @property
     def overdue(self) -> bool:
-        """Whether it is time to look at what else the node has."""
+        """Whether it is time to serve the rest of the node."""
         return time.monotonic() - self._served >= _SERVE_PERIOD
 
     def wait(
         self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
         clients: Sequence[Any] = (), services: Sequence[Any] = (), timers: Sequence[Any] = (),
     ) -> tuple[list[Mailbox], bool]:
-        """Return when a mailbox has a message or something was served; after the time at last.
+        """Return when a mailbox has a message, something else was served, or the time is over.
 
-        :param subscriptions: of the node, which the executor shall serve at once, as the other
-            kinds of entities that are named; those that are not wait for up to 0.05 s.
-        :return: the mailboxes that have a message, and whether something else may have happened.
+        :param subscriptions: the node's subscriptions to serve at once, like the other entities
+            passed; all other entities wait for up to 0.05 s.
+        :return: the mailboxes that have a message, and whether other callbacks may have run.
         """
         began = time.monotonic()
-        # With as many far ends at work as there are cores, one who looks out is in their way; and
-        # a timer that is due must not wait for a flood of messages to end.
+        # Polling is off when as many peers are busy as there are cores, as it would slow them
+        # down, and when timers are given, as a due timer must not wait for a flood of messages to
+        # end.
         full = [mailbox for mailbox in mailboxes if mailbox.held is not None]
         if (self._brisk and not full and not timers and len(mailboxes) < _CORES
                 and not self.overdue):
@@ -178,7 +179,7 @@ class Inbox:
 
 
 def _look_out(mailboxes: Sequence[Mailbox], seconds: float) -> list[Mailbox]:
-    """Return those that have a message as soon as there are some; none after the time."""
+    """Poll; return the mailboxes that have a message, or none after `seconds`."""
     end = time.monotonic() + seconds
     while not (full := [mailbox for mailbox in mailboxes if mailbox.full]):
         if time.monotonic() >= end:

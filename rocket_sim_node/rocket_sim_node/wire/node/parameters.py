@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from settings: declared with description and range, checked, then read-only."""
+"""ROS parameters from settings: declared with description and range, validated, read-only."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -22,18 +22,18 @@ _OWN_PREFIXES = ('qos_overrides.',)
 
 
 class ParameterError(ValueError):
-    """A parameter is unknown, of the wrong kind or out of range; the message names it."""
+    """A parameter is unknown, of the wrong type or out of range; the message names it."""
 
 
 class Parameters:
-    """Declares a node's parameters and finds those given that nobody declared.
+    """Declares a node's parameters and detects overrides that were not declared.
 
-    The node must have been made with `automatically_declare_parameters_from_overrides=True`:
-    ROS drops undeclared parameters without a word, and with it a misspelt one.
+    The node must have been created with `automatically_declare_parameters_from_overrides=True`:
+    otherwise ROS silently drops undeclared, and thus misspelt, parameters.
     """
 
     def __init__(self, node: Node) -> None:
-        """Take note of what was given to `node`."""
+        """Record the overrides given to `node`."""
         self._node = node
         self.given = {
             name: parameter.value
@@ -45,19 +45,19 @@ class Parameters:
             node.undeclare_parameter(name)
 
     def declare(self, cls: type[S]) -> S:
-        """Declare each field of a settings dataclass as a parameter and return the dataclass.
+        """Declare each field of a settings dataclass as a parameter; return the filled dataclass.
 
-        :raises ParameterError: for a value of another kind or out of range.
+        :raises ParameterError: for a value of the wrong type or out of range.
         """
         return settings.build(cls, self.declare_infos(settings.describe(cls)))
 
     def declare_infos(
         self, infos: Iterable[SettingInfo], defaults: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """Declare settings one by one and return their values by name.
+        """Declare single settings and return their values by name.
 
-        :param defaults: values instead of the settings' own defaults, e.g. of a preset.
-        :raises ParameterError: for a value of another kind or out of range.
+        :param defaults: replacements for the settings' own defaults, e.g. from a preset.
+        :raises ParameterError: for a value of the wrong type or out of range.
         """
         return {
             info.name: self._declare(info, (defaults or {}).get(info.name, info.default))
@@ -72,15 +72,15 @@ class Parameters:
         except (ValueError, TypeError) as error:
             raise ParameterError(f'parameter {error}') from error
         sent = list(value) if isinstance(value, tuple) else value
-        # The override would win over the checked value (2 for 2.0), hence ignore_override.
+        # Otherwise the override (2) would replace the validated value (2.0).
         self._node.declare_parameter(
             info.name, sent, _descriptor(info), ignore_override=True)
         return value
 
     def finish(self) -> None:
-        """Check that nothing was given that nobody declared.
+        """Check that every override was declared.
 
-        :raises ParameterError: naming what is unknown and what would be known.
+        :raises ParameterError: naming unknown parameters and the known ones.
         """
         unknown = sorted(set(self.given) - set(self._known))
         if unknown:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the nodes of this system start and end."""
+"""Start-up and shutdown of a node's process."""
 from __future__ import annotations
 
 import os
@@ -34,16 +34,16 @@ from rocket_sim_node.wire.node.inbox import Mailbox
 USAGE_ERROR = 2
 
 Body: TypeAlias = Callable[[Node, Executor], 'int | None']
-"""What a node does, until it returns; it may return an exit status."""
+"""Main function of a node; may return an exit status."""
 Errors: TypeAlias = tuple[type[Exception], ...]
 
 
 class UsageError(ValueError):
-    """The node was started in a way that cannot work."""
+    """The node was started with an invalid combination of arguments."""
 
 
 def make_executor(context: Context | None = None) -> Executor:
-    """Return the quickest executor that this ROS 2 has, for `spin_once` with a finite time-out.
+    """Return the fastest available executor, for `spin_once` with a finite time-out.
 
     The events executor does not rebuild a wait set for each message; older releases lack it.
     """
@@ -59,7 +59,7 @@ def _make_node(name: str) -> Node:
     try:
         return Node(name, automatically_declare_parameters_from_overrides=True)
     except ValueError as error:
-        # rclpy knows no empty list, and says so without the name of the parameter.
+        # rclpy does not accept empty lists, and its error does not name the parameter.
         raise UsageError(
             f'a parameter could not be read, an empty list perhaps: {error}') from error
 
@@ -70,11 +70,11 @@ def run(
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
-    SIGINT, SIGTERM and SIGHUP only ask it to (see `stopping`): a body that waits has to look.
+    SIGINT, SIGTERM and SIGHUP only set a flag (see `stopping`), which a waiting body must check.
 
-    :param body: gets the node and its executor.
-    :param expected: errors that are told in one line, without a traceback, with status 2.
-    :param shared_memory: which way the node uses it.
+    :param body: called with the node and its executor.
+    :param expected: errors reported in one line, without a traceback, with status 2.
+    :param shared_memory: the node's use of shared memory.
     """
     return run_late(name, lambda: (body, ()), expected, args, shared_memory)
 
@@ -83,14 +83,14 @@ def run_late(
     name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
     args: list[str] | None = None, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS,
 ) -> int:
-    """Run a node as :func:`run` does, and import what it does while it is being discovered.
+    """Run a node as :func:`run` does, and import its body while the node is being discovered.
 
-    DDS takes a good part of a second until those that were there before know a new participant. A
-    node which is there before it imports a world, or PyTorch, exchanges as soon as it is ready.
-    When it is told to end meanwhile, it does, with status 0.
+    DDS takes a large part of a second until existing participants know a new one. A node that
+    exists before it imports a world, or PyTorch, can communicate as soon as it is ready. If it is
+    asked to stop meanwhile, it exits with status 0.
 
-    :param load: imports the body and further expected errors, and returns them.
-    :param expected: those that are known without an import; they may come before the body, too.
+    :param load: imports and returns the body and further expected errors.
+    :param expected: errors that are known without an import and may occur before the body runs.
     :param shared_memory: as in :func:`run`.
     """
     def fail(node: Any, error: Exception) -> int:
@@ -124,7 +124,7 @@ def run_late(
                 executor.add_node(node)
                 return body(node, executor) or 0
             finally:
-                # Now, not when Python tidies up: peers shall hear that it is gone, see `leave`.
+                # Before `leave`, which skips clean-up, so that peers notice the departure.
                 if executor is not None:
                     executor.remove_node(node)
                 Mailbox.destroy_all(node)
@@ -136,18 +136,18 @@ def run_late(
     except RuntimeError as error:
         if node is not None:
             raise
-        # What rclpy raises for arguments that it cannot read.
+        # Raised by rclpy for arguments that it cannot parse.
         return fail(None, error)
 
 
 def leave(status: int) -> NoReturn:
     """End this process at once, after `run`.
 
-    Python would first look through all objects of all libraries for what can be freed; with
-    those of a learner that takes a second, and several on a busy machine. And it would take back
-    our handlers first, so that a second Ctrl-C at that moment would look like a crash.
+    Python's normal exit would first collect all objects of all libraries; with a learner loaded
+    that takes a second, or several on a busy machine. It would also remove our signal handlers
+    first, so a second Ctrl-C at that moment would look like a crash.
     """
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):  # nobody reads it any more
+        with suppress(OSError):  # the reader has closed the stream
             stream.flush()
     os._exit(status)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Timers that go on whatever is done to the clock of the machine.
+"""Timers on the steady clock, unaffected by changes of the system time.
 
-A timer of a node goes by ROS time, which is the machine's unless a simulation gives another: set
-back by an hour, it would fire no more for an hour.
+A node's default timers follow ROS time, which is the system time unless a simulation overrides it:
+if the system clock is set back by an hour, they do not fire for an hour.
 """
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""a clock that only goes forwards"""
+"""A monotonic clock."""
 
 
 def create_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
-    """Return a timer of a node that fires every `period` s of a clock that only goes forwards."""
+    """Return a node's timer that fires every `period` s of the steady clock."""
     return node.create_timer(period, callback, clock=STEADY)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C, SIGTERM and SIGHUP as a wish: what is under way comes to a good end, with ROS there.
+"""Graceful handling of SIGINT, SIGTERM and SIGHUP: the signal is a request, and ROS stays up.
 
-The handlers of rclpy would shut ROS down at once and interrupt Python anywhere, in the midst of a
-step or of a write; then nobody could be told, and control not be handed back.
+rclpy's handlers would shut ROS down at once and interrupt Python anywhere, even within a step or a
+write. Then peers could not be notified, nor control be released.
 """
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from rocket_sim_node.errors import EnvironmentClosed
 
 T = TypeVar('T')
 
-# No threading.Event: a signal that arrives while the handler of another one is within `set` would
-# wait there for ever for the lock that the interrupted handler holds.
+# No threading.Event: if a signal arrives while another signal's handler is inside `set`, the
+# second handler would deadlock on the lock that the interrupted one holds.
 _stop = False
 _abandon = False
 
 
 class _Abandoned(BaseException):
-    """Not an Exception, so that no library on the way takes it for one of its own."""
+    """Derived from BaseException, so that libraries do not catch it as an ordinary error."""
 
 
 def listen() -> None:
-    """Take SIGINT, SIGTERM and SIGHUP as wishes from now on; further ones change nothing.
+    """Treat SIGINT, SIGTERM and SIGHUP as stop requests from now on; repeats have no effect.
 
-    A SIGHUP that is ignored, as nohup has it, stays so.
+    An ignored SIGHUP, as with nohup, stays ignored.
     """
     global _stop
     _stop = False
@@ -47,18 +47,18 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def requested() -> bool:
-    """Return whether this process has been asked to end."""
+    """Return whether this process has been asked to stop."""
     return _stop
 
 
 def abandonable(work: Callable[[], T]) -> T:
-    """Do some work and return what it does; abandon it once this process is asked to end.
+    """Run `work` and return its result; abandon it when this process is asked to stop.
 
-    For work that cannot look for itself and of which nothing may be missed, such as drawing. It
-    is left wherever it is, but for a signal inside a `__del__`: Python swallows what is raised
-    there, so that the work goes on to its end first.
+    For work that cannot check for a stop request and whose partial results are not needed, such as
+    drawing. It is interrupted at any point, except in a `__del__`: Python swallows exceptions
+    raised there, so the work runs to its end first.
 
-    :raises EnvironmentClosed: when it was abandoned, or asked for meanwhile.
+    :raises EnvironmentClosed: when it was abandoned, or a stop was requested meanwhile.
     """
     global _abandon
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for the far end: bounded, with a word now and then, and without nested spinning."""
+"""Waiting for a peer: with a time-out, periodic log messages and no nested spinning."""
 from __future__ import annotations
 
 import math
@@ -17,24 +17,24 @@ from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
 
 _NOTICE_PERIOD = 5.0
-"""s between log lines while there is no answer"""
+"""Seconds between log messages while there is no answer."""
 _LATE = 1.0
-"""s by which a look at a silence comes later than planned when this process has stood still"""
+"""A check later than planned by this much, s, means that this process was suspended."""
 _GRACE = 5.0
-"""s that there are for an answer after that, at least"""
+"""Minimum time, s, that a peer then has left to answer."""
 _SIGNAL_PERIOD = 0.2
-"""s between two looks at whether this process was asked to end"""
+"""Seconds between checks for a stop request."""
 
 
 class WireTimeout(TimeoutError):
-    """The far end did not answer within the patience."""
+    """The peer did not answer in time."""
 
 
 class Waiter:
-    """Spins an executor in the calling thread until something has come, or patience is over."""
+    """Spins an executor in the calling thread until a condition holds or a time-out."""
 
     def __init__(self, node: Node, executor: Executor, patience: float) -> None:
-        """Wait with `executor`, which serves `node`, for `patience` s at most."""
+        """Wait with `executor`, which serves `node`, for at most `patience` s."""
         self._node = node
         self._executor = executor
         self._inbox = Inbox(node, executor)
@@ -43,25 +43,25 @@ class Waiter:
     def spin(self, seconds: float) -> None:
         """Serve callbacks until one was served, the time is over or 0.2 s have passed.
 
-        :raises EnvironmentClosed: when this process was asked to end.
+        :raises EnvironmentClosed: when this process was asked to stop.
         """
         self._go_on()
-        # Python sees a signal only between two waits of the executor.
+        # Python handles signals only between two waits of the executor.
         self._executor.spin_once(timeout_sec=min(max(seconds, 0.0), _SIGNAL_PERIOD))
 
     def attend(
         self, seconds: float, mailboxes: Sequence[Mailbox], **entities: Sequence[Any],
     ) -> tuple[list[Mailbox], bool]:
-        """Return when a mailbox has a message or something else was served; see `Inbox.wait`.
+        """Wait for a message in a mailbox or for other entities; see `Inbox.wait`.
 
-        :raises EnvironmentClosed: when this process was asked to end.
+        :raises EnvironmentClosed: when this process was asked to stop.
         """
         self._go_on()
         return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
 
     @property
     def overdue(self) -> bool:
-        """Whether the node wants to be served, and this process to see signals: now `attend`."""
+        """Whether the node's callbacks and pending signals must be served now, with `attend`."""
         return self._inbox.overdue
 
     def _go_on(self) -> None:
@@ -69,13 +69,13 @@ class Waiter:
             raise EnvironmentClosed('asked to stop')
 
     def linger(self, done: Callable[[], bool], seconds: float) -> None:
-        """Spin until `done()` or the time is over, asked to end or not."""
+        """Spin until `done()` or the time is over, regardless of stop requests."""
         end = time.monotonic() + seconds
         while self._node.context.ok() and not done() and time.monotonic() < end:
             self._executor.spin_once(timeout_sec=0.05)
 
     def until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Spin until `done()`; false when the time was over first."""
+        """Spin until `done()`; return false if the time is over first."""
         end = time.monotonic() + seconds
         while not done():
             left = end - time.monotonic()
@@ -87,9 +87,9 @@ class Waiter:
     def wait(self, done: Callable[[], bool], what: str, topic: str = '') -> None:
         """Spin until `done()`.
 
-        :param what: what is waited for, as the log shall say it.
+        :param what: what is awaited, for log messages.
         :param topic: where the simulator describes itself; by default in the node's namespace.
-        :raises WireTimeout: when patience is over.
+        :raises WireTimeout: when the patience runs out.
         """
         silence = Silence(self._node, what, self.patience, topic)
         while True:
@@ -101,10 +101,10 @@ class Waiter:
 
 
 class Silence:
-    """Time without an answer: told on the log every few seconds, and at the end an error."""
+    """A wait for an answer: logs a notice every few seconds and finally raises an error."""
 
     def __init__(self, node: Node, what: str, patience: float, topic: str = '') -> None:
-        """Begin to wait for `what` from the simulator that describes itself on a topic."""
+        """Start to wait for `what` from the simulator that describes itself on `topic`."""
         self._node = node
         self._what = what
         self._topic = topic
@@ -114,23 +114,23 @@ class Silence:
 
     @property
     def left(self) -> float:
-        """Patience left, s."""
+        """Time until the time-out, s."""
         return max(self._end - time.monotonic(), 0.0)
 
     @property
     def due(self) -> float:
-        """When `check` has something to say next, s of the steady clock."""
+        """Steady-clock time, s, of the next notice or error of `check`."""
         return min(self._notice, self._end)
 
     def check(self, planned: float = math.inf) -> None:
-        """Say how long it has been, when it is time to.
+        """Log how long the wait has lasted, when that is due.
 
-        :param planned: when this look was to be taken, s of the steady clock.
-        :raises WireTimeout: when patience is over.
+        :param planned: steady-clock time, s, when this check was due.
+        :raises WireTimeout: when the patience runs out.
         """
         now = time.monotonic()
         if now > planned + _LATE:
-            # Perhaps everybody stood still, and nobody could have answered.
+            # The whole machine may have been suspended, so that the peer could not answer.
             self._end = max(self._end, now + _GRACE)
         if now < self.due:
             return

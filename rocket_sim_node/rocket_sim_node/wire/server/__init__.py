@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's end of the wire."""
+"""The simulator's side of the protocol."""

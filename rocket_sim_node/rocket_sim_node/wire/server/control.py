@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who flies a simulator: one agent at a time, until it lets go or falls silent."""
+"""Lease that gives one agent at a time control of a simulator, until released or expired."""
 from __future__ import annotations
 
 import time
@@ -9,22 +9,22 @@ NOBODY = 0
 
 
 class ControlLease:
-    """The one agent that is obeyed.
+    """The lease of the agent in control.
 
-    An agent takes control by a reset or a restore. It keeps it while it is heard of at least
-    every `seconds`; another one is refused meanwhile. An agent that comes back under the same
+    An agent takes control by a reset or a restore. It keeps control while it is heard from at
+    least every `seconds`; other agents are refused meanwhile. An agent that returns under the same
     identity is the same agent.
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin with nobody in control."""
+        """Begin without an owner."""
         self.seconds = seconds
         self._clock = clock
         self._heard = 0.0
         self.owner = NOBODY
 
     def refusal(self, agent: int) -> str:
-        """Return why `agent` may not take control now; empty when it may."""
+        """Return why `agent` may not take control now; empty if it may."""
         if self.owner == agent or self.vacant:
             return ''
         silent = self._clock() - self._heard
@@ -34,7 +34,7 @@ class ControlLease:
         )
 
     def stranger(self, agent: int) -> str:
-        """Return why `agent` is not obeyed; empty when it has control."""
+        """Return why actions of `agent` are refused; empty if it has control."""
         if self.owner == NOBODY:
             return f'agent: {agent:016x}, but nobody has control; call reset first'
         if agent == self.owner:
@@ -43,7 +43,7 @@ class ControlLease:
 
     @property
     def vacant(self) -> bool:
-        """Whether any agent may take control: nobody has it, or was silent for so long."""
+        """Whether any agent may take control: there is no owner, or its lease has expired."""
         return self.owner == NOBODY or self._clock() - self._heard >= self.seconds
 
     def take(self, agent: int) -> None:
@@ -56,11 +56,11 @@ class ControlLease:
         return self._clock()
 
     def heard(self) -> None:
-        """Note that the agent in control has been heard of."""
+        """Renew the lease."""
         self._heard = self._clock()
 
     def release(self, agent: int) -> bool:
-        """Let go; false when `agent` did not have control."""
+        """Give up control; return false if `agent` did not have it."""
         if self.stranger(agent):
             return False
         self.owner = NOBODY

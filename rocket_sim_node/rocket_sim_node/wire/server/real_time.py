@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is flown while the clock goes: the last order, until it is too old."""
+"""Real-time mode: hold the last action, and cut the engine when it is too old."""
 from __future__ import annotations
 
 from typing import Any
@@ -11,26 +11,26 @@ from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 
 EVENTS = 'repeated actions', 'clipped actions', 'engine cuts', 'late steps'
-"""that are counted in real time only"""
+"""Events counted in real-time mode only."""
 _STEPS = 2.5
-"""that an order is flown at least"""
+"""Minimum number of steps that an action is held."""
 
 
 class RealTime:
-    """The order that holds, and the watchdog that cuts the engine. By the clock of the lease."""
+    """The held action and its watchdog, which cuts the engine; uses the lease's clock."""
 
     def __init__(
         self, period: float, timeout: float, idle: NDArray[Any], lease: ControlLease,
         health: DiagnosticsPublisher,
     ) -> None:
-        """Begin without an order.
+        """Begin without an action.
 
-        :param period: s of the clock from one step to the next.
-        :param timeout: s without a new order after which the engine is cut, 2.5 steps at least.
-        :param idle: action that is flown without an order.
+        :param period: seconds of the clock from one step to the next.
+        :param timeout: seconds without a new action before the engine is cut, at least 2.5 steps.
+        :param idle: action applied while there is no other.
         :raises ValueError: when another agent could take over before the engine is cut.
         """
-        # In slow motion an order is a step old when the next can come; one may be missed.
+        # In slow motion, an action is one step old when the next can arrive; one may be lost.
         self._patience = max(timeout, _STEPS * period)
         if lease.seconds < self._patience:
             raise ValueError(
@@ -41,23 +41,23 @@ class RealTime:
         self.begin()
 
     def begin(self) -> None:
-        """Forget the order: a new session begins, or the agent lets go."""
+        """Forget the action: a new session begins, or the agent releases control."""
         self._order: NDArray[Any] | None = None
         self._ordered, self._cut = self._lease.now(), False
         self.step = -1
-        """that the order answers; an older one comes late, another one for it was sent again"""
+        """Step that the held action answers; actions for it or an earlier step are ignored."""
 
     def follow(self, order: NDArray[Any], step: int) -> None:
-        """Fly by a new order from the next step on."""
+        """Hold a new action from the next step on."""
         self._health.clear('actions are back: they are flown again')
         self._order, self.step = order, step
         self._ordered, self._cut = self._lease.now(), False
 
     def due(self) -> NDArray[Any] | None:
-        """Return the action of the step that is due: the order, or idle when that is too old.
+        """Return the action of the step that is due: the held one, or idle if it is too old.
 
-        None while nobody has control, or who has it fell silent for as long as the lease: there
-        is no flight then.
+        Returns None, so that the world is not stepped, without an agent in control or once its
+        lease has expired.
         """
         now = self._lease.now()
         late, self._ticked = now - self._ticked > 2 * self._period, now

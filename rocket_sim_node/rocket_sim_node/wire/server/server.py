@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator's end of the wire: one world, stepped by the actions of one agent."""
+"""Server of one world: steps it with the actions of one agent and publishes the results."""
 from __future__ import annotations
 
 import secrets
@@ -36,9 +36,9 @@ from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
 
 _SPIN_PERIOD = 0.2
-"""s; Python sees signals only between two waits"""
+"""Seconds per wait; Python handles signals only between two waits."""
 _MOST_STATES = 50_000
-"""in a message of `state`, 10 MB"""
+"""Maximum samples in a message of `state`, 10 MB."""
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
@@ -47,38 +47,38 @@ _EVENTS = (
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """How a world is served."""
+    """Settings of a server."""
 
     mode: int = msg.World.LOCKSTEP
     realtime_factor: float = 1.0
-    """simulated seconds per second, real-time mode only"""
+    """Simulated seconds per second, real-time mode only."""
     action_timeout: float = 0.5
-    """s without a new action after which the engine is cut, 2.5 steps at least; real time only"""
+    """Seconds without a new action before the engine is cut, 2.5 steps at least; real time."""
     agent_lease: float = 10.0
-    """s of silence after which another agent may take over"""
+    """Seconds of silence after which another agent may take over."""
     acknowledge: str = 'auto'
-    """one of `qos.ACKNOWLEDGE`"""
+    """One of `qos.ACKNOWLEDGE`."""
     state_rows: int = 4
-    """rockets, from row 0, whose state is published"""
+    """Rockets, from row 0, whose state is published."""
     state_batch: int = 50
-    """steps gathered into one message of `state`"""
+    """Steps collected in one message of `state`."""
 
 
 class Server:
-    """Serves a world on the topics and services of the wire, on `node`.
+    """Serves a world on the protocol's topics and services, on `node`.
 
-    Lock-step: the world advances once for each action that names the session and the step it
-    answers, and by nothing else. An action for the step just taken is answered with the same
-    result again; any other stale, early, foreign or malformed one is refused, counted and
+    Lock-step: the world advances exactly once for each action that names the current session and
+    step, and never otherwise. A repeated action for the step just taken is answered with the same
+    result again; any other stale, early, foreign or malformed action is refused, counted and
     logged, and changes nothing. Real time: the world advances by a timer and holds the last
     action.
     """
 
     def __init__(self, node: Node, world: SimulatedWorld, options: ServerOptions) -> None:
-        """Publish the world and wait for an agent.
+        """Publish the world's description and wait for an agent.
 
-        :raises ValueError: when another agent could take over before the engine is cut, or for
-            messages of `state` that are too large.
+        :raises ValueError: when another agent could take over before the engine is cut, or when
+            messages of `state` would be too large.
         """
         realtime = options.mode == msg.World.REALTIME
         rows = min(options.state_rows, world.spec.num_envs)
@@ -117,7 +117,7 @@ class Server:
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
 
-        :param executor: of the node; serves all but the actions.
+        :param executor: the node's; serves everything but the actions.
         """
         inbox = Inbox(self._node, executor)
         while not stopping.requested():
@@ -135,13 +135,13 @@ class Server:
     # Actions
 
     def _on_action(self, message: Any) -> None:
-        """Step the world, repeat the last answer, or refuse."""
+        """Step the world, repeat the last answer, or refuse the action."""
         refusal = self._action_refusal(message)
         if refusal:
             self._health.refuse('action', refusal)
             return
         if self._realtime and message.step == self._realtime.step:
-            # Sent again, or late: no order of this moment. Whoever gives it may see nothing.
+            # Repeated or late, so not for this step; its sender may not be receiving observations.
             self._health.count('repeated actions')
             return
         if self._realtime is None and message.step == self._step - 1:
@@ -159,17 +159,17 @@ class Server:
             self._advance(action)
             return
         if clipped:
-            # In lock-step it is only counted: who learns explores, beyond the bounds too.
+            # Only counted in lock-step: a learning agent also explores beyond the bounds.
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
         self._realtime.follow(action, message.step)
 
     def _action_refusal(self, message: Any) -> str:
-        """Return why an action is not for this moment; empty when it is."""
+        """Return why an action does not apply now; empty if it does."""
         stranger = self._lease.stranger(message.agent)
         if stranger:
             return stranger
         if message.session != self._session:
-            # The sender may have missed the change of session: tell it again.
+            # The sender may have missed the new session: publish it again.
             self._publish_world()
             return f'session: {message.session:016x}, expected {self._session:016x}'
         self._lease.heard()
@@ -188,7 +188,7 @@ class Server:
         self._state.add(self._session, self._step)
 
     def _on_tick(self) -> None:
-        """Advance by dt in real time, while there is a flight."""
+        """Advance by dt in real time, if an agent is in control."""
         assert self._realtime is not None
         action = self._realtime.due()
         if action is not None:
@@ -212,7 +212,7 @@ class Server:
     def _take_control(
         self, name: str, agent: int, begin: Callable[[], F32], response: Any,
     ) -> Any:
-        """Answer a service that gives an agent control and draws a new session."""
+        """Handle a service call that gives an agent control and draws a new session."""
         response.message = self._lease.refusal(agent)
         if response.message:
             response.code = response.BUSY
@@ -284,7 +284,7 @@ class Server:
             self._world.spec, self._session, self._step, self._options.mode))
 
     def _present(self) -> dict[str, object]:
-        """Return what diagnostics say of the moment."""
+        """Return the current values for diagnostics."""
         spec = self._world.spec
         return {
             'world': spec.name, 'num_envs': spec.num_envs, 'mode': _MODES[self._options.mode],

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topic `state`: full states of the first few rockets, several steps to a message."""
+"""Publisher of `state`: full states of the first few rockets, several steps per message."""
 from __future__ import annotations
 
 import numpy as np
@@ -13,14 +13,14 @@ from rocket_sim_node.worlds.base import SimulatedWorld
 
 
 class StateStream:
-    """Publishes every step of the first `rows` rockets, `batch` steps to a message.
+    """Publishes every step of the first `rows` rockets, `batch` steps per message.
 
-    Costs nothing while nobody listens. In lock-step thousands of steps pass in a second, so a
-    message for each would slow down those who train; gathered, each step is still there.
+    Costs nothing without subscribers. In lock-step there are thousands of steps per second, and a
+    message for each would slow down training; batching keeps every step.
     """
 
     def __init__(self, node: Node, world: SimulatedWorld, rows: int, batch: int) -> None:
-        """Advertise the topic; no rows, no messages."""
+        """Create the publisher; without rows nothing is published."""
         self._world = world
         self._count = rows
         self._rows = slice(0, rows)
@@ -32,10 +32,10 @@ class StateStream:
         self._listened = False
 
     def add(self, session: int, step: int) -> None:
-        """Take the present states, and before them the last ones of those that finished."""
+        """Add the current states, preceded by the final states of rockets that finished."""
         place = step % self._batch
         if place == 0 or not self._listened:
-            # Asking costs as much as a step's bookkeeping, hence once a batch.
+            # Counting subscribers costs as much as a step's bookkeeping, hence once per batch.
             self._listened = (
                 place == 0 and self._count > 0 and self._publisher.get_subscription_count() > 0)
             if not self._listened:
@@ -53,7 +53,7 @@ class StateStream:
         self._steps.append(step)
 
     def flush(self) -> None:
-        """Publish what has been gathered."""
+        """Publish the collected samples."""
         if not self._captured:
             return
         step = np.repeat(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a step brought, as messages that are kept: to publish it, and to publish it again."""
+"""Messages with the result of a step, kept so that they can be published again."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ class ResultPublisher:
     """Publishes `observation`, `reward` and `episodes` of the last step, any number of times."""
 
     def __init__(self, node: Node) -> None:
-        """Advertise the topics."""
+        """Create the publishers."""
         self._publishers = {}
         self._codecs = {}
         for kind, topic, profile in (
@@ -34,7 +34,7 @@ class ResultPublisher:
         self._messages: dict[str, bytes] = {}
 
     def fill_first(self, session: int, observation: F32) -> None:
-        """Take the first observation of a session, which no action led to."""
+        """Store the first observation of a session, which no action led to."""
         none = np.zeros(len(observation), np.bool_)
         self.fill(session, 0, observation, none.astype(np.float32), none, none, {
             'final_rows': none[:0], 'final_observation': none[:0], 'episodes': ()})
@@ -43,7 +43,7 @@ class ResultPublisher:
         self, session: int, step: int, observation: F32, reward: F32, terminated: Bools,
         truncated: Bools, info: dict[str, Any],
     ) -> None:
-        """Take what a world's step returned."""
+        """Store what a world's step returned."""
         numbers = (session, step)
         episodes: Episodes = info['episodes']
         arrays: dict[str, Sequence[NDArray[Any]]] = {
@@ -56,6 +56,6 @@ class ResultPublisher:
             topic: self._codecs[topic].encode(numbers, found) for topic, found in arrays.items()}
 
     def publish(self) -> None:
-        """Publish what was taken; the observation last: who has it has all the rest already."""
+        """Publish the stored messages, the observation last: it completes the answer."""
         for topic, message in self._messages.items():
             self._publishers[topic].publish(message)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lunar lander's engines: what a command burns, and how that pushes the hull."""
+"""Engines of the lunar lander: throttle from commands, force and torque on the hull."""
 from __future__ import annotations
 
 from typing import Any
@@ -15,27 +15,27 @@ from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 class Engines:
     """Main and side engines of N landers.
 
-    As in Gymnasium an engine's impulse is in proportion to where it acts, relative to the hull's
-    origin; that place is scattered at every step, and with it size and direction.
+    As in Gymnasium, an engine's impulse is proportional to its point of action relative to the
+    hull's origin; that point, and with it size and direction, is scattered at every step.
     """
 
     def __init__(self, settings: LunarSettings) -> None:
-        """Take the powers."""
+        """Take the engines' powers from the settings."""
         self._continuous = settings.continuous
         self._main_power = settings.main_engine_power / settings.dt
         self._side_power = settings.side_engine_power / settings.dt
         self.max_thrust = self._main_power * vehicle.MAIN_ENGINE_OFFSET
-        """N, without the scatter"""
+        """N, without scatter."""
         self.max_lateral_thrust = self._side_power * vehicle.SIDE_ENGINE_AWAY
-        """N, without the scatter"""
+        """N, without scatter."""
         self._main_of = np.array((0.0, 0.0, 1.0, 0.0))
         self._side_of = np.array((0.0, -1.0, 0.0, 1.0))
 
     def throttles(self, command: NDArray[Any]) -> tuple[F64, F64]:
-        """Return what is burnt: main 0 to 1, and side -1 (left engine) to 1 (right), `(N,)` each.
+        """Return the throttles: main 0 to 1, and side -1 (left engine) to 1 (right), `(N,)` each.
 
-        Continuous commands have dead zones: main is off up to 0 and from there runs from 50 % to
-        100 %; side engines are off within plus or minus 0.5.
+        Continuous commands have dead zones: the main engine is off up to 0 and then runs from 50 %
+        to 100 %; side engines are off within plus or minus 0.5.
         """
         if not self._continuous:
             return self._main_of[command], self._side_of[command]
@@ -45,16 +45,16 @@ class Engines:
             np.where(np.abs(side) > 0.5, side, 0.0))
 
     def push(self, hull: F64, main: F64, side: F64, scatter: F64, force: F64) -> None:
-        """Work out force and torque at the centres of gravity of the hulls' bodies.
+        """Compute force and torque at the centres of gravity of the hulls' bodies.
 
         :param hull: `(N, 3)` poses of the hulls: m, m, rad.
-        :param main: `(N,)` and `side` `(N,)` as `throttles` gives them.
+        :param main: `(N,)` and `side` `(N,)` as `throttles` returns them.
         :param scatter: `(2, N)` random numbers, -1 to 1.
-        :param force: `(N, 3)` N, N, N m: is filled.
+        :param force: `(N, 3)` N, N, N m: output.
         """
         sin, cos = np.sin(hull[:, 2]), np.cos(hull[:, 2])
         along, across = scatter * vehicle.DISPERSION
-        # Where the engines act, from the hull's origin: tip (sin, cos), side (-cos, sin).
+        # Points of action from the hull's origin: tip (sin, cos), side (-cos, sin).
         reach = vehicle.MAIN_ENGINE_OFFSET + 2 * along
         x, y = sin * reach - cos * across, -cos * reach - sin * across
         power = -self._main_power * main

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where episodes of `lunar_lander` begin: terrain, pad, and a push in a random direction."""
+"""Initial states of `lunar_lander` episodes: terrain, pad, and a push in a random direction."""
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -14,38 +14,38 @@ from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
 
 _HEIGHTS = 12
 DRAWS = _HEIGHTS + 4
-"""Numbers of its stream that an episode begins with; those that follow are the engines'."""
+"""Numbers of an episode's stream used for its start; the engines' scatter uses the following."""
 _PAD = slice(3, 8)
-"""Terrain points of Gymnasium's that it levels: 11 points, of which the pad is the middle."""
+"""Terrain points that Gymnasium levels: 11 points, with the pad in the middle."""
 _WIND_PLACES = 9999
 _TERRAIN, _POSE, _VELOCITY, _WIND = slice(0, 11), slice(11, 20), slice(20, 29), slice(29, 31)
-"""Places in what is kept of a start."""
+"""Columns of a stored start."""
 
 
 _EDGES = np.linspace(-vehicle.HALF_WIDTH, vehicle.HALF_WIDTH, 11).tolist()
 
 
 class LanderStart(NamedTuple):
-    """First states of K episodes."""
+    """Initial states of K episodes."""
 
     terrain: F64
-    """`(K, 11)` m above the floor"""
+    """`(K, 11)` m above the floor."""
     pose: F64
-    """`(K, 3, 3)` m, m, rad of hull, left leg, right leg"""
+    """`(K, 3, 3)` m, m, rad of hull, left leg, right leg."""
     velocity: F64
-    """`(K, 3, 3)` m/s, m/s, rad/s"""
+    """`(K, 3, 3)` m/s, m/s, rad/s."""
     wind: F64
-    """`(2, K)` where in their patterns wind and turbulence begin"""
+    """`(2, K)` initial phases of the patterns of wind and turbulence."""
     key: NDArray[np.uint64]
-    """`(K,)` streams of the episodes, for the engines' scatter from number DRAWS on"""
+    """`(K,)` streams of the episodes; the engines' scatter uses them from number DRAWS on."""
 
 
 def _pushed() -> tuple[float, float, float]:
-    """Return how 1 N, for 1 s along x or y at the hull's centre, moves that: m/s, m/s; rad/s.
+    """Return the velocity change by 1 N s along x or y at the hull's centre: m/s, m/s; rad/s.
 
-    While the push acts the legs stand as Gymnasium creates them and the joints hold: one rigid
-    body, whose centre of gravity lies below the hull's. It is the same for a push along y, save
-    that this does not turn it.
+    While the push acts the legs are as Gymnasium creates them and the joints hold: one rigid
+    body, whose centre of gravity lies below the hull's. A push along y has the same effect, but
+    does not turn it.
     """
     leg_y = vehicle.leg_offset(1.0, vehicle.LEG_PUSHED)
     centre = (
@@ -64,21 +64,21 @@ _PUSH_X, _PUSH_Y, _PUSH_TURN = _pushed()
 
 
 _START_HEIGHT = 2 * vehicle.HALF_HEIGHT + vehicle.HULL_CENTRE
-"""m, of the hull's own centre of gravity, relative to which the bodies are placed"""
+"""Height, m, of the hull's own centre of gravity, relative to which the bodies are placed."""
 _PLACES = (
     (0.0, vehicle.BODY_CENTRE - vehicle.HULL_CENTRE, 0.0),
     *((x, y - vehicle.HULL_CENTRE, vehicle.SIDE[leg] * vehicle.LEG_START)
       for leg in (vehicle.LEFT, vehicle.RIGHT)
       for x, y in [vehicle.leg_offset(vehicle.SIDE[leg], vehicle.LEG_START)]),
 )
-"""m, m, rad of the bodies when the hull is upright"""
+"""Poses, m, m, rad, of the bodies when the hull is upright."""
 
 
 class Starts:
     """Draws the starts of N landers; each is a function of (seed, row, episode)."""
 
     def __init__(self, seed: int, num_envs: int, dt: float, gravity: float) -> None:
-        """Draw nothing yet."""
+        """Prepare; starts are drawn on demand."""
         def make(
             rows: NDArray[np.integer], episodes: NDArray[np.integer],
         ) -> tuple[NDArray[np.uint64], F64]:
@@ -88,7 +88,7 @@ class Starts:
         self._drawn = random_streams.DrawnAhead(num_envs, make)
 
     def take(self, rows: NDArray[np.integer], episodes: NDArray[np.integer]) -> LanderStart:
-        """Return the starts of rows' episodes: one step after the push."""
+        """Return the starts of rows' episodes, one step after the push."""
         key, flat = self._drawn.take(rows, episodes)
         return LanderStart(
             flat[:, _TERRAIN], flat[:, _POSE].reshape(-1, 3, 3),
@@ -96,10 +96,10 @@ class Starts:
 
 
 def derive(unit: F64, dt: float, gravity: float) -> F64:
-    """Return terrain, poses, velocities and places in the wind, side by side `(K, 31)`.
+    """Return terrain, poses, velocities and wind phases, concatenated `(K, 31)`.
 
     :param unit: `(16, K)` random numbers in [-1, 1): heights of the terrain, the push along x and
-        y, where wind and turbulence begin.
+        y, the initial phases of wind and turbulence.
     """
     count = unit.shape[1]
     start = np.empty((count, 31))
@@ -126,10 +126,10 @@ def derive(unit: F64, dt: float, gravity: float) -> F64:
 
 
 def _terrain(unit: F64) -> F64:
-    """Return heights `(K, 11)` of the ground from numbers `(12, K)` in [-1, 1), smoothed."""
+    """Return smoothed heights `(K, 11)` of the ground from numbers `(12, K)` in [-1, 1)."""
     height = (unit + 1) * (vehicle.HALF_HEIGHT / 2)
     height[_PAD] = vehicle.PAD_HEIGHT
-    # The first point's neighbour to the left is the last one, as in Gymnasium.
+    # The first point's left neighbour is the last point, as in Gymnasium.
     smooth = 0.33 * (np.roll(height, 1, axis=0) + height + np.roll(height, -1, axis=0))
     return smooth[:11].T
 

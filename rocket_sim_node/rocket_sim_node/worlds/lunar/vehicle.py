@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lunar lander and its task as numbers, and its parts for pymunk.
+"""Constants of the lunar lander and its task, and its pymunk bodies and shapes.
 
 Geometry, masses and powers are those of Gymnasium's LunarLander-v3 (Farama Foundation, version
-1.4), lengths in its metres, of which one is 30 pixels of its picture.
+1.4). Lengths are in its metres, each 30 pixels of its rendering.
 """
 from __future__ import annotations
 
@@ -17,51 +17,51 @@ from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
 
 _PIXELS = 30.0
 HALF_WIDTH = 600.0 / _PIXELS / 2
-"""m, of the field"""
+"""m, of the field."""
 HALF_HEIGHT = 400.0 / _PIXELS / 2
-"""m, of the field"""
+"""m, of the field."""
 PAD_HEIGHT = HALF_HEIGHT / 2
-"""m, where the flags stand; the ground of the pad is 1 % lower, as smoothing weighs 3 x 0.33"""
+"""m, height of the flags; the pad's ground is 1 % lower, as smoothing weighs 3 x 0.33."""
 PAD_GROUND = 0.99 * PAD_HEIGHT
 HULL = tuple((x / _PIXELS, y / _PIXELS) for x, y in (
     (-14, 17), (-17, 0), (-17, -10), (17, -10), (17, 0), (14, 17)))
-"""m, corners of the hull relative to its origin, at which the legs are hinged"""
+"""m, corners of the hull relative to its origin, where the legs are hinged."""
 LEG_AWAY, LEG_DOWN = 20 / _PIXELS, 18 / _PIXELS
-"""m, of a leg's centre from the hinge, in the leg's own frame"""
+"""m, of a leg's centre from the hinge, in the leg's own frame."""
 LEG_HALF_WIDTH, LEG_HALF_LENGTH = 2 / _PIXELS, 8 / _PIXELS
 LEG_INNER, LEG_OUTER = 0.35, 0.85
-"""rad, angles between which a leg moves; the spring holds it at the inner one. Gymnasium writes
-0.4 and 0.9, which its joints count from the angle at which legs are created, 0.05 inwards."""
+"""rad, range of a leg's angle; the spring holds it at the inner end. Gymnasium has 0.4 and 0.9,
+counted from the angle at which it creates legs, 0.05 inwards."""
 LEG_START = 0.492
-"""rad, where a leg is at the start: where Box2D leaves it when it first joins the parts"""
+"""rad, initial angle of a leg, at which Box2D leaves it after first joining the parts."""
 LEG_PUSHED = -0.05
-"""rad, where Gymnasium creates a leg, and where it counts while the first push acts"""
+"""rad, angle at which Gymnasium creates a leg, which counts while the first push acts."""
 MAIN_ENGINE_OFFSET = 4 / _PIXELS
 SIDE_ENGINE_AWAY = 12 / _PIXELS
 SIDE_ENGINE_HEIGHT = 14 / _PIXELS
 SIDE_ENGINE_SKEW = 17 / _PIXELS
-"""m; Gymnasium uses this one along x and the height along y, and so do we"""
+"""m; like Gymnasium, we use this one along x and the height along y."""
 DISPERSION = 1 / _PIXELS
-"""m, half-width of the uniform scatter of the engines' places"""
+"""m, half-width of the uniform scatter of the engines' points of action."""
 START_PUSH = 1000.0
-"""N, for one step, half-width along x and y"""
+"""N, for one step, half-width along x and y."""
 _HULL_DENSITY, _LEG_DENSITY = 5.0, 1.0
 _SPRING_TORQUE, _SPRING_RATE = 40.0, 0.3
 _SKIN = 0.01
-"""m, radius of the corners: shapes of Box2D touch when they are nearer than their skins"""
-# Box2D takes the square root of the product of two frictions, and pymunk the product: the ground
-# here has 1 and the others what Box2D makes of theirs (0.1 hull, 0.2 leg) and 0.1.
+"""m, radius of the corners: Box2D's shapes touch when closer than the sum of their skins."""
+# Box2D combines two frictions by the square root of their product, pymunk by the product. The
+# ground here has 1, and the others have what Box2D makes of theirs (0.1 hull, 0.2 leg) and 0.1.
 _HULL_FRICTION, _LEG_FRICTION = 0.1, (0.2 * 0.1) ** 0.5
 _VEHICLE, _GROUND = 0x2, 0x1
 
 LEFT, RIGHT = 1, 2
-"""Numbers of the bodies that are legs; 0 is the hull."""
+"""Indices of the leg bodies; 0 is the hull."""
 SIDE = {LEFT: -1.0, RIGHT: 1.0}
 
 
 @dataclass(frozen=True)
 class LunarSettings:
-    """What can be set; the defaults are Gymnasium's."""
+    """Settings of the world; the defaults are Gymnasium's."""
 
     dt: float = setting(0.02, 's', 'simulated time per step', 1e-3, 0.05)
     continuous: bool = setting(
@@ -89,21 +89,21 @@ class LunarSettings:
 
 _HULL_SHAPE = pymunk.Poly(None, HULL)
 HULL_CENTRE = _HULL_SHAPE.center_of_gravity.y
-"""m, of the hull's centre of gravity above its origin"""
+"""m, height of the hull's centre of gravity above its origin."""
 HULL_MASS = _HULL_DENSITY * _HULL_SHAPE.area
 HULL_MOMENT = pymunk.moment_for_poly(HULL_MASS, HULL, (0.0, -HULL_CENTRE))
 LEG_MASS = _LEG_DENSITY * 4 * LEG_HALF_WIDTH * LEG_HALF_LENGTH
 LEG_MOMENT = pymunk.moment_for_box(LEG_MASS, (2 * LEG_HALF_WIDTH, 2 * LEG_HALF_LENGTH))
 TOTAL_MASS = HULL_MASS + 2 * LEG_MASS
 _BODY_LEG_MASS, _BODY_LEG_MOMENT = 0.25, 0.05
-"""kg, kg m^2, of the legs' bodies, see `_shift_mass`"""
+"""kg, kg m^2, of the legs' bodies, see `_shift_mass`."""
 
 
 def leg_offset(side: float, angle: float) -> tuple[float, float]:
-    """Return where a leg's centre is relative to the hull's origin, when that is upright, m.
+    """Return the position of a leg's centre relative to the origin of an upright hull, m.
 
     :param side: -1 left, 1 right.
-    :param angle: rad, that the leg is turned outwards.
+    :param angle: rad, outward rotation of the leg.
     """
     away, down = side * LEG_AWAY, LEG_DOWN
     cos, sin = np.cos(side * angle), np.sin(side * angle)
@@ -113,10 +113,10 @@ def leg_offset(side: float, angle: float) -> tuple[float, float]:
 def _shift_mass() -> tuple[float, float, float]:
     """Return mass, moment and height above its origin of the hull's body.
 
-    Box2D sees legs of 0.07 kg under a hull of 4.8 kg, and copes by 180 iterations. An iterative
-    solver as fast as we need it cannot hold up a weight with parts so light. So mass is shifted
-    from the hull to the legs such that the vehicle, legs drawn in, keeps its mass, its centre of
-    gravity and its moment about that: in flight there is no difference.
+    Box2D has legs of 0.07 kg under a hull of 4.8 kg, and needs 180 iterations for that. A faster
+    iterative solver cannot support a heavy body on parts so light. So mass is shifted from the
+    hull to the legs such that the vehicle, with its legs drawn in, keeps its mass, its centre of
+    gravity and its moment of inertia: its flight is unchanged.
     """
     x, y = leg_offset(1.0, LEG_INNER)
     centre = (HULL_MASS * HULL_CENTRE + 2 * LEG_MASS * y) / TOTAL_MASS
@@ -131,7 +131,7 @@ def _shift_mass() -> tuple[float, float, float]:
 
 
 _BODY_HULL_MASS, _BODY_HULL_MOMENT, BODY_CENTRE = _shift_mass()
-"""kg, kg m^2; m, of the centre of gravity of the hull's body above the hull's origin"""
+"""kg, kg m^2; m, height of the hull body's centre of gravity above the hull's origin."""
 
 
 class LunarDesign:
@@ -163,15 +163,15 @@ class LunarDesign:
             spring.max_force = _SPRING_TORQUE
             bodies.append(leg)
             shapes.append(box)
-            # Solved in this order, time and again: what comes last is met best. A spring solved
-            # after the stop would push through it.
+            # Solved in this order in each iteration; the last constraint is met best. A spring
+            # solved after the stop would push through it.
             joints += [spring, hinge, stop]
         for shape in shapes:
             shape.filter = pymunk.ShapeFilter(categories=_VEHICLE, mask=_GROUND)
         return Parts(bodies, shapes, joints)
 
     def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
-        """Return ten slopes, flat until they are moved, and the floor under them."""
+        """Return ten slopes, flat until they are moved, and the floor below them."""
         edges = origin + np.linspace(-HALF_WIDTH, HALF_WIDTH, self.slopes + 1)
         shapes = [
             pymunk.Segment(body, (left, 0.0), (right, 0.0), _SKIN)

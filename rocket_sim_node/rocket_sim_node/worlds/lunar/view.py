@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is seen of a lunar lander: observation, the potential that shapes rewards, telemetry."""
+"""Observation, reward-shaping potential and telemetry of the lunar lander."""
 from __future__ import annotations
 
 import numpy as np
@@ -16,21 +16,21 @@ OBSERVATION_NAMES = (
     'position_x', 'position_y', 'velocity_x', 'velocity_y', 'angle', 'angular_velocity',
     'right_contact', 'left_contact',
 )
-"""Gymnasium's order; its first leg is the one at positive x."""
+"""In Gymnasium's order; its first leg is the one at positive x."""
 OUTCOME = 20
-"""where in a capture the outcome is"""
+"""Row of the outcome in a capture."""
 _FRAMES = 50
-"""1/s; Gymnasium scales velocities by it, whatever dt"""
+"""1/s; Gymnasium scales velocities by it, whatever dt."""
 
 
 def seen_velocity(observation: NDArray[np.floating]) -> tuple[F64, F64]:
-    """Return velocities in m/s, `(K,)` each, from observations `(K, 8)`, which scale them."""
+    """Return velocities in m/s, `(K,)` each, from scaled observations `(K, 8)`."""
     x, y = observation[:, 2:4].astype(np.float64).T
     return x * _FRAMES / vehicle.HALF_WIDTH, y * _FRAMES / vehicle.HALF_HEIGHT
 
 
 def hull_origin(pose: F64) -> tuple[F64, F64]:
-    """Return where the hulls' origins are, `(K,)` m each, given poses `(K, 3)` of their bodies."""
+    """Return the positions of the hulls' origins, `(K,)` m each, from body poses `(K, 3)`."""
     x, y, angle = pose.T
     return x + np.sin(angle) * vehicle.BODY_CENTRE, y - np.cos(angle) * vehicle.BODY_CENTRE
 
@@ -46,17 +46,17 @@ def hull_velocity(pose: F64, velocity: F64) -> tuple[F64, F64]:
 
 
 def tilt(pose: F64) -> F64:
-    """Return how far hulls lean from upright, `(K,)` deg, 0 to 180, however often they turned."""
+    """Return the hulls' tilt from upright, `(K,)` deg, 0 to 180, regardless of full turns."""
     angle = pose[:, 2]
     leaning: F64 = np.rad2deg(np.abs(np.arctan2(np.sin(angle), np.cos(angle))))
     return leaning
 
 
 def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
-    """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded.
+    """Return observations `(K, 8)` and the shaping potential `(K,)`.
 
     :param pose: `(K, 3)` m, m, rad, and `velocity` `(K, 3)` m/s, m/s, rad/s of the hulls' bodies.
-    :param touching: `(K, 3)` which of hull, left and right leg touch the ground.
+    :param touching: `(K, 3)` whether hull, left and right leg touch the ground.
     """
     state = np.empty((8, len(pose)))
     x, y = hull_origin(pose)
@@ -76,7 +76,7 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
 
 
 def telemetry(captured: F64, engines: Engines) -> Telemetry:
-    """Return what is told on the wire, relative to the pad.
+    """Return a capture as telemetry relative to the pad.
 
     :param captured: `(35, S)` row, episode, time (s); poses (m, m, rad) of hull, left and right
         leg; velocity (m/s, m/s, rad/s) of the hull's body; throttle of the main engine, 0 to 1,

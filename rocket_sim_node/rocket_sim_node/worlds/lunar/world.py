@@ -45,7 +45,7 @@ class LunarLanderWorld:
     """
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
-        """Make the world and begin the first episodes.
+        """Create the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
@@ -91,7 +91,7 @@ class LunarLanderWorld:
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
-        """Begin new episodes of all landers; there is no curriculum to be set."""
+        """Begin new episodes of all landers; this world has no curriculum settings."""
         if settings:
             raise ValueError(
                 f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '
@@ -120,7 +120,7 @@ class LunarLanderWorld:
         crashed = self._touching[:, 0]
         outside = np.abs(observation[:, 0]) >= 1.0
         rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
-        # In this order: who is at rest has landed, whatever touches.
+        # In this order: a lander at rest has landed, whatever touches.
         reward[crashed | outside] = s.reward_crash
         reward[rest] = s.reward_landed
         terminated = crashed | outside | rest
@@ -140,7 +140,7 @@ class LunarLanderWorld:
         return observation, reward.astype(np.float32), terminated, truncated, info
 
     def _advance(self, command: NDArray[Any]) -> None:
-        """Fly one step and take note of what touched."""
+        """Integrate one step and record contacts."""
         lanes, s = self._lanes, self.settings
         force = self._force
         scatter = random_streams.numbers(self._keys, 2, spawn.DRAWS + 2 * self.age)
@@ -172,11 +172,11 @@ class LunarLanderWorld:
         self._wind[:, blown] += 1
 
     def observe(self) -> F32:
-        """Return the observation `(N, 8)` of the present state."""
+        """Return the observation `(N, 8)` of the current state."""
         return self._look(self._all)[0]
 
     def _look(self, rows: NDArray[np.int64] | slice) -> tuple[F32, F64]:
-        """Return observations `(K, 8)` and the potential `(K,)` whose rise is rewarded."""
+        """Return observations `(K, 8)` and the shaping potential `(K,)`."""
         return view.observe(
             self._lanes.pose[rows, 0], self._lanes.velocity[rows, 0], self._touching[rows])
 
@@ -187,7 +187,7 @@ class LunarLanderWorld:
             self._seed, self.spec.num_envs, self.settings.dt, self.settings.gravity)
 
     def _begin(self, rows: NDArray[np.int64]) -> F32:
-        """Put landers at the start of their episodes; return their observations `(K, 8)`."""
+        """Place landers at the start of their episodes; return their observations `(K, 8)`."""
         start = self._starts.take(rows, self.episode[rows])
         self.terrain[rows] = start.terrain
         for row in rows.tolist():
@@ -205,9 +205,9 @@ class LunarLanderWorld:
     def _finish(
         self, done: NDArray[np.int64], outcome: NDArray[np.uint8], observation: F32,
     ) -> dict[str, Any]:
-        """Report the episodes that ended, and begin their landers' next ones.
+        """Report the ended episodes, and begin the next ones of their landers.
 
-        :param observation: `(N, 8)`; the rows that finished get their new first observation.
+        :param observation: `(N, 8)`; rows that finished get their new first observation.
         """
         self._finished = self.capture(done)
         self._finished[view.OUTCOME] = outcome
@@ -232,7 +232,7 @@ class LunarLanderWorld:
         return info
 
     def capture(self, rows: NDArray[np.integer] | slice) -> F64:
-        """Return the physical state of the chosen landers, `(K, S)`: `view.telemetry`."""
+        """Return the physical state of the selected landers, `(K, S)`; see `view.telemetry`."""
         pose = self._lanes.pose[rows]
         return np.concatenate((
             self._rows[None, rows], self.episode[None, rows],
@@ -243,31 +243,31 @@ class LunarLanderWorld:
 
     @property
     def captured_ends(self) -> F64:
-        """Last states of the landers that finished at the last step, `(K, S)`."""
+        """Final states of the landers that finished at the last step, `(K, S)`."""
         return self._finished
 
     def telemetry_of(self, captured: F64) -> Telemetry:
-        """Return what a capture `(K, S)` says."""
+        """Return the telemetry that a capture `(K, S)` holds."""
         return view.telemetry(captured, self._engines)
 
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the chosen landers, S of them."""
+        """Return the physical state of the selected landers, S of them."""
         return self.telemetry_of(self.capture(rows))
 
     @property
     def finished(self) -> Telemetry:
-        """Last states of the landers that finished at the last step."""
+        """Final states of the landers that finished at the last step."""
         return self.telemetry_of(self._finished)
 
     # Snapshots
 
     def snapshot(self) -> bytes:
-        """Return the exact state; the contact solver begins afresh, here as in who takes it."""
+        """Return the exact state; clears the contact solver's memory, as `restore` does."""
         self._lanes.forget()
         return snapshots.pack(self.spec, self._state_arrays())
 
     def restore(self, state: bytes) -> F32:
-        """Put all landers back into a snapshot and return their observation."""
+        """Restore all landers from a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours)
         snapshots.check_settings(self.spec, arrays.pop('settings'))
@@ -292,7 +292,7 @@ class LunarLanderWorld:
         return self.observe()
 
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all that the future depends on; the arrays are the world's own, save `lanes_`."""
+        """Return the complete state; the arrays are the world's own, except `lanes_`."""
         return {
             'shaping': self._shaping, 'still': self._still,
             'touching': self._touching, 'wind': self._wind, 'age': self.age,

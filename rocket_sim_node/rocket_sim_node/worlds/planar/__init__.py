@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""World `rocket_planar`, and the contact model that follows a touchdown."""
+"""World `rocket_planar`, and the contact model for touchdowns."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Touchdowns of many rockets in a vertical plane: feet and hull on flat ground, by pymunk.
+"""Contact of rockets in a vertical plane with flat ground: feet and hull, simulated by pymunk.
 
-Only vehicles between first contact and rest are here. They come with pose, velocity and mass, and
-are told at each step how they would be accelerated without the ground: by gravity, air, engine.
-x is counted from where a vehicle touched down, so that every lane is as narrow as a touchdown.
+The model handles vehicles between first contact and rest only. They enter with pose, velocity and
+mass. At each step the caller gives their acceleration without the ground: gravity, air, engine. x
+is counted from the point of touchdown, so that every lane is as narrow as a touchdown.
 """
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from rocket_sim_node.worlds.pymunk_batch.lane_block import Solver
 from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
 
 _SLOP = 0.001
-"""m, that feet sink in at rest"""
+"""m, penetration of the feet at rest."""
 _BIAS = (1 - 0.2) ** 50
-"""part of a penetration left after 1 s: a fifth is undone in 0.02 s"""
+"""Part of a penetration that remains after 1 s: a fifth is removed in 0.02 s."""
 _AWAY = 1e4
-"""m, height at which vehicles wait that are not in touch"""
+"""m, height at which vehicles that are not in touchdown are parked."""
 _LOST = 5e5
-"""m, m/s, rad or rad/s that no vehicle in touchdown comes near; half of what `Lanes` can take"""
+"""m, m/s, rad or rad/s: far beyond any vehicle in touchdown; half the limit of `Lanes`."""
 
 Rows = NDArray[np.integer]
 
 
 def heights(points: F64, y: F64, sin: F64, cos: F64) -> F64:
-    """Return how high points of vehicles are, `(K, P)` m.
+    """Return the heights of points on vehicles, `(K, P)` m.
 
     :param points: `(P, 2)` m, relative to the vehicle's origin.
     :param y: `(K,)` m, height of the origin.
@@ -43,21 +43,21 @@ def heights(points: F64, y: F64, sin: F64, cos: F64) -> F64:
 
 
 class PlanarContact:
-    """N vehicles, each of which may be in touchdown.
+    """Contact state of N vehicles, each of which may be in touchdown.
 
-    `feet` `(N, 2)` left and right foot and `hull` `(N,)`: what touched in the last step; `force`
-    `(N, 2)` N of the ground, mean over that step; `mass` `(N,)` kg; `still` `(N,)` for how many
-    steps it has been still, on both feet or lying; `present` `(N,)` who is in touchdown; `lost`
-    `(N,)` who is where none can be, as after a snapshot that was forged.
+    `feet` `(N, 2)` left and right foot and `hull` `(N,)`: contacts of the last step; `force`
+    `(N, 2)` N of the ground, mean over that step; `mass` `(N,)` kg; `still` `(N,)` number of steps
+    at rest, on both feet or lying; `present` `(N,)` whether in touchdown; `lost` `(N,)` whether
+    the position is impossible, as after a forged snapshot.
     """
 
     def __init__(self, count: int, settings: PlanarSettings) -> None:
-        """Build N = `count` vehicles."""
+        """Create N = `count` vehicles."""
         self._dt, self._inertia = settings.dt, settings.inertia
         self._lanes = Lanes(
             count, PlanarDesign(settings), settings.dt, 0.0,
             Solver(iterations=10, slop=_SLOP, bias=_BIAS))
-        # Feet are below, the hull is above.
+        # Feet are below the origin, the hull is above.
         self._middle = (vehicle.hull_bottom(settings) - settings.touchdown_height) / 2
         self._rest_speed, self._rest_spin = settings.rest_speed, np.deg2rad(settings.rest_spin)
         self._rest_steps = max(1, int(np.ceil(settings.rest_time / settings.dt - 1e-9)))
@@ -73,15 +73,15 @@ class PlanarContact:
         self.end(np.arange(count))
 
     def begin(self, rows: Rows, pose: F64, velocity: F64, mass: F64) -> None:
-        """Let vehicles touch down: after the next step they are where they are now.
+        """Start touchdowns; after the next step the vehicles are at the given poses.
 
-        (The step in which a vehicle is placed it spends out of reach of the ground, and moves by
-        its velocity: so it is placed as much farther back.)
+        In the step in which a vehicle is placed it is out of reach of the ground and moves by its
+        velocity, so it is placed one step's motion back.
 
         :param rows: `(K,)` vehicles.
         :param pose: `(K, 3)` m, m, rad of the origins; a foot or corner is at the ground or in it.
         :param velocity: `(K, 3)` m/s, m/s, rad/s.
-        :param mass: `(K,)` kg, kept for the whole touchdown.
+        :param mass: `(K,)` kg, constant for the whole touchdown.
         """
         self._start_x[rows] = pose[:, 0]
         back = pose - velocity * self._dt
@@ -92,7 +92,7 @@ class PlanarContact:
         self._weigh(rows)
 
     def end(self, rows: Rows) -> None:
-        """Take vehicles away from the ground, if they are there."""
+        """Remove vehicles from the ground, if they are in touchdown."""
         rows = rows[self.present[rows]]
         if not rows.size:
             return
@@ -106,15 +106,15 @@ class PlanarContact:
         self._start_x[rows] = 0.0
 
     def _weigh(self, rows: Rows) -> None:
-        """Tell pymunk the masses of vehicles."""
+        """Set the vehicles' masses in pymunk."""
         for row, mass in zip(rows.tolist(), self.mass[rows].tolist(), strict=True):
             self._lanes.vehicle(row).bodies[0].mass = mass
 
     def step(self, rows: Rows, acceleration: F64) -> tuple[F64, F64]:
-        """Advance by dt; return pose `(K, 3)` and velocity `(K, 3)` of the chosen vehicles.
+        """Advance by dt; return pose `(K, 3)` and velocity `(K, 3)` of the selected vehicles.
 
-        :param rows: `(K,)` vehicles that have been in touchdown before this step.
-        :param acceleration: `(K, 3)` m/s^2, m/s^2, rad/s^2 they would have without the ground.
+        :param rows: `(K,)` vehicles that were in touchdown before this step.
+        :param acceleration: `(K, 3)` m/s^2, m/s^2, rad/s^2 without the ground.
         """
         lanes, push = self._lanes, self._push
         mass = self.mass[rows]
@@ -136,9 +136,9 @@ class PlanarContact:
         return pose, velocity
 
     def _touch(self, pose: F64) -> None:
-        """Take note of what touched the ground.
+        """Record the contacts with the ground.
 
-        :param pose: `(N, 3)` of the vehicles when contacts were looked for.
+        :param pose: `(N, 3)` of the vehicles when contacts were detected.
         """
         self.feet[:] = False
         self.hull[:] = False
@@ -157,32 +157,32 @@ class PlanarContact:
 
     @property
     def resting(self) -> NDArray[np.bool_]:
-        """`(N,)` who has been standing still for long enough."""
+        """`(N,)` whether the vehicle has been still for long enough to count as at rest."""
         return self.still >= self._rest_steps
 
     # Snapshots
 
     def forget(self) -> None:
-        """Empty the contact solver's memory, as `load` does."""
+        """Clear the contact solver's memory, as `load` does."""
         self._lanes.forget()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return what `load` takes: all that the future depends on."""
+        """Return the complete state, as `load` takes it."""
         return {
             'present': self.present, 'start_x': self._start_x, 'still': self.still,
             'mass': self.mass,
             **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()}}
 
     def check(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Check what `load` is to be given.
+        """Check arrays for `load`.
 
-        :raises ValueError: when a vehicle is where none can be.
+        :raises ValueError: when a vehicle has an impossible position.
         """
         lanes = self._of_lanes(arrays)
         self._lanes.check(**lanes)
         absent = ~arrays['present']
         away = (0.0, _AWAY, 0.0, 0.0, 0.0, 0.0)
-        # In the step in which it begins to wait its body is not there yet.
+        # In the first step of parking, the body is not at the parking height yet.
         there = np.concatenate((lanes['pose'], lanes['velocity']), axis=2)[absent]
         if (there != away).any() or (lanes['bodies'][absent & ~lanes['fresh']] != away).any():
             raise ValueError('snapshot: contact_lanes has a vehicle in flight where none waits')
@@ -194,7 +194,7 @@ class PlanarContact:
             if name.startswith('lanes_')}
 
     def load(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Put all vehicles where `arrays` found them."""
+        """Restore the state from `arrays`."""
         self._start_x[:], self.still[:] = arrays['start_x'], arrays['still']
         self.mass[:], self.present[:] = arrays['mass'], arrays['present']
         self._weigh(np.arange(len(self.mass)))

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a rocket that touched down in the 3-D world then stands, and where.
+"""Simulation of a 3-D rocket after touchdown: whether it stays standing, and where.
 
 World `rocket` ends at touchdown. For evaluations and recordings the contact model of
-`rocket_planar` takes over from there, engine and RCS cut, in one vertical plane for each landing
-(see LandingPlane), as in the classic planar landing-stability analyses.
+`rocket_planar` continues from there, with engine and RCS off, in one vertical plane for each
+landing (see LandingPlane), as in the classic planar landing-stability analyses.
 
-What the projection leaves out: lean, spin and (where the lean decides) velocity across the plane;
-yaw; where the four legs point, as in every plane two lead and two trail; and the air, with what
-conditions push sideways. Touchdown is judged by the height of the origin, and by then a foot may
-be in the ground, by tilt or by what the last step went too far: the vehicle is lifted until it
-just touches. Legs are rigid and do not break: of a landing that was too fast the verdict says
+The projection leaves out lean, spin and (where the lean decides) velocity across the plane; yaw;
+the direction of the four legs, as in every plane two lead and two trail; and the air, with
+sideways forces of conditions. Touchdown is judged by the height of the origin. By then a foot may
+be in the ground, because of tilt or the length of the last step: the vehicle is lifted until it
+just touches. Legs are rigid and do not break: for a landing that was too fast, the verdict says
 what would happen if they held.
 """
 from __future__ import annotations
@@ -33,20 +33,20 @@ VERDICTS = ('stands', 'slides', 'bounces', 'tips_over')
 STANDS, SLIDES, BOUNCES, TIPS_OVER = range(4)
 
 BOUNCE_HEIGHT = 0.01
-"""m above the ground of the lower foot, from which on it is a bounce"""
+"""m, height of the lower foot above the ground from which on it is a bounce."""
 SLIDE_LENGTH = 0.1
-"""m on the ground of the foot that touched first, from which on it is a slide"""
+"""m, distance slid by the foot that touched first from which on it is a slide."""
 BLEND_TIME = 0.5
-"""s in which a trajectory lets go of the lean across the plane"""
+"""s, over which the lean across the plane fades out of a trajectory."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """K touchdowns at T moments, dt apart, the first that of first contact; for recordings.
+    """K touchdowns at T times, dt apart, the first at first contact; for recordings.
 
     Vectors are `(T, K, 3)`, `orientation` `(T, K, 4)` x y z w, `contact` `(T, K, 2)` left and
-    right foot in the plane. Yaw is kept; the lean across the plane dies out within BLEND_TIME.
-    Who is at rest stays where it is; `length` `(K,)` is the number of moments until it is known.
+    right foot in the plane. Yaw is kept; the lean across the plane fades out within BLEND_TIME.
+    A rocket at rest stays where it is; `length` `(K,)` is the number of times until that is known.
     """
 
     position: F64
@@ -59,30 +59,30 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Settlement:
-    """What became of K touchdowns; arrays `(K,)` unless a shape is given.
+    """Results of K touchdowns; arrays `(K,)` unless a shape is given.
 
-    `verdict` is a place in VERDICTS. Who ends at rest on both feet and upright, the hull never
-    having touched the ground, is `standing`; all others `tips_over`. Of those standing, who has
-    had both feet above BOUNCE_HEIGHT `bounces`; of the rest, whose first foot has moved by more
-    than SLIDE_LENGTH `slides`; and the rest `stands`.
+    `verdict` is an index into VERDICTS. A rocket at rest on both feet and upright, whose hull has
+    never touched the ground, is `standing`; any other `tips_over`. A standing rocket `bounces` if
+    both feet were above BOUNCE_HEIGHT; otherwise it `slides` if its first foot has moved by more
+    than SLIDE_LENGTH; otherwise it `stands`.
     """
 
     verdict: NDArray[np.uint8]
     standing: NDArray[np.bool_]
     position: F64
-    """`(K, 3)` m, at rest or when the time for it is up"""
+    """`(K, 3)` m, at rest or at the time limit."""
     orientation: F64
-    """`(K, 4)` quaternion x y z w, then; without the lean across the plane"""
+    """`(K, 4)` quaternion x y z w, at that time; without the lean across the plane."""
     tilt: F64
-    """deg from vertical, then"""
+    """deg from vertical, at that time."""
     time: F64
-    """s from first contact until it was still, or the time there is for it"""
+    """s from first contact until rest, or the time limit."""
     moved: F64
-    """m along the ground, of the foot that touched first"""
+    """m along the ground, of the foot that touched first."""
     rebound: F64
-    """m, greatest height of the lower foot"""
+    """m, greatest height of the lower foot."""
     plane: F64
-    """`(K, 2)` x and z of the plane's horizontal direction"""
+    """`(K, 2)` x and z of the plane's horizontal direction."""
     trajectory: Trajectory | None
 
     def names(self) -> list[str]:
@@ -91,17 +91,17 @@ class Settlement:
 
 
 class _Course(NamedTuple):
-    """How K touchdowns went, each in its plane; the last axis is x, y, angle or their rates."""
+    """Motion of K touchdowns, each in its plane; the last axis is x, y, angle or their rates."""
 
     steps: NDArray[np.int64]
-    """until it was still"""
+    """Steps until it was still."""
     followed: NDArray[np.int64]
-    """steps until it had been still for long enough"""
+    """Steps until it had been still for long enough to count as at rest."""
     resting: NDArray[np.bool_]
     hull: NDArray[np.bool_]
     rebound: F64
     pose: list[F64]
-    """T times `(K, 3)`"""
+    """T arrays `(K, 3)`."""
     velocity: list[F64]
     contact: list[NDArray[np.bool_]]
 
@@ -110,17 +110,18 @@ def settle(
     position: F64, orientation: F64, velocity: F64, spin: F64, mass: F64,
     settings: Mapping[str, float], trajectory: bool = False, gravity: F64 | None = None,
 ) -> Settlement:
-    """Let K rockets that have touched down come to rest, engine and RCS cut.
+    """Simulate K rockets from touchdown until they are at rest, with engine and RCS off.
 
-    :param position: `(K, 3)` m, y up, as all of these at the end of an episode of `rocket`.
+    :param position: `(K, 3)` m, y up; this and the following are at the end of an episode of
+        `rocket`.
     :param orientation: `(K, 4)` quaternion x y z w.
     :param velocity: `(K, 3)` m/s.
     :param spin: `(K, 3)` rad/s.
-    :param mass: `(K,)` kg, with the fuel that is left.
-    :param settings: those of world `rocket`, and of the legs where they are not the default;
-        others are passed over.
-    :param trajectory: whether to return all moments.
-    :param gravity: `(K,)` m/s^2; by default that of the settings.
+    :param mass: `(K,)` kg, including remaining fuel.
+    :param settings: those of world `rocket`, and non-default settings of the legs; others are
+        ignored.
+    :param trajectory: whether to return all times.
+    :param gravity: `(K,)` m/s^2; by default from the settings.
     :raises ValueError: for a setting out of range.
     """
     s = settings_module.build(PlanarSettings, {
@@ -153,7 +154,7 @@ def settle(
 
 
 def _foot_x(pose: F64, foot: F64) -> F64:
-    """Return where along x the feet `(K, 2)` of vehicles are, `(K,)` m."""
+    """Return the x coordinates of the feet `(K, 2)` of vehicles, `(K,)` m."""
     where: F64 = pose[:, 0] + np.cos(pose[:, 2]) * foot[:, 0] - np.sin(pose[:, 2]) * foot[:, 1]
     return where
 
@@ -161,7 +162,7 @@ def _foot_x(pose: F64, foot: F64) -> F64:
 def _touch_down(
     pose: F64, velocity: F64, mass: F64, gravity: F64, feet: F64, s: PlanarSettings,
 ) -> _Course:
-    """Follow vehicles in their planes until all are at rest or the time for it is up."""
+    """Simulate vehicles in their planes until all are at rest or the time limit is reached."""
     count = len(mass)
     most = max(1, int(np.floor(s.touchdown_limit / s.dt + 1e-9)))
     course = _Course(
@@ -199,7 +200,7 @@ def _touch_down(
 
 
 def _in_space(course: _Course, plane: LandingPlane, dt: float) -> Trajectory:
-    """Turn motion within planes back into space."""
+    """Convert motion within planes to 3-D."""
     moments = range(len(course.pose))
     left = [max(0.0, 1.0 - moment * dt / BLEND_TIME) for moment in moments]
     return Trajectory(

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rocket's legs and hull as numbers, and as parts for pymunk.
+"""Geometry of the rocket's legs and hull, and its pymunk body and shapes.
 
-In a vertical plane the vehicle is one rigid body: legs that are deployed do not move against the
-hull. Flat ground can be touched by the corners of a body's convex hull alone, and those are the
-two feet and corners of the hull: the struts between need no shapes.
+In a vertical plane the vehicle is one rigid body: deployed legs do not move against the hull. Flat
+ground can only be touched by the corners of a body's convex hull, which are the two feet and
+corners of the hull, so the struts between need no shapes.
 """
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 LEFT, RIGHT = 0, 1
-"""Numbers of the feet, at negative and at positive x."""
+"""Indices of the feet, at negative and at positive x."""
 
 _BOTTOM = 2.4
-"""m, of the hull below the origin; no more than half of the legs' height"""
+"""m, lower end of the hull below the origin; at most half of the legs' height."""
 _OUTLINE = ((1.70, None), (1.85, -1.6), (1.85, 36.2), (1.25, 37.5))
-"""m, corners of the hull: half-width and height, None for the bottom"""
+"""m, corners of the hull: half-width and height, None for the bottom."""
 _VEHICLE, _GROUND = 0x2, 0x1
 
 
 @dataclass(frozen=True)
 class LegSettings:
-    """Feet on the ground, and when a touchdown is over."""
+    """Contact properties of the feet, and the criteria for the end of a touchdown."""
 
     stance: float = setting(
         6.7, 'm', 'feet from the axis in the plane: legs of 9.5 m at 45 deg to it', 0.1, 1e3)
     foot_friction: float = setting(0.6, '', 'coefficient of friction of the feet', 0.0, 10.0)
-    # More, with friction, would add energy at oblique impacts: restitution is Newton's here.
+    # Higher values, with friction, would add energy at oblique impacts: restitution is Newton's.
     foot_restitution: float = setting(
         0.1, '', 'part of the speed with which feet rebound', 0.0, 0.6)
     hull_friction: float = setting(0.4, '', 'coefficient of friction of the hull', 0.0, 10.0)
@@ -61,7 +61,7 @@ class PlanarSettings(LegSettings, RocketSettings):
 
 
 def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return where the feet are, left and right, relative to the origin, m."""
+    """Return the positions of the left and right foot relative to the origin, m."""
     height = -settings.touchdown_height
     return (-settings.stance, height), (settings.stance, height)
 
@@ -69,9 +69,9 @@ def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, fl
 def foot_height(
     origin: F64 | float, lean: F64, upright: F64, settings: Mapping[str, float],
 ) -> F64:
-    """Return how high the lower foot is, m, of vehicles whose origins are so high.
+    """Return the height of the lower foot, m.
 
-    :param origin: m.
+    :param origin: height of the origin, m.
     :param lean: sine of the tilt, 0 or more, and `upright` its cosine.
     :param settings: of a world of rockets with feet.
     """
@@ -80,7 +80,7 @@ def foot_height(
 
 
 def hull_bottom(settings: PlanarSettings) -> float:
-    """Return how high the hull begins relative to the origin, m."""
+    """Return the height of the hull's lower end relative to the origin, m."""
     return -min(_BOTTOM, settings.touchdown_height / 2)
 
 
@@ -92,16 +92,16 @@ def hull(settings: PlanarSettings) -> tuple[tuple[float, float], ...]:
 
 
 class PlanarDesign:
-    """One body with two feet and a hull, above flat ground. A `Design`."""
+    """A `Design` of one body with two feet and a hull, above flat ground."""
 
     bodies = 1
     lane_width = 128.0
     cell = 40.0
 
     def __init__(self, settings: PlanarSettings) -> None:
-        """Take measures."""
+        """Derive the dimensions from the settings."""
         self._settings = settings
-        # So thick that no foot gets through within a step.
+        # Thick enough that no foot passes through within a step.
         self._depth = max(5.0, 2 * settings.landed_speed * settings.dt)
         self._reach = 2 * settings.range_limit + settings.stance + 1000.0
 
@@ -119,16 +119,16 @@ class PlanarDesign:
         return Parts([body], shapes)
 
     def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
-        """Return the first lane's ground, which is that of all: one thick plate, its top y = 0.
+        """Return the ground, one thick plate with its top at y = 0; the first lane's serves all.
 
-        It reaches as far as a vehicle can slide before its episode ends.
+        It extends as far as a vehicle can slide before its episode ends.
         """
         if origin:
             return []
         plate = pymunk.Segment(
             body, (-self._reach, -self._depth), (self._reach + LANES * self.lane_width,
                                                  -self._depth), self._depth)
-        # pymunk multiplies the coefficients of what touches.
+        # pymunk multiplies the coefficients of touching shapes.
         plate.friction = plate.elasticity = 1.0
         plate.filter = pymunk.ShapeFilter(categories=_GROUND, mask=_VEHICLE)
         return [plate]

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """World `rocket_planar`: the rocket in the x-y plane, with legs that bounce, slide, tip and stand.
 
-In flight it is world `rocket`, line by line: what starts in the plane stays in it. A touchdown
-begins at first contact and ends at rest: see PlanarContact. Observations and actions are those of
-`rocket`, what is out of the plane 0 (but see below), so that one policy flies both.
+In flight it is identical to world `rocket`: a start in the plane stays in it. A touchdown begins
+at first contact and ends at rest: see PlanarContact. Observations and actions are those of
+`rocket`, with out-of-plane values 0 (but see below), so that one policy flies both.
 
-A policy trained in one plane alone knows nothing of the other axis, and cannot fly `rocket`. With
-`spawn_heading` the axes in which the pilot sees and steers are turned about the vertical, for each
-episode by another angle: then it learns all planes. All else here stays in the x-y plane.
+A policy trained in one plane alone has never controlled the other axis, and cannot fly `rocket`.
+With `spawn_heading`, the axes of the pilot's observations and actions are turned about the
+vertical, by another angle in each episode, so that it learns all planes. The simulation itself
+stays in the x-y plane.
 
 First contact is found from the geometry, after the step that brings a foot to the ground or below
-and before the ground has changed anything, as `rocket` finds its touchdown. From then on pymunk
-moves the vehicle: its pushes are what a step of flight would do to the velocities. (`substeps`
-refine flight; contact is solved once a step.)
+and before the ground has any effect, as `rocket` finds its touchdown. From then on pymunk moves
+the vehicle, with a push equal to the velocity change of a step of flight. (`substeps` refine
+flight; contact is solved once a step.)
 """
 from __future__ import annotations
 
@@ -41,11 +42,11 @@ _PREFIX = 'contact_'
 _OUT_OF_PLANE = {
     'position': slice(2, 3), 'velocity': slice(2, 3), 'spin': slice(0, 2), 'attitude': slice(0, 2)}
 _HEADINGS = 2**32
-"""Which of an episode's random streams; starts use the first ones"""
+"""Index of an episode's random stream; starts use the first ones."""
 
 
 class RocketPlanarWorld(RocketWorld):
-    """N rockets in vertical planes of their own. A `SimulatedWorld`.
+    """N rockets, each in a vertical plane of its own. A `SimulatedWorld`.
 
     Out-of-plane entries of `position`, `velocity`, `attitude` and `spin` stay 0.
     """
@@ -58,7 +59,7 @@ class RocketPlanarWorld(RocketWorld):
     feet = 2
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
-        """Make the world and begin the first episodes.
+        """Create the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
@@ -76,7 +77,7 @@ class RocketPlanarWorld(RocketWorld):
         self._most_steps_down = int(np.floor(s.touchdown_limit / s.dt + 1e-9))
 
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
-        """Put the given rockets into their first states."""
+        """Set the given rockets to their initial states."""
         super()._begin(rows, first)
         self._turn_axes(rows)
         touched = rows[self._steps_down[rows] != _IN_FLIGHT]
@@ -87,9 +88,9 @@ class RocketPlanarWorld(RocketWorld):
             self._contact_speed[touched] = self._contact_tilt[touched] = 0.0
 
     def _use(self, settings: PlanarSettings, seed: int) -> None:  # type: ignore[override]
-        """Put settings and a seed into force; episodes have to begin, or be loaded, after it.
+        """Apply settings and a seed; episodes must be started or loaded afterwards.
 
-        :raises ValueError: when no landing or no flight would be possible.
+        :raises ValueError: when they make landing or flight impossible.
         """
         if settings.rest_time > settings.touchdown_limit:
             raise ValueError(
@@ -106,10 +107,10 @@ class RocketPlanarWorld(RocketWorld):
                 f'{reach:.3f} m, where foot or hull could touch')
         super()._use(settings, seed)
 
-    # The pilot's axes
+    # Axes of the pilot
 
     def _turn_axes(self, rows: NDArray[np.integer]) -> None:
-        """Draw headings for the episodes that rockets are in."""
+        """Draw the headings of rockets' current episodes."""
         if not self.settings.spawn_heading:
             self._heading[:, rows] = [[1.0], [0.0]]
             return
@@ -119,7 +120,7 @@ class RocketPlanarWorld(RocketWorld):
         self._heading[:, rows] = np.cos(angle), np.sin(angle)
 
     def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
-        """Return the observation `(K, D)` of the chosen rockets, in the pilots' axes."""
+        """Return the observation `(K, D)` of the selected rockets, in the pilots' axes."""
         observation = super()._observe(rows, up)
         if self.settings.spawn_heading:
             cos, sin = self._heading[:, rows]
@@ -133,7 +134,7 @@ class RocketPlanarWorld(RocketWorld):
     # Stepping
 
     def _advance(self, command: F64) -> None:
-        """Fly one step; rockets in touchdown get what flight would do to them as a force."""
+        """Integrate one step; in touchdown, the accelerations of flight are applied as a force."""
         s = self.settings
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
         cos, sin = self._heading
@@ -158,7 +159,7 @@ class RocketPlanarWorld(RocketWorld):
         return np.stack((velocity_x, velocity_y, self.spin[2, rows]), axis=1)
 
     def _touch_down(self) -> bool:
-        """Find rockets in first contact and hand them over; tell whether there are any."""
+        """Start touchdowns of rockets in first contact; return whether there are any."""
         s = self.settings
         low = np.flatnonzero(
             (self.position[1] <= self._reach) & (self._steps_down == _IN_FLIGHT))
@@ -177,7 +178,7 @@ class RocketPlanarWorld(RocketWorld):
         self._struck[rows] = struck
         self._steps_down[rows] = 0
         self._touching[rows] = height[:, :2] <= 0.0
-        # Others end here and now.
+        # The others' episodes end at this step.
         stands = (speed < s.landed_speed) & ~struck
         rows, up = rows[stands], up[:, stands]
         if not rows.size:
@@ -188,7 +189,7 @@ class RocketPlanarWorld(RocketWorld):
         return True
 
     def _follow(self, rows: NDArray[np.int64], pose: F64, velocity: F64) -> None:
-        """Take over where the ground has left rockets, `(K, 3)` each."""
+        """Take over poses and velocities, `(K, 3)` each, from the contact model."""
         self.position[:2, rows] = pose[:, :2].T
         self.velocity[:2, rows] = velocity[:, :2].T
         self.spin[2, rows] = velocity[:, 2]
@@ -198,13 +199,13 @@ class RocketPlanarWorld(RocketWorld):
         self._touching[rows] = self.contact.feet[rows]
         self._contact_force[:2, rows] = self.contact.force[rows].T
 
-    # Ends
+    # Ends of episodes
 
     def _ended(self, up_y: F64) -> NDArray[np.int64]:
-        """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
+        """Return the rows whose episode ended at this step, `(K,)`; keep reasons for `_judge`."""
         super()._ended(up_y)
-        # Not what is low has come down, but what touches; and then only the field's edge holds of
-        # the limits of flight.
+        # Contact, not height, makes a touchdown here; of the flight limits only the edge of the
+        # field applies during one.
         self._down[:] = False
         ended = self._tilted | self._late | self._outside
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
@@ -222,7 +223,7 @@ class RocketPlanarWorld(RocketWorld):
     def _judge(
         self, done: NDArray[np.int64], up: F64,
     ) -> tuple[NDArray[np.uint8], F64, F64, F64]:
-        """Return how episodes ended; speed and tilt of a touchdown are those at first contact."""
+        """Return the results of episodes; speed and tilt of a touchdown are at first contact."""
         outcome, speed, tilt, distance = super()._judge(done, up)
         down = self._down[done]
         rows = done[down]
@@ -237,12 +238,12 @@ class RocketPlanarWorld(RocketWorld):
     # Snapshots
 
     def snapshot(self) -> bytes:
-        """Return the exact state; the contact solver begins afresh, here as in who takes it."""
+        """Return the exact state; clears the contact solver's memory, as `restore` does."""
         self.contact.forget()
         return super().snapshot()
 
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all that the future depends on; most of the arrays are the world's own."""
+        """Return the complete state; most of the arrays are the world's own."""
         return {
             **super()._state_arrays(), 'steps_down': self._steps_down,
             'contact_speed': self._contact_speed, 'contact_tilt': self._contact_tilt,
@@ -251,7 +252,7 @@ class RocketPlanarWorld(RocketWorld):
     def _check_state(  # type: ignore[override]
         self, arrays: snapshots.Arrays, settings: PlanarSettings,
     ) -> None:
-        """Check values of a snapshot that no world with these settings can have."""
+        """Check for values of a snapshot that no world with these settings can have."""
         super()._check_state(arrays, settings)
         s = settings
         fuel = s.fuel * s.fuel_factor_high
@@ -273,7 +274,7 @@ class RocketPlanarWorld(RocketWorld):
                 raise ValueError(f'snapshot: {name} has a value out of the plane')
         if (arrays['fuel'] > fuel).any():
             raise ValueError(f'snapshot: fuel has a value above {fuel:g} kg')
-        # Of rockets in flight it is that of an earlier touchdown, under other conditions perhaps.
+        # In flight, the value is that of an earlier touchdown, perhaps under other conditions.
         mass, present = arrays['contact_mass'], arrays['contact_present']
         lightest = s.dry_mass * s.dry_mass_factor_low
         heaviest = s.dry_mass * s.dry_mass_factor_high + fuel

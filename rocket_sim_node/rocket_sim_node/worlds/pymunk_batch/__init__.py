@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many planar vehicles stepped in a few pymunk spaces."""
+"""Batched simulation of many planar vehicles in a few pymunk spaces."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pymunk Space with a block of vehicles side by side, above ground that is theirs."""
+"""One pymunk Space with a block of vehicles side by side, each above its own ground."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from pymunk import batch
 from rocket_sim_node.worlds.base import F64
 
 LANES = 32
-"""vehicles in one Space: with fewer the calls cost more, with more the cache misses do"""
+"""Vehicles per Space: with fewer, call overhead dominates; with more, cache misses do."""
 _CELLS = 40
-"""cells of the spatial hash for each lane"""
+"""Cells of the spatial hash per lane."""
 _SWEEP_AFTER = 256
-"""lanes whose ground has moved, after which the cells are swept"""
+"""Number of ground changes after which the cells are cleaned up."""
 _NOTHING = pymunk.ShapeFilter(categories=0, mask=0)
 
 STATE = (
@@ -30,7 +30,7 @@ TOUCH = (
 
 
 class Parts(NamedTuple):
-    """What one vehicle is made of; the bodies' origins are their centres of gravity."""
+    """Bodies, shapes and joints of one vehicle; each body's origin is its centre of gravity."""
 
     bodies: Sequence[pymunk.Body]
     shapes: Sequence[pymunk.Shape]
@@ -38,7 +38,7 @@ class Parts(NamedTuple):
 
 
 class Design(Protocol):
-    """How to build a vehicle and its ground."""
+    """Builder of a vehicle and its ground."""
 
     @property
     def bodies(self) -> int:
@@ -47,7 +47,7 @@ class Design(Protocol):
 
     @property
     def lane_width(self) -> float:
-        """Distance from one vehicle's origin to the next, m: so large that they never meet."""
+        """Distance between the origins of neighbouring vehicles, m, so that they never meet."""
         ...
 
     @property
@@ -62,20 +62,20 @@ class Design(Protocol):
     def ground(self, body: pymunk.Body, origin: float) -> Sequence[pymunk.Shape]:
         """Return new shapes of ground for the lane at x = `origin`, on a static body.
 
-        Where one shape serves all lanes, the first lane, at 0, brings it and the others none.
+        If one shape serves all lanes, the first lane, at 0, returns it and the others return none.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Solver:
-    """How contacts and joints are solved."""
+    """Parameters of the solver for contacts and joints."""
 
     iterations: int
     slop: float
-    """m of penetration that is left alone"""
+    """m of penetration that is not corrected."""
     bias: float
-    """part of a penetration that is left after 1 s"""
+    """Part of a penetration that remains after 1 s."""
 
 
 class LaneBlock:
@@ -89,18 +89,18 @@ class LaneBlock:
     def __init__(
         self, design: Design, lanes: int, gravity: float, solver: Solver, state: F64, push: F64,
     ) -> None:
-        """Build the vehicles, and borrow the arrays."""
+        """Create the vehicles; `state` and `push` are shared with the caller."""
         self.space = space = pymunk.Space()
         space.gravity = (0.0, -gravity)
         space.iterations = solver.iterations
         space.collision_slop = solver.slop
         space.collision_bias = solver.bias
-        # Contacts that end are forgotten at once: a batch read has those of the last step only.
+        # Ended contacts are dropped at once: a batch read returns those of the last step only.
         space.collision_persistence = 1
-        # Not the default, a tree: there, the order in which a vehicle's contacts are solved
-        # depends on what its neighbours did.
+        # A spatial hash, not the default tree, in which the order of solving a vehicle's contacts
+        # depends on its neighbours.
         space.use_spatial_hash(design.cell, _CELLS * lanes)
-        # All vehicles before all ground: shapes that move are then numbered from 0, and their
+        # All vehicles before all ground: moving shapes are then numbered from 0, and their
         # contacts are solved in the order of their numbers.
         self.vehicles = [design.vehicle() for _ in range(lanes)]
         for vehicle in self.vehicles:
@@ -118,23 +118,23 @@ class LaneBlock:
         self._push_buffer.set_float_buf(push)
 
     def set_state(self) -> None:
-        """Give all bodies the poses and velocities in `state`."""
+        """Set the poses and velocities of all bodies from `state`."""
         batch.set_space_bodies(self.space, STATE, self._state_buffer)
 
     def set_push(self) -> None:
-        """Give all bodies the forces in `push`, for one step."""
+        """Set the forces of all bodies from `push`, for one step."""
         batch.set_space_bodies(self.space, PUSH, self._push_buffer)
 
     def hold(self, lane: int, on: bool) -> None:
-        """Switch the joints of a vehicle on or off; a step without empties their memory."""
+        """Switch the joints of a vehicle on or off; a step without them clears their memory."""
         for joint, limit in zip(self.vehicles[lane].joints, self._limits[lane], strict=True):
             joint.max_force = limit if on else 0.0
 
     def reindex(self, moved: Sequence[pymunk.Shape]) -> None:
-        """Take note that ground of a lane has moved; in the same order for every lane.
+        """Update the index after ground of a lane has moved; in the same order for every lane.
 
-        The cells of the hash keep note of where ground was until somebody looks into them, and
-        nobody ever looks into some. So all are looked into now and then.
+        The hash's cells keep entries of old positions until they are queried, and some never are.
+        So all cells are queried from time to time.
         """
         for shape in moved:
             self.space.reindex_shape(shape)

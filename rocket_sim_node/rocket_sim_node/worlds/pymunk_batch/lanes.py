@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many planar vehicles in a few pymunk Spaces: stepped, read and pushed in batches.
 
-A Space holds a block of vehicles in lanes so wide that no two meet. What pymunk forces to be done
-in Python is, for each Space and not for each vehicle, one step, two batch reads and one batch
-write; and some property calls when a vehicle is placed anew.
+A Space holds a block of vehicles in lanes so wide that no two meet. Python runs one step, two
+batch reads and one batch write per Space, not per vehicle, and a few property calls when a vehicle
+is placed.
 
 Chipmunk, inside pymunk, moves first and pushes afterwards: x += v dt, then contacts, then
-v += a dt and the impulses of contacts and joints. Cut open between moving and looking for
-contacts, the same loop is semi-implicit Euler, which moves with the new velocity. So the pose
-reported here is one motion ahead of Chipmunk's: `pose` = Chipmunk's + v dt.
+v += a dt and the impulses of contacts and joints. Split between moving and detecting contacts,
+the same loop is semi-implicit Euler, which moves with the new velocity. So the pose reported here
+is one motion ahead of Chipmunk's: `pose` = Chipmunk's + v dt.
 
-What Chipmunk remembers from step to step beside pose and velocity (impulses of joints and
-contacts, to start from; penetration still to be undone) can be neither read nor written. So a
-vehicle that is placed anew spends its first step out of reach of the ground with its joints
-switched off, which empties that memory, and is moved as one rigid body by NumPy meanwhile: no
-episode depends on the one before. `forget` empties the memory of all vehicles at once, so that a
-world put back from a snapshot goes on as the one that the snapshot was taken of.
+Chipmunk's state beside pose and velocity (impulses of joints and contacts for warm starts, and
+penetration still to be corrected) can be neither read nor written. So a vehicle that is placed
+spends its first step out of reach of the ground with its joints off, which clears that state, and
+NumPy moves it as one rigid body meanwhile: no episode depends on the one before. `forget` clears
+the state of all vehicles at once, so that a world restored from a snapshot goes on like the
+original.
 
 No vehicle depends on its neighbours, bit for bit: see LaneBlock on the order of contacts.
 """
@@ -38,28 +38,28 @@ from rocket_sim_node.worlds.pymunk_batch.lane_block import Parts
 from rocket_sim_node.worlds.pymunk_batch.lane_block import Solver
 
 _PARK = 1e4
-"""m above its place, where a vehicle spends the step in which it forgets"""
+"""m above its target, where a vehicle spends the step that clears its solver state."""
 _FARTHEST = 1e6
-"""m, m/s, rad or rad/s that no vehicle comes near; hashing far greater ones would overflow"""
+"""m, m/s, rad or rad/s: far beyond any vehicle; hashing far greater values would overflow."""
 
 Rows = NDArray[np.integer]
 
 
 class Contacts(NamedTuple):
-    """Touches of vehicles and their ground in the last step, K of them, by row and body."""
+    """K contacts of vehicles with their ground in the last step, by row and body."""
 
     row: NDArray[np.int64]
-    """`(K,)` vehicle"""
+    """`(K,)` vehicle."""
     body: NDArray[np.int64]
-    """`(K,)` which of its bodies"""
+    """`(K,)` index of its body."""
     point: F64
-    """`(K, 2)` m, relative to the lane's origin"""
+    """`(K, 2)` m, relative to the lane's origin."""
     impulse: F64
-    """`(K, 2)` N s, of the ground on the vehicle"""
+    """`(K, 2)` N s, of the ground on the vehicle."""
 
 
 class Lanes:
-    """N vehicles of B bodies each, in lanes of their own; positions are relative to these.
+    """N vehicles of B bodies each, in lanes of their own; positions are relative to the lane.
 
     `pose` `(N, B, 3)`: x, y (m), angle (rad); `velocity` `(N, B, 3)`: m/s, rad/s; of each body's
     centre of gravity.
@@ -68,13 +68,13 @@ class Lanes:
     def __init__(
         self, count: int, design: Design, dt: float, gravity: float, solver: Solver,
     ) -> None:
-        """Build N = `count` vehicles; where they are is up to `place`."""
+        """Create N = `count` vehicles; `place` sets their positions."""
         self._dt, self._gravity = dt, gravity
         bodies = design.bodies
         firsts = range(0, count, LANES)
         lanes = [min(LANES, count - first) for first in firsts]
         ends = np.cumsum([n * bodies + 1 for n in lanes])
-        # Of all bodies of all Spaces; each Space writes from its own part.
+        # All bodies of all Spaces; each Space writes its own part.
         self._state, self._push = np.zeros((ends[-1], 6)), np.zeros((ends[-1], 3))
         self._blocks = [
             LaneBlock(
@@ -83,14 +83,14 @@ class Lanes:
             for n, end in zip(lanes, ends.tolist(), strict=True)]
         row = np.arange(count)
         self._lane = row % LANES
-        # Past each earlier Space's static body.
+        # Skips the static body of each earlier Space.
         self._index = row[:, None] * bodies + np.arange(bodies) + (row // LANES)[:, None]
         self._origin = self._lane * design.lane_width
         self._fresh = np.zeros(count, np.bool_)
         self.pose = np.zeros((count, bodies, 3))
         self.velocity = np.zeros((count, bodies, 3))
         self._state_read, self._touch_read = batch.Buffer(), batch.Buffer()
-        # As designed; who changes a body's mass must not push it in the step after `place`.
+        # As designed; a body whose mass changes must not be pushed in the step after `place`.
         first = self.vehicle(0).bodies
         self._mass = np.array([body.mass for body in first])
         self._moment = np.array([body.moment for body in first])
@@ -105,14 +105,14 @@ class Lanes:
         return self._blocks[row // LANES].vehicles[row % LANES]
 
     def ground(self, row: int) -> tuple[Sequence[pymunk.Shape], float]:
-        """Return the shapes of a lane's ground, and where its origin lies in them, m along x.
+        """Return the shapes of a lane's ground, and the lane's origin in their x coordinate, m.
 
-        Whoever moves any calls `reindex` afterwards.
+        Call `reindex` after moving any of them.
         """
         return self._blocks[row // LANES].grounds[row % LANES], float(self._origin[row])
 
     def reindex(self, row: int, moved: Sequence[pymunk.Shape]) -> None:
-        """Take note that ground of a lane has moved; in the same order for every lane."""
+        """Update the index after ground of a lane has moved; in the same order for every lane."""
         self._blocks[row // LANES].reindex(moved)
 
     # Stepping
@@ -136,7 +136,7 @@ class Lanes:
         self.pose[:, :, 0] -= self._origin[:, None]
 
     def _read(self) -> None:
-        """Read where all bodies are, and what they touched."""
+        """Read the poses and velocities of all bodies, and the contacts."""
         self._state_read.clear()
         self._touch_read.clear()
         for block in self._blocks:
@@ -147,19 +147,19 @@ class Lanes:
 
     @property
     def contacts(self) -> Contacts:
-        """Return what touched the ground in the last step."""
+        """Return the contacts with the ground in the last step."""
         if self._contacts is None:
             ids = np.frombuffer(self._touch_read.int_buf(), np.uintp).reshape(-1, 2)
             values = np.frombuffer(self._touch_read.float_buf()).reshape(-1, 4)
             place = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
-            # Of each pair one body is a vehicle's and the other the static one.
+            # In each pair one body is a vehicle's and the other is the static one.
             second = (self._ids[place[:, 1]] == ids[:, 1]).astype(np.int64)
             which = self._by_id[place[np.arange(len(ids)), second]]
             row, body = np.divmod(which, self.pose.shape[1])
             point = values[:, 2:].copy()
             point[:, 0] -= self._origin[row]
             impulse = values[:, :2] * np.where(second, -1.0, 1.0)[:, None]
-            # Chipmunk's own order is that of addresses in memory.
+            # Chipmunk's own order depends on memory addresses.
             order = np.lexsort((point[:, 1], point[:, 0], body, row))
             self._contacts = Contacts(row[order], body[order], point[order], impulse[order])
         return self._contacts
@@ -167,7 +167,7 @@ class Lanes:
     # Placing
 
     def place(self, rows: Rows, pose: F64, velocity: F64) -> None:
-        """Put vehicles somewhere in the air, to begin anew.
+        """Place vehicles in the air, without memory of earlier contacts.
 
         :param rows: `(K,)` vehicles.
         :param pose: `(K, B, 3)` m, rad.
@@ -183,7 +183,7 @@ class Lanes:
         self._write(rows, parked, hold=False)
 
     def _let_go(self, rows: Rows, force: F64) -> None:
-        """End the step in which vehicles forgot: move them as rigid bodies, switch joints on."""
+        """End the step after `place`: move vehicles as rigid bodies, switch joints on."""
         pose, velocity = self.pose[rows], self.velocity[rows]
         mass, total = self._mass[:, None], self._mass.sum()
         centre = (mass * pose[:, :, :2]).sum(1) / total
@@ -205,7 +205,7 @@ class Lanes:
         self._fresh[rows] = False
 
     def _write(self, rows: Rows, state: F64, hold: bool) -> None:
-        """Give vehicles a state `(K, B, 6)` of Chipmunk's, their joints switched on or off."""
+        """Write Chipmunk's state `(K, B, 6)` of vehicles, with joints switched on or off."""
         self._state[self._index[rows]] = state
         chosen = rows.tolist()
         for row in chosen:
@@ -216,7 +216,7 @@ class Lanes:
     # Snapshots
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """Return what `load` takes: copies of all that the future depends on after `forget`."""
+        """Return copies of the complete state after `forget`, as `load` takes it."""
         return {
             'bodies': self._local_state(), 'pose': self.pose.copy(),
             'velocity': self.velocity.copy(), 'fresh': self._fresh.copy()}
@@ -224,7 +224,7 @@ class Lanes:
     def _local_state(self) -> F64:
         """Return Chipmunk's states `(N, B, 6)`, relative to the lanes.
 
-        The origins are whole numbers: neither to subtract nor to add one again rounds.
+        The origins are integers, so subtracting and adding them does not round.
         """
         state: F64 = self._state[self._index]
         state[:, :, 0] -= self._origin[:, None]
@@ -232,16 +232,16 @@ class Lanes:
 
     @staticmethod
     def check(bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
-        """Check what `load` is to be given.
+        """Check arrays for `load`.
 
-        :raises ValueError: when a vehicle is where none can be.
+        :raises ValueError: when a vehicle has an impossible position.
         """
         for name, array in (('bodies', bodies), ('pose', pose), ('velocity', velocity)):
             if (np.abs(array) > _FARTHEST).any():
                 raise ValueError(f'snapshot: {name} has a value beyond {_FARTHEST:g}')
 
     def load(self, bodies: F64, pose: F64, velocity: F64, fresh: NDArray[np.bool_]) -> None:
-        """Put all vehicles where `arrays` found them, and forget."""
+        """Restore all vehicles from `arrays`, and clear the solver's memory."""
         self.pose, self.velocity = pose.copy(), velocity.copy()
         self._fresh = fresh.copy()
         state = bodies.copy()
@@ -250,7 +250,7 @@ class Lanes:
         self.forget()
 
     def forget(self) -> None:
-        """Empty the memory of all vehicles that is neither pose nor velocity."""
+        """Clear the solver's memory of all vehicles beside pose and velocity."""
         state = self._state[self._index]
         rows = np.arange(len(state))
         parked = np.zeros_like(state)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Actuators: what is between a command and what the vehicle does. Delay, ignition, floor, lag."""
+"""Actuators: command delay, ignition, minimum throttle and engine lag."""
 from __future__ import annotations
 
 import numpy as np
@@ -16,22 +16,22 @@ IDLE = (-1.0, 0.0, 0.0)
 class CommandLine:
     """The last commands of N rockets, newest first: `commands` `(L, N, 3)`, idle before the first.
 
-    L is as long as somebody needs it, 0 where nobody does.
+    L is the number of commands needed by the command delay or the observation, possibly 0.
     """
 
     def __init__(self, num_envs: int, length: int) -> None:
-        """Begin with no commands."""
+        """Begin without commands."""
         self.commands = np.empty((length, num_envs, 3))
         self.commands[:] = IDLE
         self._rows = np.arange(num_envs)
 
     def begin(self, rows: NDArray[np.integer]) -> None:
-        """Forget the commands of rockets."""
+        """Clear the commands of rockets."""
         if len(self.commands):
             self.commands[:, rows] = IDLE
 
     def push(self, command: F64, vehicles: DrawnVehicles) -> F64:
-        """Take the commands `(N, 3)` of a step; return those that reach the vehicles."""
+        """Store the commands `(N, 3)` of a step; return those that take effect in it."""
         if not len(self.commands):
             return command
         self.commands[1:] = self.commands[:-1]
@@ -43,13 +43,13 @@ class Engines:
     """N engines: `throttle` `(N,)` 0 to 1, `lit` `(N,)`, `ignitions` `(N,)` since the start."""
 
     def __init__(self, num_envs: int) -> None:
-        """Begin with all off."""
+        """Begin with all engines off."""
         self.throttle = np.zeros(num_envs)
         self.lit = np.zeros(num_envs, np.bool_)
         self.ignitions = np.zeros(num_envs, np.int64)
 
     def begin(self, rows: NDArray[np.integer]) -> None:
-        """Put the engines of rockets into their first state."""
+        """Set the engines of rockets to their initial state."""
         self.throttle[rows] = 0.0
         self.lit[rows] = False
         self.ignitions[rows] = 0
@@ -57,10 +57,10 @@ class Engines:
     def follow(self, asked: F64, fuel: F64, vehicles: DrawnVehicles, s: RocketSettings) -> F64:
         """Advance by a step; return the throttle `(N,)` during it.
 
-        An engine burns from when it is asked to until it is not, at its floor or above, and has
-        to be lit anew after that. It follows exactly as a first-order system does.
+        An engine burns while a throttle is commanded, at its minimum throttle or above, and must
+        be lit again afterwards. It follows the command exactly as a first-order system does.
 
-        :param asked: `(N,)` 0 to 1; is changed.
+        :param asked: `(N,)` commanded throttle, 0 to 1; is modified.
         :param fuel: `(N,)` kg.
         """
         fuelled = fuel > 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conditions: how a flight may differ from the nominal one, as settings and as named sets.
+"""Conditions: deviations of a flight from the nominal one, as settings and as named sets.
 
 Each condition is a range, two settings `<name>_low` and `<name>_high`. An episode draws a value
 from it, uniformly and independently of the others; see :func:`drawn_vehicle.draw`.
@@ -48,7 +48,7 @@ _WIND = 0.0, 'm/s', 'steady wind, horizontal, in any direction', 0.0, 100.0
 
 @dataclass(frozen=True)
 class ConditionSettings:
-    """The ranges that each episode draws from; nominal by default."""
+    """Ranges that each episode draws from; nominal by default."""
 
     dry_mass_factor_low: float = _low(*_DRY_MASS)
     dry_mass_factor_high: float = _high(*_DRY_MASS)
@@ -83,7 +83,7 @@ class ConditionSettings:
     def __post_init__(self) -> None:
         """Check the ranges.
 
-        :raises ValueError: when one ends below where it begins.
+        :raises ValueError: when the upper end of one is below its lower end.
         """
         for name in RANGES:
             low, high = getattr(self, name + LOW), getattr(self, name + HIGH)
@@ -95,24 +95,24 @@ class ConditionSettings:
 
 _NOMINAL = {field.name: float(cast(float, field.default)) for field in fields(ConditionSettings)}
 FLAT_NAMES = tuple(_NOMINAL)
-"""Names of all settings of conditions."""
+"""Names of all condition settings."""
 RANGES = tuple(name.removesuffix(LOW) for name in FLAT_NAMES if name.endswith(LOW))
 """Names of the conditions that are ranges."""
 DRAWN_NAMES = (*RANGES, 'side_direction', 'wind_direction')
-"""The values drawn for an episode, in this order; directions in rad from x towards z."""
+"""Names of the values drawn for an episode, in order; directions in rad from x towards z."""
 
 
 def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings by their own names, where sets and conditions may be named.
+    """Return single settings from a mapping that may also name sets and conditions.
 
-    `conditions` stands for all settings of a set, the name of a condition for both ends of its
-    range: one number, or a pair (low, high). Other names are passed through, and who is more
-    precise wins.
+    `conditions` expands to all settings of a set; the name of a condition to both ends of its
+    range, given as one number or a pair (low, high). Other names are passed through, and the
+    more specific name takes precedence.
 
     >>> flatten({'engine_lag': (0.0, 0.2), 'level': 7})
     {'engine_lag_low': 0.0, 'engine_lag_high': 0.2, 'level': 7}
 
-    :raises ValueError: for an unknown set, or more or fewer numbers than two.
+    :raises ValueError: for an unknown set, or a sequence that is not a pair.
     """
     flat: dict[str, Any] = settings(values['conditions']) if 'conditions' in values else {}
     for name in RANGES:
@@ -129,7 +129,7 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _set(**values: float | tuple[float, float]) -> dict[str, float]:
-    """Return all settings of conditions that are nominal but for what is given."""
+    """Return all condition settings, nominal except for the given ones."""
     return {**_NOMINAL, **{name: float(value) for name, value in flatten(values).items()}}
 
 
@@ -177,11 +177,11 @@ SINGLE = {
     'mix': _SETS['mix'],
     'harsh': _SETS['harsh'],
 }
-"""Conditions of the evaluation's table, by label: all settings of conditions of each."""
+"""Conditions of the evaluation's table, by label: all condition settings of each."""
 
 
 def settings(name: str) -> dict[str, float]:
-    """Return all settings of conditions of a set.
+    """Return all condition settings of a set.
 
     :raises ValueError: for an unknown name.
     """
@@ -191,11 +191,11 @@ def settings(name: str) -> dict[str, float]:
 
 
 def check_world(spec: WorldSpec, asked: object, name: str = 'conditions') -> None:
-    """Check that a world of which conditions are asked has them.
+    """Check that a world has conditions, if any are requested.
 
-    :param asked: which.
-    :param name: of the setting that asks.
-    :raises ValueError: when it has none; names setting and world.
+    :param asked: the requested conditions.
+    :param name: name of the requesting setting.
+    :raises ValueError: when the world has none; names setting and world.
     """
     if not set(FLAT_NAMES) <= set(spec.settings):
         raise ValueError(
@@ -203,9 +203,9 @@ def check_world(spec: WorldSpec, asked: object, name: str = 'conditions') -> Non
 
 
 def name_of(values: Mapping[str, Any]) -> str:
-    """Return the name of the set that settings are, 'custom' if none.
+    """Return the name of the set that equals these settings, 'custom' if none does.
 
-    :param values: settings by name; conditions that are left out are nominal, others ignored.
+    :param values: settings by name; missing conditions are nominal, other settings ignored.
     """
     found = {name: values.get(name, nominal) for name, nominal in _NOMINAL.items()}
     return next((name for name in NAMES if _SETS[name] == found), 'custom')

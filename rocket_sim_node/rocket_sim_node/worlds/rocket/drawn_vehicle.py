@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The vehicles that rockets fly in their episodes, and the air and sensors they fly with.
+"""Vehicles, air and sensors as drawn from the conditions for each episode.
 
 All is drawn anew for each episode, as a pure function of (seed, row, episode), and of the step for
-gusts and noise. So nothing of it has to be kept, save where the gusts have got to.
+gusts and noise. So the only state to store is that of the gusts.
 """
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from rocket_sim_node.worlds.rocket.conditions import RANGES
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 GUST_TIME = 2.0
-"""s, time constant of gusts"""
+"""s, time constant of gusts."""
 _CONDITIONS, _GUSTS, _NOISE = 2**32 + 1, 2**32 + 2, 2**32 + 3
-"""Which of an episode's random streams; starts and headings use others"""
+"""Indices of an episode's random streams; starts and headings use others."""
 _NOISE_UNITS = np.repeat((0.5, 0.2, np.deg2rad(1.0)), 3)[:, None]
-"""m, m/s, rad"""
+"""m, m/s, rad."""
 _NO_TIME = 1e-300
-"""s, time constant of an engine without lag"""
+"""s, time constant of an engine without lag."""
 
 Rows = NDArray[np.integer]
 
@@ -50,20 +50,21 @@ def draw(seed: int, row: Rows, episode: Rows, settings: RocketSettings) -> F64:
 
 
 class DrawnVehicles:
-    """N vehicles; all arrays are `(N,)` unless a shape is given.
+    """Drawn properties of N vehicles; all arrays are `(N,)` unless a shape is given.
 
     `drawn` `(C, N)` conditions in the order of `DRAWN_NAMES`; `dry_mass` and `fuel` at spawn in
-    kg; `max_thrust` N; `burn` kg and `fall` m/s, what full throttle and gravity take in an
+    kg; `max_thrust` N; `burn` kg used at full throttle and `fall` m/s gained by gravity in an
     integration step; `rcs_torque` N m; `drag` kg/m; `lag_kept`, the part of an engine's lag that
-    is left after a step; `floor` of the throttle; `side` `(2, N)` m/s^2 and `wind` `(3, N)` m/s.
+    remains after a step; `floor`, the minimum throttle; `side` `(2, N)` m/s^2 and `wind` `(3, N)`
+    m/s.
     """
 
     def __init__(
         self, num_envs: int, seed: int, settings: RocketSettings, in_plane: bool,
     ) -> None:
-        """Take settings; what is drawn is nominal until `begin`.
+        """Store the settings; vehicles are nominal until `begin`.
 
-        :param in_plane: leave out what leads out of the x-y plane.
+        :param in_plane: omit everything that leads out of the x-y plane.
         """
         s = self._settings = settings
         self._seed, self._in_plane = seed, in_plane
@@ -85,14 +86,14 @@ class DrawnVehicles:
     def _draw(
         self, row: Rows, episode: Rows,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]]:
-        """Return conditions `(K, C)`, what they make `(K, M)` and keys `(K, 2)` of episodes."""
+        """Return conditions `(K, C)`, derived values `(K, M)`, stream keys `(K, 2)`."""
         row = row // self._settings.spawn_copies
         drawn = draw(self._seed, row, episode, self._settings)
         keys = [random_streams.keys(self._seed, row, episode, s) for s in (_GUSTS, _NOISE)]
         return drawn.T, self._make(drawn).T, np.stack(keys, axis=1)
 
     def _make(self, drawn: F64) -> F64:
-        """Return what conditions `(C, K)` make of the vehicle, `(M, K)`."""
+        """Return the values derived from conditions `(C, K)`, `(M, K)`."""
         s, value = self._settings, dict(zip(DRAWN_NAMES, drawn, strict=True))
         dt = s.dt / s.substeps
         thrust = s.max_thrust * value['thrust_factor']
@@ -113,23 +114,23 @@ class DrawnVehicles:
             *side, wind[0], np.zeros_like(thrust), wind[1]])
 
     def begin(self, rows: Rows, episodes: Rows) -> None:
-        """Draw the vehicles of episodes `(K,)` that rockets `(K,)` are in."""
+        """Draw the vehicles for episodes `(K,)` of rockets `(K,)`."""
         if self._ahead is not None:
             drawn, made, keys = self._ahead.take(rows, episodes)
             self.drawn[:, rows], self._made[:, rows], self._keys[:, rows] = drawn.T, made.T, keys.T
 
     @property
     def delay(self) -> NDArray[np.int64]:
-        """How many steps late commands arrive."""
+        """Delay of commands, in steps."""
         steps: F64 = self.drawn[DRAWN_NAMES.index('action_delay')]
         return steps.astype(np.int64)
 
     def first_gust(self, rows: Rows) -> F64:
-        """Return the gusts `(2, K)` m/s^2 that episodes begin with, from their distribution."""
+        """Return initial gusts `(2, K)` m/s^2, from the stationary distribution."""
         return self._shock(rows, np.zeros(len(rows), np.int64))
 
     def next_gust(self, gust: F64, age: Rows) -> F64:
-        """Return the gusts `(2, N)` m/s^2 a step later, when episodes are `age` `(N,)` steps old.
+        """Return the gusts `(2, N)` m/s^2 one step later, at `age` `(N,)` steps.
 
         A stationary Ornstein-Uhlenbeck process at steps of dt, exactly: Gillespie, 'Exact
         numerical simulation of the Ornstein-Uhlenbeck process', Physical Review E 54, 1996,
@@ -149,7 +150,7 @@ class DrawnVehicles:
     def sense(
         self, rows: Rows | slice, age: Rows, position: F64, velocity: F64, up: F64,
     ) -> tuple[F64, F64, F64]:
-        """Return what sensors make of position, velocity and up vector, `(3, K)` each.
+        """Return measured position, velocity and up vector, `(3, K)` each.
 
         :param age: `(K,)` steps since the episodes began; the noise is that of this step.
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rockets in flight: N rigid bodies as one batch of NumPy arrays, how they move, how they look.
+"""Dynamics of rockets in flight, with observations and telemetry: N rigid bodies in NumPy arrays.
 
 SI units, y up. Spherical inertia, thrust along the body's axis, torque about world X and Z, drag
 against the velocity; semi-implicit Euler.
@@ -27,14 +27,14 @@ OBSERVATION_NAMES = (
 )
 ACTION_NAMES = ('throttle', 'rcs_x', 'rcs_z')
 EXTENDED = 'extended'
-"""the observation that holds past actions and accelerations too"""
+"""Kind of observation that includes past actions and accelerations."""
 _PAST_ACTIONS, _PAST_ACCELERATIONS = 5, 2
 STANDARD_SIZE = len(OBSERVATION_NAMES)
 _ACCELERATIONS_FROM = STANDARD_SIZE + _PAST_ACTIONS * len(ACTION_NAMES)
 TURNED = (slice(0, STANDARD_SIZE), slice(_ACCELERATIONS_FROM, None))
-"""columns that are vectors in space, x, y and z of each"""
+"""Columns that are vectors in space, x, y and z of each."""
 OUTCOME = 25
-"""where in a capture the outcome is"""
+"""Row of the outcome in a capture."""
 _DRAWN = 30
 _DRY_MASS, _THRUST = (
     _DRAWN + DRAWN_NAMES.index(name) for name in ('dry_mass_factor', 'thrust_factor'))
@@ -55,18 +55,18 @@ def observation_names(settings: RocketSettings) -> tuple[str, ...]:
 class RocketDynamics:
     """State and motion of N rockets; row k of every array is rocket k.
 
-    State is kept as structure of arrays: `position`, `velocity`, `spin` (angular velocity)
+    The state is a structure of arrays: `position`, `velocity`, `spin` (angular velocity)
     `(3, N)`, `attitude` `(4, N)`, `fuel` `(N,)`, `gust` `(2, N)`; `age` `(N,)` counts steps;
-    `accelerations` `(2, 3, N)` m/s^2, newest first, where they are observed, else `(0, 3, N)`.
+    `accelerations` `(2, 3, N)` m/s^2, newest first, if they are observed, else `(0, 3, N)`.
     """
 
     feet = 0
-    """How many feet can touch the ground."""
+    """Number of feet that can touch the ground."""
     in_plane = False
     """Whether rockets stay within the x-y plane."""
 
     def __init__(self, num_envs: int, settings: RocketSettings, seed: int) -> None:
-        """Make the arrays; where the rockets are is up to others."""
+        """Allocate the arrays; subclasses set the initial states."""
         self._all = slice(None)
         self._rows = np.arange(num_envs)
         self.extended = settings.observation == EXTENDED
@@ -82,7 +82,7 @@ class RocketDynamics:
         self.engines = Engines(num_envs)
         self.log = EpisodeCounters(num_envs)
         self.accelerations = np.zeros((_PAST_ACCELERATIONS * self.extended, 3, num_envs))
-        # What the last step did, for telemetry only.
+        # Results of the last step, for telemetry only.
         self._torque = np.zeros((3, num_envs))
         self._disturbance = np.zeros((3, num_envs))
         self._reward = np.zeros(num_envs)
@@ -91,14 +91,14 @@ class RocketDynamics:
         self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
 
     def _use(self, settings: RocketSettings, seed: int) -> None:
-        """Put settings and a seed into force; episodes have to begin, or be loaded, after it."""
+        """Apply settings and a seed; episodes must be started or loaded afterwards."""
         self.settings = settings
         self._seed = seed
         self.vehicles = DrawnVehicles(len(self._rows), seed, settings, self.in_plane)
         self.line = CommandLine(len(self._rows), self._line_length(settings))
 
     def _line_length(self, settings: RocketSettings) -> int:
-        """Return how many commands have to be kept."""
+        """Return how many commands must be stored."""
         delay = settings.action_delay_high
         return max(delay + 1 if delay else 0, _PAST_ACTIONS * self.extended)
 
@@ -121,7 +121,7 @@ class RocketDynamics:
             speed = rotation.norm(self.velocity)
             impulse = rotation.up_vector(self.attitude)
             impulse *= throttle * v.max_thrust * per_mass
-            if v.windy:  # else in the order of operations that nominal flights always had
+            if v.windy:  # otherwise rounding must stay that of nominal flights
                 against = self.velocity - v.wind
                 against *= v.drag * rotation.norm(against) * per_mass
                 self.velocity -= against
@@ -140,11 +140,11 @@ class RocketDynamics:
         self.log.note_flight(speed, self.position[1], throttle, s.touchdown_height)
 
     def observe(self) -> F32:
-        """Return the observation `(N, D)` of the present state."""
+        """Return the observation `(N, D)` of the current state."""
         return self._observe(self._all, rotation.up_vector(self.attitude))
 
     def _observe(self, rows: NDArray[np.integer] | slice, up: F64) -> F32:
-        """Return the observation `(K, D)` of the chosen rockets, whose up vectors are given."""
+        """Return the observation `(K, D)` of the selected rockets with the given up vectors."""
         s = self.settings
         position, velocity = self.position[:, rows], self.velocity[:, rows]
         if self.vehicles.noisy:
@@ -169,7 +169,7 @@ class RocketDynamics:
         return np.ascontiguousarray(observation.T, dtype=np.float32)
 
     def capture(self, rows: NDArray[np.integer] | slice) -> F64:
-        """Return the physical state of the chosen rockets, `(K, S)`; see `telemetry_of`."""
+        """Return the physical state of the selected rockets, `(K, S)`; see `telemetry_of`."""
         return np.concatenate((
             self._rows[None, rows], self.episode[None, rows], self.age[None, rows],
             self.position[:, rows], self.attitude[:, rows], self.velocity[:, rows],
@@ -179,7 +179,7 @@ class RocketDynamics:
             self._disturbance[:, rows], self.vehicles.drawn[:, rows], self._touching.T[:, rows]))
 
     def telemetry_of(self, captured: F64) -> Telemetry:
-        """Return what a capture `(K, S)` says."""
+        """Return the telemetry that a capture `(K, S)` holds."""
         count, s = captured.shape[1], self.settings
         drawn_to = _DRAWN + len(DRAWN_NAMES)
         row, episode, age = captured[:3].astype(np.int64)
@@ -198,5 +198,5 @@ class RocketDynamics:
         )
 
     def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the chosen rockets, S of them."""
+        """Return the physical state of the selected rockets, S of them."""
         return self.telemetry_of(self.capture(rows))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How an episode of the rocket worlds ends, and what it is worth."""
+"""Outcomes and terminal rewards of the rocket worlds."""
 from __future__ import annotations
 
 import numpy as np
@@ -17,12 +17,12 @@ LANDED, TOO_FAST, TIPPED, OFF_PAD, TILT_LIMIT, TIMEOUT, OUT_OF_BOUNDS = range(7)
 
 
 def step_limit(task: TaskSettings, dt: float) -> int:
-    """Return how many steps an episode may take: one more is more than the time limit."""
+    """Return the maximum number of steps of an episode within the time limit."""
     return int(np.floor(task.time_limit / dt + 1e-9))
 
 
 def judge_touchdown(speed: F64, tilt: F64, distance: F64, task: TaskSettings) -> NDArray[np.uint8]:
-    """Return the outcomes of touchdowns, `(K,)`: the first that holds, in the order of OUTCOMES.
+    """Return the outcomes of touchdowns, `(K,)`: the first that applies, in the order of OUTCOMES.
 
     :param speed: `(K,)` m/s.
     :param tilt: `(K,)` deg from vertical.
@@ -44,8 +44,8 @@ def judge_contact(
     :param hull: `(K,)` whether the hull touched the ground.
     :param resting: `(K,)` whether the rocket came to rest; if neither, its time is up.
     :param speed: `(K,)` m/s at first contact.
-    :param tilt: `(K,)` deg from vertical, now.
-    :param distance: `(K,)` m from the pad's centre, now.
+    :param tilt: `(K,)` deg from vertical, at the end.
+    :param distance: `(K,)` m from the pad's centre, at the end.
     """
     outcome = np.where(resting, LANDED, TIMEOUT).astype(np.uint8)
     outcome[resting & (distance >= task.landed_distance)] = OFF_PAD
@@ -57,7 +57,7 @@ def judge_contact(
 def judge_flight(
     tilted: NDArray[np.bool_], late: NDArray[np.bool_], outside: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
-    """Return the outcomes of rockets in flight, `(K,)`; NO_OUTCOME for those that fly on."""
+    """Return the outcomes of rockets in flight, `(K,)`; NO_OUTCOME if the flight continues."""
     outcome = np.full(len(tilted), NO_OUTCOME, np.uint8)
     outcome[outside] = OUT_OF_BOUNDS
     outcome[late] = TIMEOUT
@@ -68,10 +68,10 @@ def judge_flight(
 def terminal_reward(
     outcome: NDArray[np.uint8], speed: F64, tilt: F64, distance: F64, task: TaskSettings,
 ) -> F64:
-    """Return what the ends of episodes are worth, `(K,)`, the cost of the step left out.
+    """Return the terminal rewards of episodes, `(K,)`, without the step cost.
 
-    A landing earns more the slower, the more upright and the nearer to the centre it is; what is
-    beyond its limit earns nothing (where a rocket may land that touched down beyond it).
+    A landing earns more the slower, the more upright and the nearer to the centre it is. A value
+    beyond its limit earns nothing (in worlds where such a rocket may still land).
     """
     landed = (
         task.reward_landed

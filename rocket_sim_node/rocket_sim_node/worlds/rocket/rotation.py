@@ -11,8 +11,8 @@ F64 = NDArray[np.float64]
 def norm(vector: F64) -> F64:
     """Return the lengths of vectors `(D, N)`, `(N,)`.
 
-    Written out: an einsum adds up in another order when N is 1, and a rocket would fly otherwise
-    alone than among others.
+    Written out, because an einsum sums in another order when N is 1, so that a single rocket
+    would fly differently from one in a batch.
     """
     total = vector[0] * vector[0]
     for component in vector[1:]:
@@ -51,7 +51,7 @@ def multiply(left: F64, right: F64) -> F64:
 
 
 def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
-    """Turn attitudes by a constant world-frame angular velocity for `dt` seconds.
+    """Rotate attitudes by a constant world-frame angular velocity for `dt` seconds.
 
     The exponential map: exact for constant rates (Sola, 'Quaternion kinematics for the
     error-state Kalman filter', 2017, equation 214), then normalised against rounding.
@@ -60,7 +60,7 @@ def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
     :param angular_velocity: `(3, N)`, rad/s.
     :return: `(4, N)`.
     """
-    # At rest sin(a) / a would be 0 / 0; the least positive angle has the right limit, one.
+    # At rest sin(a) / a would be 0 / 0; the smallest positive angle gives the right limit, 1.
     half = np.maximum(norm(angular_velocity) * (0.5 * dt), np.finfo(np.float64).tiny)
     delta = np.empty_like(quaternion)
     delta[:3] = angular_velocity * (np.sin(half) / half * (0.5 * dt))

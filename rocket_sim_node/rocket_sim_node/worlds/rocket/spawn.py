@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where episodes of the rocket worlds begin: curriculum levels and the draw."""
+"""Initial states of the rocket worlds' episodes: curriculum levels and random draws."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ class SpawnRange:
     """Half-widths of the uniform draws of one curriculum level."""
 
     angle: float
-    """deg, pitch and roll"""
+    """deg, pitch and roll."""
     position: float
-    """m, x and z"""
+    """m, x and z."""
     speed: float
-    """m/s, x and z; y is from minus twice that to 0"""
+    """m/s, x and z; y is from minus twice that to 0."""
     spin: float
-    """rad/s, about each axis"""
+    """rad/s, about each axis."""
 
 
 LEVELS: dict[int, SpawnRange] = {
@@ -48,28 +48,28 @@ CURRICULUM_SETTINGS = ('level', 'spawn_height', *SPAWN_SETTINGS, 'spawn_reach', 
 _MAX_ATTEMPTS = 1000
 _WIDEST = 4
 _OUT_OF_PLANE = [1, 4, 5, 6, 8]
-"""Of the ten numbers of a draw: position z, velocity z, spin x and y, pitch."""
+"""Out-of-plane entries of a draw's ten numbers: position z, velocity z, spin x and y, pitch."""
 _HEIGHTS = 2**33
-"""Which of an episode's random streams draws its height below `spawn_reach`."""
+"""Index of the random stream that draws an episode's height below `spawn_reach`."""
 
 
 class Spawn(NamedTuple):
-    """First states of K episodes."""
+    """Initial states of K episodes."""
 
     position: F64
-    """`(3, K)` m"""
+    """`(3, K)` m."""
     velocity: F64
-    """`(3, K)` m/s"""
+    """`(3, K)` m/s."""
     attitude: F64
-    """`(4, K)` quaternion"""
+    """`(4, K)` quaternion."""
     spin: F64
-    """`(3, K)` rad/s"""
+    """`(3, K)` rad/s."""
 
 
 def spawn_range(task: TaskSettings) -> SpawnRange:
-    """Return the ranges in force: those of the level, save what is set by itself.
+    """Return the effective ranges: those of the level, unless set individually.
 
-    :raises ValueError: when hardly an attitude in range would be within the tilt limit, or when
+    :raises ValueError: when hardly any attitude in range would be within the tilt limit, or when
         the spawn lies outside the field.
     """
     level = LEVELS[task.level]
@@ -85,7 +85,7 @@ def spawn_range(task: TaskSettings) -> SpawnRange:
                 f'setting {name!r}: got {getattr(task, name)}, expected 0 or more, '
                 f'or {FROM_LEVEL:g} for what the level says')
     if task.tilt_limit * _WIDEST < merged.angle:
-        # Else hardly any attitude drawn would be allowed, and an episode could not begin.
+        # Otherwise hardly any attitude drawn would be allowed, and an episode could not begin.
         raise ValueError(
             f"setting 'spawn_angle': got {merged.angle}, expected at most {_WIDEST} times "
             f'tilt_limit, {task.tilt_limit} deg')
@@ -108,17 +108,17 @@ def spawn_range(task: TaskSettings) -> SpawnRange:
 
 
 def full_reach(task: TaskSettings) -> float:
-    """Return the largest `spawn_reach`, m: the drop of the whole task."""
+    """Return the largest `spawn_reach`, m: the full drop of the task."""
     return task.spawn_height - task.touchdown_height
 
 
 def reach_share(
     seed: int, row: NDArray[np.integer], episode: NDArray[np.integer],
 ) -> F64:
-    """Return at what part of `spawn_reach` episodes begin, `(K,)`, uniform in (0, 1].
+    """Return start heights as a fraction of `spawn_reach`, `(K,)`, uniform in (0, 1].
 
-    It does not depend on the reach. So a learner, which knows the seed of its reset, can tell the
-    hard starts from the easy ones whatever the observations show of them.
+    The fraction does not depend on the reach. So a learner, which knows the seed of its reset, can
+    tell hard starts from easy ones without inferring it from observations.
 
     :param row: `(K,)` rockets.
     :param episode: `(K,)` their episodes.
@@ -135,17 +135,17 @@ def draw(
     task: TaskSettings,
     in_plane: bool = False,
 ) -> Spawn:
-    """Draw the first states of episodes, each from its own random stream.
+    """Draw the initial states of episodes, each from its own random stream.
 
     An attitude beyond the tilt limit is drawn again, so that no episode starts terminated. Starts
-    below `spawn_height`, see `spawn_reach`, are in proportion to their height above touchdown.
-    With `spawn_copies` so many rockets, one after the other, share the first one's stream.
+    below `spawn_height`, see `spawn_reach`, are scaled with their height above touchdown. With
+    `spawn_copies`, that many consecutive rockets share the first one's stream.
 
     :param row: `(K,)` rockets.
     :param episode: `(K,)` their episodes.
-    :param in_plane: leave out all that leads out of the x-y plane; the rest is the same, save for
-        attitudes that are drawn again.
-    :raises ValueError: when no allowed attitude turns up in 1 000 draws.
+    :param in_plane: omit everything that leads out of the x-y plane; the rest is the same, except
+        for attitudes that are drawn again.
+    :raises ValueError: when no allowed attitude is found in 1 000 draws.
     """
     row = row // task.spawn_copies
     unit = random_streams.uniform(seed, row, episode, 10)
@@ -184,17 +184,17 @@ def draw(
 
 
 class SpawnStore:
-    """First states of the next few episodes of each rocket."""
+    """Store of the initial states of each rocket's next episodes."""
 
     def __init__(
         self, seed: int, num_envs: int, ranges: SpawnRange, task: TaskSettings,
         in_plane: bool = False,
     ) -> None:
-        """Draw nothing yet."""
+        """Begin with an empty store."""
         self._drawn = random_streams.DrawnAhead(num_envs, lambda rows, episodes: (
             np.concatenate(draw(seed, rows, episodes, ranges, task, in_plane)).T,))
 
     def take(self, row: NDArray[np.integer], episode: NDArray[np.integer]) -> Spawn:
-        """Return what `draw` would return, `(K,)` rows and their episodes."""
+        """Return the result of `draw` for `(K,)` rows and their episodes."""
         states = self._drawn.take(row, episode)[0].T
         return Spawn(states[0:3], states[3:6], states[6:10], states[10:13])

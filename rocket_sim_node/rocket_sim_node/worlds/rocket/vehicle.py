@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rocket and its task as numbers: every constant a setting with unit and range."""
+"""Constants of the rocket and its task, each a setting with unit and range."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class VehicleSettings:
 
 @dataclass(frozen=True)
 class TaskSettings:
-    """Where the rocket starts, when its episode ends, and what that is worth."""
+    """Initial states, limits and rewards of an episode."""
 
     level: int = setting(7, '', 'curriculum level of the spawn', 1, 8)
     spawn_height: float = setting(200.0, 'm', 'height at spawn', 0.0, 1e4)
@@ -70,7 +70,7 @@ class TaskSettings:
 
 @dataclass(frozen=True)
 class ObservationSettings:
-    """What observations are divided by and clipped to."""
+    """Scales and clipping of observations."""
 
     position_scale: float = setting(50.0, 'm', 'position that reads 1', 1e-6, 1e6)
     velocity_scale: float = setting(20.0, 'm/s', 'velocity that reads 1', 1e-6, 1e6)

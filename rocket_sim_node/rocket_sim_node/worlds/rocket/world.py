@@ -30,14 +30,14 @@ from rocket_sim_node.worlds.rocket.dynamics import observation_names
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 _UNIT = 1e-6
-"""How far from length 1 an attitude may be."""
+"""Tolerance for the length of an attitude quaternion."""
 
 
 class RocketWorld(RocketDynamics):
-    """N rockets that fall on a pad at the origin and have one burn to stop. A `VectorEnv`.
+    """N rockets that fall towards a pad at the origin and have one burn to stop. A `VectorEnv`.
 
-    Their motion is that of :class:`RocketDynamics`; here are the episodes. Worlds that differ in
-    some of this derive from it.
+    :class:`RocketDynamics` moves them; this class handles episodes. Variants of the world derive
+    from it.
     """
 
     name = 'rocket'
@@ -47,7 +47,7 @@ class RocketWorld(RocketDynamics):
     """Settings that a reset may change."""
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: Any) -> None:
-        """Make the world and begin the first episodes.
+        """Create the world and begin the first episodes.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
@@ -69,7 +69,7 @@ class RocketWorld(RocketDynamics):
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes of all rockets; see :class:`VectorEnv`.
 
-        Conditions may be given as `conditions.flatten` takes them.
+        Conditions may be given in any form that `conditions.flatten` takes.
         """
         settings = conditions.flatten(settings)
         unknown = sorted(set(settings) - set(self.reset_settings))
@@ -89,7 +89,7 @@ class RocketWorld(RocketDynamics):
             new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
         self._use(checked, new_seed)
         self.episode = episode
-        # Where the new conditions have no gusts, nothing else would end those of the old ones.
+        # If the new conditions have no gusts, nothing else would clear those of the old ones.
         self.gust[:] = 0.0
         self._disturbance[:] = 0.0
         self._begin(self._rows, first)
@@ -130,12 +130,12 @@ class RocketWorld(RocketDynamics):
 
     @property
     def finished(self) -> Telemetry:
-        """Last states of the rockets that finished at the last step."""
+        """Final states of the rockets that finished at the last step."""
         return self.telemetry_of(self._finished)
 
     @property
     def captured_ends(self) -> F64:
-        """Last states of the rockets that finished at the last step, `(K, S)`."""
+        """Final states of the rockets that finished at the last step, `(K, S)`."""
         return self._finished
 
     def snapshot(self) -> bytes:
@@ -143,7 +143,7 @@ class RocketWorld(RocketDynamics):
         return snapshots.pack(self.spec, self._state_arrays())
 
     def restore(self, state: bytes) -> F32:
-        """Put all rockets back into a snapshot and return their observation."""
+        """Restore all rockets from a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours, any_length=('commands',))
         snapshots.check_settings(self.spec, arrays.pop('settings'))
@@ -169,7 +169,7 @@ class RocketWorld(RocketDynamics):
         return self.observe()
 
     def _check_state(self, arrays: snapshots.Arrays, settings: RocketSettings) -> None:
-        """Check values of a snapshot that no world with these settings can have.
+        """Check for values of a snapshot that no world with these settings can have.
 
         :raises ValueError: naming the array.
         """
@@ -191,7 +191,7 @@ class RocketWorld(RocketDynamics):
             ours[name][...] = array
 
     def _state_arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all that the future depends on; the arrays are the world's own, not copies."""
+        """Return the complete state; the arrays are the world's own, not copies."""
         return {
             'position': self.position, 'velocity': self.velocity, 'attitude': self.attitude,
             'spin': self.spin, 'fuel': self.fuel, 'age': self.age, 'episode': self.episode,
@@ -207,9 +207,9 @@ class RocketWorld(RocketDynamics):
         }
 
     def _use(self, settings: RocketSettings, seed: int) -> None:
-        """Put settings and a seed into force; episodes have to begin, or be loaded, after it.
+        """Apply settings and a seed; episodes must be started or loaded afterwards.
 
-        :raises ValueError: when none can be spawned by them; then nothing has changed.
+        :raises ValueError: when they allow no spawn; then nothing has changed.
         """
         spawn_range = spawn.spawn_range(settings)
         super()._use(settings, seed)
@@ -219,7 +219,7 @@ class RocketWorld(RocketDynamics):
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
 
     def _begin(self, rows: NDArray[np.integer], first: spawn.Spawn) -> None:
-        """Put the given rockets into their first states."""
+        """Set the given rockets to their initial states."""
         self.vehicles.begin(rows, self.episode[rows])
         self.position[:, rows] = first.position
         self.velocity[:, rows] = first.velocity
@@ -242,7 +242,7 @@ class RocketWorld(RocketDynamics):
             self.accelerations[:, :, rows] = 0.0
 
     def _ended(self, up_y: F64) -> NDArray[np.int64]:
-        """Return the rows whose episode ended at this step, `(K,)`; keep why for `_judge`."""
+        """Return the rows whose episode ended at this step, `(K,)`; keep reasons for `_judge`."""
         s = self.settings
         x, y, z = self.position
         self._down = y <= s.touchdown_height
@@ -255,7 +255,7 @@ class RocketWorld(RocketDynamics):
     def _judge(
         self, done: NDArray[np.int64], up: F64,
     ) -> tuple[NDArray[np.uint8], F64, F64, F64]:
-        """Return how episodes ended: outcome, speed (m/s), tilt (deg), distance (m), `(K,)`."""
+        """Return outcome, speed (m/s), tilt (deg) and distance (m) of ended episodes, `(K,)`."""
         speed = rotation.norm(self.velocity[:, done])
         # atan2 keeps its precision near upright, where arccos loses half the digits.
         tilt = np.rad2deg(np.arctan2(np.hypot(up[0], up[2]), up[1]))
@@ -269,11 +269,11 @@ class RocketWorld(RocketDynamics):
     def _finish(
         self, done: NDArray[np.int64], up: F64, observation: F32, reward: F64,
     ) -> dict[str, Any]:
-        """Pay and report the episodes that ended, and begin their rockets' next ones.
+        """Reward and report the ended episodes, and begin the next ones of their rockets.
 
         :param up: `(3, K)` up vectors of those rockets.
-        :param observation: `(N, D)`; the rows that finished get their new first observation.
-        :param reward: `(N,)`, to which the ends are added.
+        :param observation: `(N, D)`; rows that finished get their new first observation.
+        :param reward: `(N,)`; terminal rewards are added to it.
         """
         outcome, speed, tilt, distance = self._judge(done, up)
         reward[done] += outcomes.terminal_reward(outcome, speed, tilt, distance, self.settings)
