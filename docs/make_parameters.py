@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes parameters.md, the list of all parameters, from the settings' own declarations."""
+"""Writes reference/parameters.md, the list of all parameters, from the settings' declarations."""
 from __future__ import annotations
 
 from collections.abc import Iterable
@@ -23,17 +23,19 @@ from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
 
-FILE = Path(__file__).parent / 'parameters.md'
+FILE = Path(__file__).parent / 'reference' / 'parameters.md'
 
 _HEAD = """# Parameters of all nodes
 
-Made by `python docs/make_parameters.py` from the code's declarations; a test keeps it current.
-Give one with `--ros-args -p name:=value`. All are read-only after start; an unknown name,
-another kind or a value out of range ends the node with status 2 and an error that names it.
-Paths that are not absolute are seen from where the node was started.
+Written from the code's declarations by `python docs/make_parameters.py`, in a shell of the
+environment (`. launch_scripts/env.sh`). A test says when this page is stale.
+
+Set a parameter with `--ros-args -p name:=value`. All are read-only after start. An unknown name,
+a value of another type or a value out of range ends the node with status 2 and an error that names
+it. Relative paths start at the folder in which the node was started.
 """
-_PRESETS = """What is given comes first, then the preset's values; the defaults above hold for what
-neither names. These are the values of the presets that ship and are not the default:
+_PRESETS = """Given values come first, then the preset's values. The defaults above apply to
+everything else. These tables list the values of the presets that differ from the defaults.
 """
 
 

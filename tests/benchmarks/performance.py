@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/performance.md and its plots from what the benchmarks measured.
+"""Writes docs/results/performance.md and its plots from what the benchmarks measured.
 
 Of each part the newest figures below `runs/` are taken, with what they were measured on. The
 section of a part without any stays as it is on the page.
@@ -19,11 +19,12 @@ from ppo_agent_node.atomic_file import write_atomically
 
 _HEAD = """# Performance
 
-What the parts cost, beside their floors and beside peers. Written by
-`./launch_scripts/bench performance` from what `./launch_scripts/bench` (all parts) or
-`./launch_scripts/bench PART` measured last; the figures of a part lie in
-`runs/bench-DATE/PART.json`. Peers are measured in turns with us, in one run, so ratios stand where
-seconds do not: the machine is shared and its speed varies.
+What the parts cost, beside their floors and beside peers. `./launch_scripts/bench performance`
+writes this page from the newest figures of each part, which `./launch_scripts/bench` (all parts)
+or `./launch_scripts/bench PART` measured. Figures lie in `runs/bench-DATE/PART.json`.
+
+Peers and ours are measured in turns, in one run. The machine is shared and its speed varies, so
+ratios are more reliable than seconds. A commit that ends in `-dirty` had uncommitted changes.
 """
 
 
@@ -84,7 +85,7 @@ def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
             continue
         lines = [f'## {title}', '', said, '', f'`{command}`:', '', '```', table, '```', '']
         for plot in drawn:
-            lines += [f'![{title}](images/{plot.name})', '']
+            lines += [f'![{title}](../images/{plot.name})', '']
         lines.append(machine_line(path.parent))
         yield '\n'.join(lines).rstrip() + '\n'
 
@@ -94,9 +95,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog='bench performance', description=__doc__.split('\n')[0])
     parser.add_argument('--runs', type=Path, default=Path('runs'))
-    parser.add_argument('--page', type=Path, default=Path('docs/performance.md'))
+    parser.add_argument('--page', type=Path, default=Path('docs/results/performance.md'))
     options = parser.parse_args()
-    images = options.page.parent / 'images'
+    images = options.page.parents[1] / 'images'
     images.mkdir(parents=True, exist_ok=True)
     before = options.page.read_text('utf-8') if options.page.exists() else ''
     page = '\n'.join([_HEAD, *sections(options.runs, images, before)])

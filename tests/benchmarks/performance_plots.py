@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A plot for each table of docs/performance.md."""
+"""A plot for each table of docs/results/performance.md."""
 from __future__ import annotations
 
 import statistics

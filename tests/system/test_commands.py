@@ -183,8 +183,8 @@ def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
         simulator.end()
 
 
-def test_the_pilot_of_the_readme_flies_and_lands(processes: Processes, tmp_path: Path) -> None:
-    text = (SCRIPTS.parent / 'README.md').read_text()
+def test_the_pilot_of_the_tutorial_flies_and_lands(processes: Processes, tmp_path: Path) -> None:
+    text = (SCRIPTS.parent / 'docs' / 'tutorials' / 'own-pilot.md').read_text()
     (snippet,) = re.findall(r'```python\n(.*?run_pilot\(.*?)```', text, re.DOTALL)
     (tmp_path / 'my_pilot.py').write_text(snippet)
     processes.run_node('rocket_sim_node', 'simulator', num_envs=16)

@@ -56,7 +56,7 @@ def arguments() -> argparse.Namespace:
     """Return what the command line says."""
     parser = argparse.ArgumentParser(
         prog='bench experiments', formatter_class=argparse.RawDescriptionHelpFormatter,
-        description='Experiments on learning; docs/experiments.md tells what they found.',
+        description='Experiments on learning; docs/results/experiments.md tells what they found.',
         epilog='\n'.join(f'  {name:<12} {one.measuring.__doc__.splitlines()[0]}'
                          for name, one in EXPERIMENTS.items()))
     parser.add_argument('name', choices=list(EXPERIMENTS))
@@ -65,7 +65,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=FLIGHT_SEED, help='of these fresh starts')
     parser.add_argument('--runs', type=Path, help='folder of the runs; those there are taken')
     parser.add_argument('--quick', action='store_true', help='only to try the program')
-    parser.add_argument('--page', action='store_true', help='put it into docs/experiments.md')
+    parser.add_argument(
+        '--page', action='store_true', help='put it into docs/results/experiments.md')
     parser.add_argument('--output', type=Path, help='file for the figures, JSON; plot beside it')
     return parser.parse_args()
 
@@ -116,7 +117,7 @@ def main() -> None:
             given.output.with_name(f'experiments_{given.name}.png'))
         if given.page:
             page.write(
-                ROOT / 'docs' / 'experiments.md', picture, given.name, figures, table)
+                ROOT / 'docs' / 'results' / 'experiments.md', picture, given.name, figures, table)
 
 
 if __name__ == '__main__':

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Puts what an experiment found into its section of docs/experiments.md.
+"""Puts what an experiment found into its section of docs/results/experiments.md.
 
 A section holds its figures between two comments, `<!-- NAME -->` and `<!-- end of NAME -->`; what
 stands around them is written by hand and stays.
@@ -14,7 +14,7 @@ from ppo_agent_node.atomic_file import write_atomically
 
 
 def write(page: Path, picture: Path, name: str, figures: Mapping[str, Any], table: str) -> None:
-    """Replace the figures of an experiment on the page, and copy its picture beside it.
+    """Replace the figures of an experiment on the page, and copy its picture to docs/images.
 
     :param table: Markdown.
     :raises ValueError: when the page has no place for the experiment.
@@ -23,12 +23,12 @@ def write(page: Path, picture: Path, name: str, figures: Mapping[str, Any], tabl
     begin, end = f'<!-- {name} -->\n', f'<!-- end of {name} -->'
     if text.count(begin) != 1 or text.count(end) != 1:
         raise ValueError(f'{page}: expected {begin.strip()} and {end} once each')
-    image = page.parent / 'images' / f'experiments_{name}.png'
+    image = page.parents[1] / 'images' / f'experiments_{name}.png'
     write_atomically(image, picture.read_bytes())
     before, _, rest = text.partition(begin)
     after = rest.partition(end)[2]
     block = '\n\n'.join((facts(figures), table, (
-        f'![{figures["finding"]}](images/{image.name})')))
+        f'![{figures["finding"]}](../images/{image.name})')))
     write_atomically(page, f'{before}{begin}{block}\n{end}{after}'.encode())
 
 

@@ -258,7 +258,8 @@ def test_verdicts_need_an_interval_that_excludes_the_contrary() -> None:
 
 def test_the_page_takes_figures_and_keeps_what_is_written_by_hand(tmp_path: Path) -> None:
     text = 'before\n<!-- claims -->\nold\n<!-- end of claims -->\nafter\n'
-    written = tmp_path / 'experiments.md'
+    written = tmp_path / 'results' / 'experiments.md'
+    written.parent.mkdir()
     written.write_text(text)
     (tmp_path / 'images').mkdir()
     picture = tmp_path / 'drawn.png'
@@ -272,7 +273,7 @@ def test_the_page_takes_figures_and_keeps_what_is_written_by_hand(tmp_path: Path
     found = written.read_text()
     assert found.startswith('before\n<!-- claims -->\n`./launch_scripts/bench experiments claims`')
     assert 'training seeds 11, 12 at abd, 2 runs, 12 s of processor time' in found
-    assert '| a table |\n\n![It lands](images/experiments_claims.png)\n<!-- end of' in found
+    assert '| a table |\n\n![It lands](../images/experiments_claims.png)\n<!-- end of' in found
     assert found.endswith('<!-- end of claims -->\nafter\n')
     assert 'old' not in found
     assert (tmp_path / 'images' / 'experiments_claims.png').read_bytes() == b'picture'
@@ -283,7 +284,7 @@ def test_the_page_takes_figures_and_keeps_what_is_written_by_hand(tmp_path: Path
 
 
 def test_the_page_has_a_place_for_each_experiment() -> None:
-    text = (command.ROOT / 'docs' / 'experiments.md').read_text()
+    text = (command.ROOT / 'docs' / 'results' / 'experiments.md').read_text()
     for name in command.EXPERIMENTS:
         assert text.count(f'<!-- {name} -->\n') == 1
         assert text.count(f'\n<!-- end of {name} -->') == 1

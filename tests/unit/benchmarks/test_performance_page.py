@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/performance.md is put together from the newest figures of each part."""
+"""docs/results/performance.md is put together from the newest figures of each part."""
 from __future__ import annotations
 
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The policies that ship fly as the README says, on starts that no training has seen."""
+"""The policies that ship fly as docs/results/learning.md says, on starts that no training saw."""
 from __future__ import annotations
 
 from pathlib import Path
