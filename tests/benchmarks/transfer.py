@@ -14,6 +14,9 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node import worlds
 
+SOLVED = 200.0
+"""Return from which an episode counts as solved, as in Gymnasium's documentation."""
+
 
 def main() -> None:
     """Fly it in both, print the means, write the figures."""
@@ -31,8 +34,11 @@ def main() -> None:
     theirs = gymnasium_lander.fly(pilot, options.episodes, options.seed, options.continuous)
     change, low, high = difference(ours.episode_return, theirs.episode_return)
     print(f'{path}, {options.episodes} deterministic episodes each: mean return ± deviation')
-    print(f'our lunar_lander           {mean_line(ours.episode_return)}')
-    print(f"Gymnasium's {gymnasium_lander.NAME} {mean_line(theirs.episode_return)}")
+    solved = [float((one.episode_return >= SOLVED).mean()) for one in (ours, theirs)]
+    print(f'our lunar_lander           {mean_line(ours.episode_return)}, '
+          f'solved {100 * solved[0]:.2f} %')
+    print(f"Gymnasium's {gymnasium_lander.NAME} {mean_line(theirs.episode_return)}, "
+          f'solved {100 * solved[1]:.2f} %')
     print(f'ours - Gymnasium           {change:+7.1f}  [{low:+.1f}, {high:+.1f}]')
     print(f'Gymnasium: {theirs.outcomes}')
     if options.output:
@@ -40,6 +46,7 @@ def main() -> None:
             'policy': str(path), 'episodes': options.episodes, 'seed': options.seed,
             'ours': float(ours.episode_return.mean()),
             'gymnasium': float(theirs.episode_return.mean()),
+            'solved': solved[0], 'gymnasium_solved': solved[1],
             'difference': change, 'difference_interval': [low, high],
             'gymnasium_outcomes': theirs.outcomes,
         })
