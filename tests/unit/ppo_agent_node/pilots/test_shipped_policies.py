@@ -32,3 +32,11 @@ def test_a_rocket_policy_that_ships_flies_as_it_was_measured(
     result = evaluate(world, pilot, 256, SEED, **task)
     assert int(result.landed.sum()) >= landed
     assert result.episodes.episode_return.mean() >= least_return
+
+
+def test_the_lander_that_ships_flies_as_it_was_measured(tmp_path: Path) -> None:
+    world = worlds.make('lunar_lander', 256)
+    pilot = PolicyPilot(find_policy('lunar_lander', 'lunar_lander', tmp_path), world.spec)
+    returns = evaluate(world, pilot, 256, SEED).episodes.episode_return
+    assert int((returns >= 200).sum()) >= 252
+    assert returns.mean() >= 287.0
