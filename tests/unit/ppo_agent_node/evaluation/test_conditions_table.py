@@ -63,6 +63,7 @@ def flown() -> dict[str, Any]:
     return fly_table(world, pilots, 6, seed=9, levels=(7,), rows=ROWS)
 
 
+@pytest.mark.slow
 def test_a_cell_is_the_evaluation_of_its_settings(flown: dict[str, Any]) -> None:
     """The flights before it do not matter, nor does a world with fewer observations."""
     world = worlds.make('rocket', 6, **LOW)

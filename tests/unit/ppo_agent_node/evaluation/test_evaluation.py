@@ -128,6 +128,7 @@ def _same(left: EvaluationResult, right: EvaluationResult) -> bool:
     return numbers(left) == numbers(right)
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_results_and_others_differ() -> None:
     result = _expert(5, level=8)
     assert _same(result, _expert(5, level=8))
@@ -232,6 +233,7 @@ def test_the_lunar_lander_is_evaluated(tmp_path: Path) -> None:
     assert 'lunar_lander\n' in table(summary)
 
 
+@pytest.mark.slow
 def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
     env, told = worlds.make('rocket', 4, spawn_height=20.0), []
     pilot = RandomPilot(env.spec, 1)

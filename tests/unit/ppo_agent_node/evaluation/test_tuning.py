@@ -64,6 +64,7 @@ def test_a_search_finds_the_optimum_of_a_parabola() -> None:
     assert best == sorted(best)
 
 
+@pytest.mark.slow
 def test_gains_are_judged_on_the_same_starts_and_never_those_of_an_evaluation() -> None:
     world = worlds.make('rocket', 40)
     worth = judge([Task(world, 7, 1000), Task(world, 8, 1001, weight=0.5)],
@@ -75,6 +76,7 @@ def test_gains_are_judged_on_the_same_starts_and_never_those_of_an_evaluation() 
             Task(world, 7, seed)
 
 
+@pytest.mark.slow
 def test_returns_are_weighted() -> None:
     world = worlds.make('rocket', 40)
     pilot = scripted_pilot(world.spec)

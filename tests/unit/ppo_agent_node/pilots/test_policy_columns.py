@@ -42,6 +42,7 @@ def test_a_name_that_is_not_there_has_no_column() -> None:
         columns(('a', 'x'), ('a', 'b'))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
 def test_policy_and_expert_fly_alike_in_both(world: str) -> None:
     plain = worlds.make(world, 5, 3, spawn_height=30.0)

@@ -89,6 +89,7 @@ def train(run: Path, stop_at: str = 'never', resume: bool = False) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(tmp_path: Path) -> None:
     whole = train(tmp_path / 'whole')
     assert_same_run(whole, train(tmp_path / 'again'))

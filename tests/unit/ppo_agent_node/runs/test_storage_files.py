@@ -67,6 +67,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return learnt(run)
 
 
+@pytest.mark.slow
 def test_a_writer_killed_at_any_moment_leaves_whole_checkpoints(
         tmp_path: Path, nightly: bool) -> None:
     moments = random.Random(SEED)

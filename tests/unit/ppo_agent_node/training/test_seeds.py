@@ -75,6 +75,7 @@ class Watched:
         self.stage = status.stage
 
 
+@pytest.mark.slow
 def test_a_run_is_selected_and_evaluated_on_starts_that_it_did_not_train_on(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the seeds that its world was reset with, and by the starts that came of them."""

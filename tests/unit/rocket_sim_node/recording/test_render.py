@@ -43,6 +43,7 @@ def flown(world: str) -> tuple[WorldInfo, Samples]:
     raise AssertionError('none landed')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('world', worlds.names())
 def test_every_world_is_drawn(tmp_path: Path, world: str) -> None:
     path = tmp_path / 'run.rrd'
@@ -88,6 +89,7 @@ def test_training_is_drawn(tmp_path: Path) -> None:
     assert curves > 300, 'no curves'
 
 
+@pytest.mark.slow
 def test_a_comparison_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / 'comparison.rrd'
     simulated = worlds.make('rocket', 1)
