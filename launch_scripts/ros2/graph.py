@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import sys
 import time
@@ -97,13 +98,6 @@ def node_names(node: Node) -> list[str]:
     return [name for name in names if not is_hidden(name)]
 
 
-def warn_about_duplicates(names: list[str]) -> None:
-    """Say on stderr when nodes share a name."""
-    if len(set(names)) < len(names):
-        print('WARNING: Be aware that there are nodes in the graph that share an exact name, '
-              'which can have unintended side effects.', file=sys.stderr)
-
-
 def absolute(name: str) -> str:
     """Return a name with a leading slash."""
     return name if name.startswith('/') else '/' + name
@@ -114,7 +108,6 @@ def load_type(name: str, kind: str) -> Any:
 
     :raises CommandError: when there is none.
     """
-    import importlib
     parts = name.split('/')
     if len(parts) == 2:
         parts.insert(1, kind)
@@ -125,20 +118,3 @@ def load_type(name: str, kind: str) -> Any:
     except (AttributeError, ImportError, ValueError):
         words = 'message' if kind == 'msg' else 'service'
         raise CommandError(f'The passed {words} type is invalid') from None
-
-
-def topic_type(node: Node, topic: str) -> Any:
-    """Return the class of the messages of a topic, or None when nobody has it."""
-    found: list[str] = []
-
-    def look() -> bool:
-        found[:] = dict(node.get_topic_names_and_types()).get(topic, [])
-        return bool(found)
-
-    if not wait_for(node, look):
-        return None
-    if len(found) > 1:
-        raise CommandError(
-            f"Cannot echo topic '{topic}', as it contains more than one type: "
-            f"[{', '.join(found)}]")
-    return load_type(found[0], 'msg')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from ros2 import graph
 from ros2.verb import Verb
@@ -13,7 +14,9 @@ def names(args: argparse.Namespace) -> None:
     with graph.direct_node() as node:
         graph.look_around(node)
         found = graph.node_names(node)
-        graph.warn_about_duplicates(found)
+        if len(set(found)) < len(found):
+            print('WARNING: Be aware that there are nodes in the graph that share an exact name, '
+                  'which can have unintended side effects.', file=sys.stderr)
         for name in found:
             print(name)
 

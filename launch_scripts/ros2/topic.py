@@ -36,6 +36,23 @@ def names(args: argparse.Namespace) -> None:
                 print(name)
 
 
+def _type_of(node: Node, topic: str) -> Any:
+    """Return the class of the messages of a topic, or None when nobody has it."""
+    found: list[str] = []
+
+    def look() -> bool:
+        found[:] = dict(node.get_topic_names_and_types()).get(topic, [])
+        return bool(found)
+
+    if not graph.wait_for(node, look):
+        return None
+    if len(found) > 1:
+        raise CommandError(
+            f"Cannot echo topic '{topic}', as it contains more than one type: "
+            f"[{', '.join(found)}]")
+    return graph.load_type(found[0], 'msg')
+
+
 def _quality(node: Node, topic: str) -> QoSProfile:
     """Return the quality of service that takes what all publishers of a topic offer."""
     sensor = qos_profile_sensor_data
@@ -65,7 +82,7 @@ def echo(args: argparse.Namespace) -> None:
     topic = graph.absolute(args.topic_name)
     with graph.direct_node() as node:
         if args.message_type is None:
-            kind = graph.topic_type(node, topic)
+            kind = _type_of(node, topic)
             if kind is None:
                 print(f'WARNING: topic [{args.topic_name}] does not appear to be published yet')
                 raise CommandError('Could not determine the type for the passed topic')
@@ -126,12 +143,12 @@ def hz(args: argparse.Namespace) -> None:
     """Print rates until the end."""
     topic = graph.absolute(args.topic_name)
     with graph.direct_node() as node:
-        kind = graph.topic_type(node, topic)
+        kind = _type_of(node, topic)
         if kind is None:
             print(f'WARNING: topic [{args.topic_name}] does not appear to be published yet',
                   flush=True)
         while kind is None:
-            kind = graph.topic_type(node, topic)
+            kind = _type_of(node, topic)
         rate = Rate()
         node.create_subscription(
             kind, topic, lambda message: rate.tick(time.monotonic()), qos_profile_sensor_data,

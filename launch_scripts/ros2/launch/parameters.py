@@ -34,10 +34,12 @@ def typed(value: Any, context: Context, entity: Entity, kind: str | None = None)
             result = _from_yaml(result)
     if kind == 'float' and type(result) is int:
         result = float(result)
+    if kind is None and isinstance(result, list):
+        raise entity.error(unknown(f'parameter value {result!r}', ['single values']))
     if type(result) not in (_TYPES.values() if kind is None else (_TYPES[kind],)):
         raise entity.error(
             f'parameter value {value!r} results in {result!r}, which is not '
-            f'{kind or f"a boolean, integer, double or string; {FULL}"}')
+            f'{kind or "a boolean, integer, double or string"}')
     return result
 
 

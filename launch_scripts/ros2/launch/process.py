@@ -117,7 +117,7 @@ class Process:
     async def stop(self) -> None:
         """Ask it to end: SIGINT, later SIGTERM, at last SIGKILL. The caller cancels this."""
         plan = self.plan
-        total = 0.0
+        total: float = 0
         for number, seconds, following in (
                 (signal.SIGINT, plan.sigterm_timeout, signal.SIGTERM),
                 (signal.SIGTERM, _SIGKILL_SECONDS, signal.SIGKILL)):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ast
+import string
 from collections.abc import Callable
 
 from ros2.errors import unknown
 from ros2.launch.context import Context
 from ros2.launch.context import LaunchError
 
-_IDENTIFIER = frozenset('abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-')
+_IDENTIFIER = frozenset(string.ascii_letters + string.digits + '_-')
 
 
 class _Reader:

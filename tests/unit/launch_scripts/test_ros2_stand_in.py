@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stand-in for the ros2 command: launch files, substitutions, processes, messages."""
+"""The replacement for the ros2 command: launch files, substitutions, processes, messages."""
 from __future__ import annotations
 
 import array
@@ -211,7 +211,7 @@ def node(attributes: str) -> str:
     (node('param: [{name: a, value: 1, type: list_of_ints}]'), "type 'list_of_ints' of parameter"
      " 'a' is not known here, only str, int, float, bool; a full"),
     (node('param: [{from: x, allow_substs: true}]'), "'from' of a param stands alone here"),
-    (node('param: [{name: a, value: [1, 2]}]'), r'results in \[1, 2\], which is not .*; a full'),
+    (node('param: [{name: a, value: [1, 2]}]'), r'parameter value \[1, 2\] is not known here'),
     (node('output: both'), "output 'both' is not known here, only screen, log; a full ROS 2"),
     (node('on_exit: restart'), "on_exit 'restart' is not known here, only shutdown; a full ROS"),
 ])
