@@ -168,7 +168,7 @@ relocate() {
     -e "s#$stale/lib/python[0-9.]+/site-packages/numpy/_?core/include#$numpy_include#g"
 }
 
-# install_ros2: the stand-in for the ros2 command, which the wheels lack.
+# install_ros2: the replacement for the ros2 command, which the wheels lack.
 install_ros2() {
   cat > "$venv/bin/ros2" << END
 #!$venv/bin/python

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A stand-in for the ros2 command, for environments made of ROS 2 wheels, which lack it.
+"""A replacement for the ros2 command, for environments made of ROS 2 wheels, which lack it.
 
-It has the verbs that this project uses, with the options and the output of the real command.
-Where a full ROS 2 is sourced, its own ros2 is used and this package is not.
+It knows what the commands, launch files and documents of this project use, with the output of the
+real command, and refuses the rest by name. Where a full ROS 2 is sourced, its own ros2 is used and
+this package is not.
 """

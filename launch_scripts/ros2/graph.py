@@ -2,8 +2,8 @@
 """A hidden node that looks at the graph, as each command that speaks DDS needs one."""
 from __future__ import annotations
 
-import argparse
 import contextlib
+import importlib
 import os
 import sys
 import time
@@ -22,19 +22,8 @@ _SPIN_SECONDS = 0.5
 _QUIET_SECONDS = 0.2
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that all of these commands have."""
-    parser.add_argument(
-        '--spin-time', type=float, default=_SPIN_SECONDS,
-        help='Spin time in seconds to wait for discovery')
-    parser.add_argument(
-        '-s', '--use-sim-time', action='store_true', help='Enable ROS simulation time')
-    parser.add_argument(
-        '--no-daemon', action='store_true', help='Do not spawn nor use an already running daemon')
-
-
 @contextlib.contextmanager
-def direct_node(args: argparse.Namespace) -> Iterator[Node]:
+def direct_node() -> Iterator[Node]:
     """Give a hidden node that lives as long as the command; Ctrl-C ends it quietly.
 
     It is as secure as the nodes are and reaches as far, or the command ends with status 2. It may
@@ -55,8 +44,7 @@ def direct_node(args: argparse.Namespace) -> Iterator[Node]:
                 stack.enter_context(rclpy.init(args=[]))
                 node = rclpy.create_node(
                     f'_ros2cli_{os.getpid()}', start_parameter_services=False,
-                    enable_rosout=False, parameter_overrides=[
-                        rclpy.Parameter('use_sim_time', value=args.use_sim_time)])
+                    enable_rosout=False)
         except (ProfileError, transport.TransportError, security.SecurityError) as error:
             print(f'ros2: {error}', file=sys.stderr)
             raise SystemExit(2) from None
@@ -67,12 +55,12 @@ def direct_node(args: argparse.Namespace) -> Iterator[Node]:
             node.destroy_node()
 
 
-def wait_for(node: Node, args: argparse.Namespace, done: Callable[[], bool]) -> bool:
+def wait_for(node: Node, done: Callable[[], bool]) -> bool:
     """Wait until `done()`, for six spin times at most; returns whether it is.
 
     There is no daemon that knows the graph already, and a loaded machine discovers slowly.
     """
-    end = time.monotonic() + 6.0 * args.spin_time
+    end = time.monotonic() + 6.0 * _SPIN_SECONDS
     while not done():
         if time.monotonic() > end:
             return False
@@ -80,7 +68,7 @@ def wait_for(node: Node, args: argparse.Namespace, done: Callable[[], bool]) -> 
     return True
 
 
-def look_around(node: Node, args: argparse.Namespace) -> None:
+def look_around(node: Node) -> None:
     """Wait for the spin time, longer while the graph still changes or nobody has been seen."""
     start = changed = time.monotonic()
     graph: list[Any] = []
@@ -90,7 +78,7 @@ def look_around(node: Node, args: argparse.Namespace) -> None:
         seen = [node.get_node_names_and_namespaces(), node.get_topic_names_and_types()]
         if seen != graph:
             graph, changed = seen, now
-        seconds = args.spin_time * (3.0 if len(seen[0]) < 2 else 1.0)
+        seconds = _SPIN_SECONDS * (3.0 if len(seen[0]) < 2 else 1.0)
         if now - start > seconds and now - changed > _QUIET_SECONDS:
             return
 
@@ -100,18 +88,14 @@ def is_hidden(name: str) -> bool:
     return any(part.startswith('_') for part in name.split('/') if part)
 
 
-def node_names(node: Node, hidden: bool) -> list[str]:
-    """Return the full names of all nodes, sorted, equal ones as often as they are there."""
+def node_names(node: Node) -> list[str]:
+    """Return the full names of the nodes, sorted, equal ones as often as they are there.
+
+    Hidden nodes, such as our own, are left out.
+    """
     names = sorted(
         f'{space.rstrip("/")}/{name}' for name, space in node.get_node_names_and_namespaces())
-    return [name for name in names if hidden or not is_hidden(name)]
-
-
-def warn_about_duplicates(names: list[str]) -> None:
-    """Say on stderr when nodes share a name."""
-    if len(set(names)) < len(names):
-        print('WARNING: Be aware that there are nodes in the graph that share an exact name, '
-              'which can have unintended side effects.', file=sys.stderr)
+    return [name for name in names if not is_hidden(name)]
 
 
 def absolute(name: str) -> str:
@@ -124,7 +108,6 @@ def load_type(name: str, kind: str) -> Any:
 
     :raises CommandError: when there is none.
     """
-    import importlib
     parts = name.split('/')
     if len(parts) == 2:
         parts.insert(1, kind)
@@ -135,20 +118,3 @@ def load_type(name: str, kind: str) -> Any:
     except (AttributeError, ImportError, ValueError):
         words = 'message' if kind == 'msg' else 'service'
         raise CommandError(f'The passed {words} type is invalid') from None
-
-
-def topic_type(node: Node, args: argparse.Namespace, topic: str) -> Any:
-    """Return the class of the messages of a topic, or None when nobody has it."""
-    found: list[str] = []
-
-    def look() -> bool:
-        found[:] = dict(node.get_topic_names_and_types()).get(topic, [])
-        return bool(found)
-
-    if not wait_for(node, args, look):
-        return None
-    if len(found) > 1:
-        raise CommandError(
-            f"Cannot echo topic '{topic}', as it contains more than one type: "
-            f"[{', '.join(found)}]")
-    return load_type(found[0], 'msg')

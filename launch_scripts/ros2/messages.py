@@ -11,61 +11,35 @@ import yaml
 
 from ros2.errors import CommandError
 
+_LONGEST = 128
+"""items of a list, characters of a text"""
 
-def to_plain(
-    value: Any, *, truncate: int | None = None, no_arr: bool = False, no_str: bool = False,
-    type_name: str = '',
-) -> Any:
+
+def to_plain(value: Any) -> Any:
     """Return a message, or the value of a field, as dictionaries, lists and scalars.
 
-    Lists and texts longer than `truncate` end with '...'; `no_arr` and `no_str` put a remark in
-    the place of arrays and texts.
+    Lists and texts that are longer than the real command prints them end with '...'.
     """
-    options: dict[str, Any] = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
     if hasattr(value, 'get_fields_and_field_types'):
-        return {
-            name: to_plain(getattr(value, name), type_name=kind, **options)
-            for name, kind in value.get_fields_and_field_types().items()}
+        return {name: to_plain(getattr(value, name)) for name in
+                value.get_fields_and_field_types()}
     if isinstance(value, bytes):  # of one field of kind byte, as ROS 2 prints it
         value = ''.join(map(chr, value))
     if isinstance(value, str):
-        if no_str:
-            return f'<string length: <{len(value)}>>'
-        return value if truncate is None or len(value) <= truncate else value[:truncate] + '...'
+        return value if len(value) <= _LONGEST else value[:_LONGEST] + '...'
     if isinstance(value, list | tuple | array.array | np.ndarray):
-        if no_arr:
-            return _remark(value, type_name)
-        cut = value if truncate is None else value[:truncate]
+        cut = value[:_LONGEST]
         plain = cut.tolist() if isinstance(cut, array.array | np.ndarray) else list(cut)
-        items = [to_plain(item, **options) for item in plain]
+        items = [to_plain(item) for item in plain]
         return items if len(cut) == len(value) else [*items, '...']
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _remark(value: Any, type_name: str) -> str:
-    element, bracket, _ = type_name.partition('[')
-    if bracket:
-        return f'<array type: {element}[{len(value)}]>'
-    element = type_name.removeprefix('sequence<').removesuffix('>').partition(',')[0]
-    return f'<sequence type: {element}, length: {len(value)}>'
-
-
-def to_yaml(value: Any, flow_style: bool = False, **options: Any) -> str:
+def to_yaml(value: Any) -> str:
     """Return a message as the text that the real command prints."""
     return yaml.safe_dump(
-        to_plain(value, **options), allow_unicode=True, width=sys.maxsize,
-        default_flow_style=flow_style, sort_keys=False)
-
-
-def to_csv(value: Any, **options: Any) -> str:
-    """Return all scalars of a message, separated by commas."""
-    def leaves(plain: Any) -> list[str]:
-        if isinstance(plain, dict):
-            return [leaf for item in plain.values() for leaf in leaves(item)]
-        if isinstance(plain, list):
-            return [leaf for item in plain for leaf in leaves(item)]
-        return [str(plain)]
-    return ','.join(leaves(to_plain(value, **options)))
+        to_plain(value), allow_unicode=True, width=sys.maxsize, default_flow_style=False,
+        sort_keys=False)
 
 
 def fill(message: Any, values: Any, where: str = '') -> None:

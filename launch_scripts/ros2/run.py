@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run a package specific executable.
+"""The run command.
 
 The executable takes the place of this process, so that signals and the exit status are its own.
 """
@@ -7,39 +7,28 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 
 from ros2 import packages
 from ros2.errors import CommandError
+from ros2.verb import Verb
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument(
-        '--prefix',
-        help='Prefix command, which should go before the executable. Command must be wrapped in '
-             "quotes if it contains spaces (e.g. --prefix 'gdb -ex run --args').")
-    parser.add_argument('package_name', help='Name of the ROS package')
-    parser.add_argument('executable_name', help='Name of the executable')
-    parser.add_argument(
-        'argv', nargs=argparse.REMAINDER, help='Pass arbitrary arguments to the executable')
+def run(args: argparse.Namespace) -> int:
+    """Become the executable.
 
-
-def command(args: argparse.Namespace) -> list[str]:
-    """Return the command line to run.
-
-    :raises CommandError: when the executable cannot be found.
+    :raises CommandError: when it cannot be found or started.
     """
-    path = packages.executable(args.package_name, args.executable_name)
-    return [*shlex.split(args.prefix or ''), str(path), *args.argv]
-
-
-def main(args: argparse.Namespace) -> int:
-    """Become the executable."""
-    line = command(args)
+    path = str(packages.executable(args.package_name, args.executable_name))
     sys.stdout.flush()
     try:
-        os.execvp(line[0], line)
+        os.execv(path, [path, *args.argv])
     except OSError as error:
-        raise CommandError(f'{line[0]}: {error.strerror}') from error
+        raise CommandError(f'{path}: {error.strerror}') from error
+
+
+VERBS = {'': Verb('Run a package specific executable', run, {
+    'package_name': {'help': 'Name of the ROS package'},
+    'executable_name': {'help': 'Name of the executable'},
+    'argv': {
+        'nargs': argparse.REMAINDER, 'help': 'Pass arbitrary arguments to the executable'}})}

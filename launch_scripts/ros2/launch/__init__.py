@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The launch verb: YAML launch files, their substitutions, and the processes they start."""
+"""The launch command: YAML launch files, their substitutions, and the processes they start."""

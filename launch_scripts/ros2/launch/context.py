@@ -2,11 +2,11 @@
 """What a launch file knows while it is carried out, and the error that names a place in it."""
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 from pathlib import Path
 
+from ros2.errors import FULL
 from ros2.errors import CommandError
 
 
@@ -21,23 +21,21 @@ class LaunchError(CommandError):
 
 @dataclass
 class Context:
-    """State of a launch: arguments by name, the environment of processes, where we are."""
+    """State of a launch: arguments by name, the folder of its logs, where we are."""
 
     arguments: dict[str, str]
-    environment: dict[str, str]
     log_dir: Path
     file: Path = field(default_factory=Path)
     namespace: str = ''
 
     def inner(self) -> Context:
         """Return a copy for a scope whose changes end with it."""
-        return Context(
-            dict(self.arguments), dict(self.environment), self.log_dir, self.file, self.namespace)
+        return Context(dict(self.arguments), self.log_dir, self.file, self.namespace)
 
 
-def join_namespaces(base: str, namespace: str | None) -> str:
+def join_namespaces(base: str, namespace: str) -> str:
     """Return `namespace` below `base`, absolute; an absolute one stands alone."""
-    if namespace is None or namespace in ('', '/'):
+    if namespace in ('', '/'):
         joined = base
     elif namespace.startswith('/') or not base:
         joined = namespace
@@ -51,7 +49,7 @@ def join_namespaces(base: str, namespace: str | None) -> str:
 def parse_arguments(texts: list[str]) -> dict[str, str]:
     """Return launch arguments by name; of several for one name the last wins.
 
-    :raises CommandError: when one is not of the form NAME:=VALUE.
+    :raises CommandError: when one is not of the form NAME:=VALUE, or has a meaning of its own.
     """
     result: dict[str, str] = {}
     for text in texts:
@@ -60,13 +58,7 @@ def parse_arguments(texts: list[str]) -> dict[str, str]:
             # The real command refuses an empty value, too.
             raise CommandError(
                 f"malformed launch argument '{text}', expected format '<name>:=<value>'")
+        if name.startswith('launch-prefix'):
+            raise CommandError(f"launch argument '{name}' is not known here; {FULL}")
         result[name] = value
     return result
-
-
-def as_environment(variables: Mapping[str, str]) -> dict[str, str]:
-    """Return a copy of `variables` fit for children: without the wheels' marker of a restart.
-
-    The marker stands for the library path of this interpreter; a node's own may differ.
-    """
-    return {k: v for k, v in variables.items() if k != '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}

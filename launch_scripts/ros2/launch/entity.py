@@ -1,61 +1,52 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of a YAML launch file: typed access to their keys, and errors that name the place."""
+"""Entities of a YAML launch file: typed access to attributes, and errors that name the place."""
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from ros2.errors import FULL
+from ros2.errors import unknown
 from ros2.launch.context import LaunchError
 
-_CONDITIONS = {'if', 'unless'}
-_PROCESS = {
-    'name', 'cwd', 'env', 'output', 'on_exit', 'respawn', 'respawn_delay', 'respawn_max_retries',
-    'sigterm_timeout', 'sigkill_timeout', 'launch-prefix', *_CONDITIONS,
-}
-_KEYS: dict[str, set[str]] = {
-    'arg': {'name', 'default', 'description', 'choice', *_CONDITIONS},
-    'let': {'name', 'value', *_CONDITIONS},
-    'set_env': {'name', 'value', *_CONDITIONS},
-    'unset_env': {'name', *_CONDITIONS},
-    'log': {'message', *_CONDITIONS},
-    'push_ros_namespace': {'namespace', *_CONDITIONS},
-    'push-ros-namespace': {'namespace', *_CONDITIONS},
-    'group': {'children', 'scoped', *_CONDITIONS},
-    'include': {'file', 'arg', *_CONDITIONS},
-    'executable': {'cmd', 'shell', *_PROCESS},
-    'node': {'pkg', 'exec', 'exec_name', 'namespace', 'args', 'ros_args', 'param', 'remap',
-             *_PROCESS},
+_ATTRIBUTES: dict[str, tuple[str, ...]] = {
+    'arg': ('default', 'description', 'name'),
+    'group': (),
+    'node': ('exec', 'if', 'name', 'on_exit', 'output', 'param', 'pkg', 'sigterm_timeout'),
+    'push_ros_namespace': ('namespace',),
 }
 
 
 class Entity:
-    """One entry: its kind, its keys, and where it stands."""
+    """One entity: its kind, its attributes or those inside it, and where it stands."""
 
     def __init__(self, kind: str, data: Any, where: str) -> None:
-        """Check that the kind and all keys are known."""
+        """Check that the kind and all attributes are known."""
         self.kind = kind
         self.where = f'{where}: {kind}'
-        if kind not in _KEYS:
-            raise LaunchError(
-                f"{where}: entry '{kind}' is not supported, only {', '.join(sorted(_KEYS))}", True)
-        if kind == 'group' and isinstance(data, list):
-            data = {'children': data}
+        self.data: dict[str, Any] = {}
+        self.children: list[Entity] = []
+        if kind not in _ATTRIBUTES:
+            raise LaunchError(f'{where}: ' + unknown(f"entity '{kind}'", _ATTRIBUTES), True)
+        if kind == 'group':
+            if isinstance(data, dict):
+                raise self.error(unknown('a group with attributes', ['a list of entities']))
+            self.children = _entities(data, self.where)
+            return
         if not isinstance(data, dict):
-            raise LaunchError(f'{self.where}: expected keys and values, got {data!r}', True)
-        self.data: dict[str, Any] = data
+            raise self.error(f'expected attributes and values, got {data!r}')
+        self.data = data
         label = data.get('exec') or data.get('name')
         if isinstance(label, str):
             self.where += f" '{label}'"
         for key in data:
-            if key not in _KEYS[kind]:
-                raise self.error(
-                    f"key '{key}' is not supported here, only {', '.join(sorted(_KEYS[kind]))}")
+            if key not in _ATTRIBUTES[kind]:
+                raise self.error(unknown(f"attribute '{key}'", _ATTRIBUTES[kind]))
 
     def error(self, text: str) -> LaunchError:
-        """Return an error that names this entry."""
+        """Return an error that names this entity."""
         return LaunchError(f'{self.where}: {text}', placed=True)
 
     def get(self, key: str) -> str | None:
@@ -76,66 +67,42 @@ class Entity:
             raise self.error(f"'{key}' is missing")
         return value
 
-    def number(self, key: str, default: float) -> float:
-        """Return a number of seconds or a count, at least 0 (or -1 for no limit)."""
+    def seconds(self, key: str, default: float) -> float:
+        """Return a number of seconds, at least 0."""
         value = self.data.get(key, default)
-        right = isinstance(value, int | float) and not isinstance(value, bool)
-        if not right or value < min(default, 0):
+        if not isinstance(value, int | float) or isinstance(value, bool) or value < 0:
             raise self.error(f"'{key}' must be a number, not negative, got {value!r}")
         return value
 
-    def flag(self, key: str, default: bool) -> bool:
-        """Return true or false."""
-        value = self.data.get(key, default)
-        if not isinstance(value, bool):
-            raise self.error(f"'{key}' must be true or false, got {value!r}")
-        return value
-
     def items(self, key: str) -> list[dict[str, Any]]:
-        """Return a list of dictionaries, empty when the key is missing."""
+        """Return a list of dictionaries, empty when the attribute is missing."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(f"'{key}' must be a list of entries with keys and values")
         return value
 
-    def pairs(self, key: str, first: str, second: str) -> Iterator[tuple[str, str]]:
-        """Return two texts of each item of a list, such as name and value."""
-        for item in self.items(key):
-            if set(item) != {first, second} or not all(isinstance(v, str) for v in item.values()):
-                raise self.error(
-                    f"each item of '{key}' needs the texts '{first}' and '{second}', got {item!r}")
-            yield item[first], item[second]
-
-    def children(self) -> list[Entity]:
-        """Return the entries of a group."""
-        return _entities(self.data.get('children'), self.where)
-
 
 def _entities(items: Any, where: str) -> list[Entity]:
     if not isinstance(items, list):
-        raise LaunchError(f'{where}: expected a list of entries, got {items!r}', True)
+        raise LaunchError(f'{where}: expected a list of entities, got {items!r}', True)
     result = []
     for number, item in enumerate(items, 1):
         if not isinstance(item, dict) or len(item) != 1:
             raise LaunchError(
-                f'{where}: entry {number} must have one key, which says what it is, got {item!r}',
+                f'{where}: entity {number} must have one key, which says what it is, got {item!r}',
                 True)
         (kind, data), = item.items()
-        entity = Entity(str(kind), data, where)
-        if kind == 'group':
-            entity.children()
-        result.append(entity)
+        result.append(Entity(str(kind), data, where))
     return result
 
 
 def load(path: Path) -> list[Entity]:
-    """Return the entries of a launch file, all kinds and keys checked.
+    """Return the entities of a launch file, all kinds and attributes checked.
 
     :raises LaunchError: when it cannot be read or is not a YAML launch file that we support.
     """
     if path.suffix in ('.py', '.xml'):
-        raise LaunchError(
-            f'{path}: only YAML launch files are supported here; others need a full ROS 2', True)
+        raise LaunchError(f'{path}: only YAML launch files are known here; {FULL}', True)
     try:
         data = yaml.safe_load(path.read_text())
     except OSError as error:

@@ -26,7 +26,7 @@ def new_folder() -> Path:
 class Log:
     """The lines of one launch."""
 
-    def __init__(self, folder: Path, debug: bool) -> None:
+    def __init__(self, folder: Path) -> None:
         """Make the folder and launch.log, and let the link `latest` point there."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
@@ -34,7 +34,6 @@ class Log:
             # What the terminal cannot show must not end whoever passes it on.
             sys.stdout.reconfigure(errors='backslashreplace')
         self.quiet = False
-        self._level = 'DEBUG' if debug else 'INFO'
         self._file = (folder / 'launch.log').open('a', encoding='utf-8', buffering=1)
         latest = folder.parent / 'latest'
         spare = folder.parent / f'.latest-{os.getpid()}'
@@ -47,10 +46,8 @@ class Log:
 
     def message(self, level: str, name: str, text: str) -> None:
         """Log a line of the launch itself."""
-        if level == 'DEBUG' and self._level != 'DEBUG':
-            return
         self._write(f'[{level}] [{name}]: {text}')
-        if not self.quiet or level not in ('DEBUG', 'INFO'):
+        if not self.quiet or level != 'INFO':
             self.screen(f'[{level}] [{name}]: {text}')
 
     def output(self, name: str, line: str, to_screen: bool, to_file: bool) -> None:
@@ -68,7 +65,7 @@ class Log:
     def header(self) -> None:
         """Print what the real command begins with."""
         self.message('INFO', 'launch', f'All log files can be found below {self.folder}')
-        self.message('INFO', 'launch', f'Default logging verbosity is set to {self._level}')
+        self.message('INFO', 'launch', 'Default logging verbosity is set to INFO')
 
     @staticmethod
     def screen(text: str) -> None:

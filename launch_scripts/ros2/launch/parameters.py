@@ -7,14 +7,15 @@ from typing import Any
 
 import yaml
 
+from ros2.errors import FULL
+from ros2.errors import unknown
 from ros2.launch.context import Context
 from ros2.launch.entity import Entity
-from ros2.launch.substitutions import parse
-from ros2.launch.substitutions import perform
+from ros2.launch.substitutions import resolve
 from ros2.launch.substitutions import substitute
 
 _TYPES = {'str': str, 'int': int, 'float': float, 'bool': bool}
-_SCALARS = (bool, int, float, str)
+_KEYS = ('name', 'value', 'type', 'from')
 
 
 def typed(value: Any, context: Context, entity: Entity, kind: str | None = None) -> Any:
@@ -24,31 +25,21 @@ def typed(value: Any, context: Context, entity: Entity, kind: str | None = None)
     substitutions result in is read by the rules of YAML again, so that $(var n) with n:=3 is an
     integer; `kind` (str, int, float, bool) asks for a type instead.
 
-    :raises LaunchError: when it is none of the types that parameters have.
+    :raises LaunchError: when it is none of these types.
     """
-    if isinstance(value, list):
-        items = [typed(item, context, entity, kind) for item in value]
-        if {type(item) for item in items} == {int, float}:
-            items = [float(item) for item in items]
-        if len({type(item) for item in items}) > 1:
-            raise entity.error(f'all items of a list must have one type, got {items!r}')
-        return items
-    if not isinstance(value, str):
-        result = value
-    else:
-        template = parse(value)
-        text = perform(template, context)
-        plain = not any(not isinstance(part, str) for part in template)
-        result = text if (plain and kind is None) or kind == 'str' else _from_yaml(text)
+    result = value
+    if isinstance(value, str):
+        result, substituted = resolve(value, context)
+        if kind != 'str' and (substituted or kind is not None):
+            result = _from_yaml(result)
     if kind == 'float' and type(result) is int:
         result = float(result)
-    wanted = _SCALARS if kind is None else (_TYPES[kind],)
-    if isinstance(result, list) and kind is None and all(isinstance(x, _SCALARS) for x in result):
-        return result
-    if type(result) not in wanted:
+    if kind is None and isinstance(result, list):
+        raise entity.error(unknown(f'parameter value {result!r}', ['single values']))
+    if type(result) not in (_TYPES.values() if kind is None else (_TYPES[kind],)):
         raise entity.error(
             f'parameter value {value!r} results in {result!r}, which is not '
-            f'{kind or "a boolean, integer, double, string or a list of them"}')
+            f'{kind or "a boolean, integer, double or string"}')
     return result
 
 
@@ -61,24 +52,17 @@ def _from_yaml(text: str) -> Any:
         return text
 
 
-def _flat(item: dict[str, Any], prefix: str, context: Context, entity: Entity) -> dict[str, Any]:
-    """Return the parameters of one item by full name; nested ones are joined with dots."""
-    unknown = set(item) - {'name', 'value', 'type', 'param'}
-    if unknown or not isinstance(item.get('name'), str) or ('value' in item) == ('param' in item):
-        raise entity.error(
-            f"each param needs 'name' and either 'value' or 'param', or 'from' alone, "
-            f'got {item!r}')
-    name = prefix + substitute(item['name'], context)
-    if 'param' in item:
-        result = {}
-        for inner in item['param']:
-            result.update(_flat(inner, f'{name}.', context, entity))
-        return result
+def _parameter(item: dict[str, Any], context: Context, entity: Entity) -> tuple[str, Any]:
+    for key in item:
+        if key not in _KEYS:
+            raise entity.error(unknown(f"attribute '{key}' of a param", _KEYS))
+    if not isinstance(item.get('name'), str) or 'value' not in item:
+        raise entity.error(f"each param needs 'name' and 'value', or 'from' alone, got {item!r}")
+    name = substitute(item['name'], context)
     kind = item.get('type')
-    if kind is not None and kind not in _TYPES:
-        raise entity.error(
-            f"type '{kind}' of parameter '{name}' is not one of {', '.join(_TYPES)}")
-    return {name: typed(item['value'], context, entity, kind)}
+    if kind is not None and str(kind) not in _TYPES:
+        raise entity.error(unknown(f"type '{kind}' of parameter '{name}'", _TYPES))
+    return name, typed(item['value'], context, entity, kind)
 
 
 def arguments(entity: Entity, node: str, context: Context) -> list[str]:
@@ -92,10 +76,11 @@ def arguments(entity: Entity, node: str, context: Context) -> list[str]:
     values: dict[str, Any] = {}
     for item in entity.items('param'):
         if 'from' not in item:
-            values.update(_flat(item, '', context, entity))
+            name, value = _parameter(item, context, entity)
+            values[name] = value
             continue
         if set(item) != {'from'}:
-            raise entity.error(f"'from' of a param stands alone, got {item!r}")
+            raise entity.error(f"'from' of a param stands alone here, got {item!r}; {FULL}")
         if values:
             result += ['--params-file', _write(node, values, context)]
             values = {}

@@ -11,13 +11,13 @@ import os
 import signal
 
 from ros2.launch.actions import ProcessPlan
-from ros2.launch.context import as_environment
 from ros2.launch.log import Log
 
 _PR_SET_PDEATHSIG = 1
 _TAIL = 20
 _DRAIN_SECONDS = 1.0
 _LOOK_SECONDS = 0.05
+_SIGKILL_SECONDS = 5.0  # from SIGTERM
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -25,6 +25,14 @@ _libc = ctypes.CDLL(None, use_errno=True)
 def _die_with_parent() -> None:
     """Ask the kernel to kill this process when the launch dies, even by SIGKILL."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of children: ours, without the wheels' marker of a restart.
+
+    The marker stands for the library path of this interpreter; a node's own may differ.
+    """
+    return {k: v for k, v in os.environ.items() if k != '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}
 
 
 class Process:
@@ -52,19 +60,18 @@ class Process:
         name = self.plan.name
         pipe = None if self._own_terminal else asyncio.subprocess.PIPE
         child = await asyncio.create_subprocess_exec(
-            *self.plan.command, env=as_environment(self.plan.environment), cwd=self.plan.cwd,
+            *self.plan.command, env=_environment(),
             stdin=None if self._own_terminal else asyncio.subprocess.DEVNULL,
             stdout=pipe, stderr=pipe, start_new_session=True, preexec_fn=_die_with_parent)
         self._child = child
         self._log.message('INFO', name, f'process started with pid [{child.pid}]')
         if self._asked is not None:  # to end, while it was being made
             self._send(self._asked)
-        output = self.plan.output
-        error_to_screen = output in ('screen', 'both') or not self._quiet
+        to_screen = self.plan.output == 'screen'
         readers = [
-            asyncio.create_task(self._read(stream, to_screen))
-            for stream, to_screen in (
-                (child.stdout, output in ('screen', 'both')), (child.stderr, error_to_screen))
+            asyncio.create_task(self._read(stream, shown))
+            for stream, shown in (
+                (child.stdout, to_screen), (child.stderr, to_screen or not self._quiet))
             if stream is not None]
         try:
             # Not `wait`, which in Python 3.11 waits for all who hold its pipes, too.
@@ -100,7 +107,7 @@ class Process:
 
     def _emit(self, line: str, to_screen: bool) -> None:
         self.tail.append(line)
-        self._log.output(self.plan.name, line, to_screen, self.plan.output in ('log', 'both'))
+        self._log.output(self.plan.name, line, to_screen, self.plan.output == 'log')
 
     def _signal(self, number: signal.Signals) -> None:
         if self._child is not None:
@@ -110,14 +117,13 @@ class Process:
     async def stop(self) -> None:
         """Ask it to end: SIGINT, later SIGTERM, at last SIGKILL. The caller cancels this."""
         plan = self.plan
-        steps = (
-            (signal.SIGINT, plan.sigterm_timeout, signal.SIGTERM, plan.sigterm_timeout),
-            (signal.SIGTERM, plan.sigkill_timeout, signal.SIGKILL,
-             plan.sigterm_timeout + plan.sigkill_timeout),
-        )
-        for number, seconds, following, total in steps:
+        total: float = 0
+        for number, seconds, following in (
+                (signal.SIGINT, plan.sigterm_timeout, signal.SIGTERM),
+                (signal.SIGTERM, _SIGKILL_SECONDS, signal.SIGKILL)):
             self._send(number)
             await asyncio.sleep(seconds)
+            total += seconds
             self._log.message(
                 'ERROR', plan.name,
                 f"process[{plan.name}] failed to terminate '{total}' seconds after receiving "

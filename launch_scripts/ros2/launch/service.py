@@ -55,30 +55,17 @@ class Service:
             self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
 
     async def _keep(self, process: Process) -> None:
-        """Run one process, again where it is to respawn, until it or the launch ends."""
-        plan = process.plan
-        retries = 0
-        while not self._ending.is_set():
-            status = await self._once(process)
-            if self._ending.is_set():
-                return
-            respawn = plan.respawn and (
-                plan.respawn_max_retries < 0 or retries < plan.respawn_max_retries)
-            if status != 0 and not respawn:
-                self._failed = True
-                self._show_tail(process)
-            if plan.shutdown_on_exit:
-                self._ending.set()
-                return
-            if not respawn:
-                return
-            retries += 1
-            await self._pause(plan.respawn_delay)
-
-    async def _pause(self, seconds: float) -> None:
-        waiting = asyncio.create_task(self._ending.wait())
-        await asyncio.wait([waiting], timeout=seconds)
-        waiting.cancel()
+        """Run one process until it or the launch ends."""
+        if self._ending.is_set():
+            return
+        status = await self._once(process)
+        if self._ending.is_set():
+            return
+        if status != 0:
+            self._failed = True
+            self._show_tail(process)
+        if process.plan.shutdown_on_exit:
+            self._ending.set()
 
     async def _once(self, process: Process) -> int:
         async def stop_at_end() -> None:

@@ -2,63 +2,42 @@
 """Substitutions, $(name argument ...): their grammar and what each stands for."""
 from __future__ import annotations
 
-import math
-import shutil
+import ast
+import string
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from ros2 import packages
+from ros2.errors import unknown
 from ros2.launch.context import Context
 from ros2.launch.context import LaunchError
-from ros2.launch.expressions import evaluate
 
-_IDENTIFIER = frozenset('abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-')
-
-
-@dataclass(frozen=True)
-class Substitution:
-    """One $(name argument ...); each argument is a list of texts and substitutions."""
-
-    name: str
-    arguments: tuple[Template, ...]
+_IDENTIFIER = frozenset(string.ascii_letters + string.digits + '_-')
 
 
-Template = tuple['str | Substitution', ...]
+class _Reader:
+    """Reads one text from left to right, with values in the place of substitutions."""
 
-
-class _Parser:
-    """A recursive-descent parser over one string."""
-
-    def __init__(self, text: str, keep_escapes: bool = False) -> None:
+    def __init__(self, text: str, context: Context) -> None:
         self.text = text
-        self.keep_escapes = keep_escapes
+        self.context = context
         self.at = 0
+        self.found = False
 
-    def template(self, ends: str = '') -> Template:
-        """Read texts and substitutions up to one of the characters `ends`."""
-        parts: list[str | Substitution] = []
-        literal = ''
-        while self.at < len(self.text):
-            rest = self.text[self.at:]
-            if rest[0] in ends:
-                break
-            if rest.startswith('$('):
-                if literal:
-                    parts.append(literal)
-                literal = ''
-                parts.append(self.substitution())
-            elif rest[0] == '\\' and len(rest) > 1:
-                literal += rest[:2] if self.keep_escapes else rest[1]
-                self.at += 2
-            else:
-                literal += rest[0]
+    def read(self, ends: str = '') -> str:
+        """Return the text up to one of the characters `ends`."""
+        result = ''
+        while self.at < len(self.text) and self.text[self.at] not in ends:
+            if self.text.startswith('$(', self.at):
+                result += self._substitution()
+                continue
+            if self.text[self.at] == '\\' and self.at + 1 < len(self.text):
                 self.at += 1
-        if literal:
-            parts.append(literal)
-        return tuple(parts)
+            result += self.text[self.at]
+            self.at += 1
+        return result
 
-    def substitution(self) -> Substitution:
-        """Read one, from its $( to its closing bracket."""
+    def _substitution(self) -> str:
+        """Return the value of one, from its $( to its closing bracket."""
+        self.found = True
         start = self.at
         self.at += 2
         name_from = self.at
@@ -68,80 +47,45 @@ class _Parser:
         arguments = []
         while self.at < len(self.text) and self.text[self.at] == ' ':
             self.at += 1
-            arguments.append(self.argument())
+            arguments.append(self._argument())
         if not name or self.at >= len(self.text) or self.text[self.at] != ')':
             raise LaunchError(
                 f"'{self.text[start:]}' is not a substitution of the form $(name ...)")
         self.at += 1
-        return Substitution(name, tuple(arguments))
+        if name not in _MEANINGS:
+            raise LaunchError(unknown(
+                f'substitution $({name})', (f'$({known})' for known in _MEANINGS)))
+        count, meaning = _MEANINGS[name]
+        if len(arguments) != count:
+            raise LaunchError(unknown(
+                f'substitution $({name}) with {len(arguments)} arguments', [f'with {count}']))
+        return meaning(self.context, *arguments)
 
-    def argument(self) -> Template:
-        """Read one argument: quoted, or up to a space or the closing bracket."""
+    def _argument(self) -> str:
+        """Return one argument: quoted, or up to a space or the closing bracket."""
         quote = self.text[self.at:self.at + 1]
         if quote not in ("'", '"') or not quote:
-            return self.template(' )')
+            return self.read(' )')
         self.at += 1
-        value = self.template(quote)
+        value = self.read(quote)
         if self.at >= len(self.text):
             raise LaunchError(f'a quote is not closed in {self.text!r}')
         self.at += 1
         return value
 
 
-def parse(text: str, keep_escapes: bool = False) -> Template:
-    """Return the parts of a text; backslashes stay where a shell's rules are to follow.
+def resolve(text: str, context: Context) -> tuple[str, bool]:
+    """Return what a text stands for, and whether it holds a substitution.
 
-    :raises LaunchError: when a substitution is malformed.
+    :raises LaunchError: when a substitution is malformed, unknown or fails.
     """
-    return _Parser(text, keep_escapes).template()
-
-
-def perform(template: Template, context: Context) -> str:
-    """Return the text that a template stands for.
-
-    :raises LaunchError: when a substitution is unknown or fails.
-    """
-    return ''.join(
-        part if isinstance(part, str) else _perform_one(part, context) for part in template)
+    reader = _Reader(text, context)
+    return reader.read(), reader.found
 
 
 def substitute(text: str, context: Context) -> str:
-    """Parse and perform."""
-    return perform(parse(text), context)
-
-
-def _perform_one(item: Substitution, context: Context) -> str:
-    if item.name not in _MEANINGS:
-        raise LaunchError(
-            f'substitution $({item.name}) is not supported, only '
-            f'{", ".join(f"$({name})" for name in sorted(_MEANINGS))}')
-    least, most, meaning = _MEANINGS[item.name]
-    if not least <= len(item.arguments) <= most:
-        raise LaunchError(
-            f'substitution $({item.name}) takes {least} to {most} arguments, '
-            f'got {len(item.arguments)}')
-    return meaning(context, *(perform(argument, context) for argument in item.arguments))
-
-
-def _var(context: Context, name: str, default: str | None = None) -> str:
-    value = context.arguments.get(name, default)
-    if value is None:
-        raise LaunchError(f"launch configuration '{name}' does not exist")
-    return value
-
-
-def _env(context: Context, name: str, default: str | None = None) -> str:
-    value = context.environment.get(name, default)
-    if value is None:
-        raise LaunchError(f"environment variable '{name}' does not exist")
-    return value
-
-
-def _find_exec(context: Context, name: str) -> str:
-    path = shutil.which(name, path=context.environment.get('PATH'))
-    if path is None:
-        raise LaunchError(f"executable '{name}' not found on the PATH")
-    return path
+    """Return what a text stands for."""
+    return resolve(text, context)[0]
 
 
 def boolean(text: str) -> bool:
@@ -157,40 +101,28 @@ def boolean(text: str) -> bool:
     raise LaunchError(f"condition '{text}' is neither true nor false (true, 1, false, 0)")
 
 
-def _spell(value: bool) -> str:
-    return 'true' if value else 'false'
+def _var(context: Context, name: str) -> str:
+    if name not in context.arguments:
+        raise LaunchError(f"launch configuration '{name}' does not exist")
+    return context.arguments[name]
 
 
-def equal(left: str, right: str) -> bool:
-    """Whether two texts are equal, as booleans or as numbers where both are."""
-    pairs = {'true': True, '1': True, 'false': False, '0': False}
-    a, b = left.strip().lower(), right.strip().lower()
-    if a in pairs and b in pairs and not (a.isdigit() and b.isdigit()):
-        return pairs[a] == pairs[b]
+def _eval(context: Context, text: str) -> str:
+    """Return what 'A' if 'B' else 'C' stands for, of the expressions of Python the one we use."""
     try:
-        return math.isclose(float(a), float(b))
-    except ValueError:
-        return left == right
+        match ast.parse(text.strip(), mode='eval').body:
+            case ast.IfExp(
+                    test=ast.Constant(value=str(test)), body=ast.Constant(value=str(body)),
+                    orelse=ast.Constant(value=str(other))):
+                return body if test else other
+    except (SyntaxError, ValueError) as error:
+        raise LaunchError(f'$(eval) of {text!r} fails: {error}') from None
+    raise LaunchError(unknown(f'$(eval) of {text!r}', ["'A' if 'B' else 'C', each a text"]))
 
 
-_MEANINGS: dict[str, tuple[int, int, Callable[..., str]]] = {
-    'var': (1, 2, _var),
-    'env': (1, 2, _env),
-    'dirname': (0, 0, lambda context: str(context.file.parent)),
-    'filename': (0, 0, lambda context: str(context.file)),
-    'log_dir': (0, 0, lambda context: str(context.log_dir)),
-    'launch_log_dir': (0, 0, lambda context: str(context.log_dir)),
-    'find-pkg-share': (1, 1, lambda context, name: str(packages.share_of(name))),
-    'find-pkg-prefix': (1, 1, lambda context, name: str(packages.prefix_of(name))),
-    'exec-in-pkg': (2, 2, lambda context, name, pkg: str(packages.executable(pkg, name))),
-    'find-exec': (1, 1, _find_exec),
-    'eval': (1, 99, lambda context, *parts: evaluate(' '.join(parts))),
-    'not': (1, 1, lambda context, a: _spell(not boolean(a))),
-    'and': (2, 2, lambda context, a, b: _spell(boolean(a) and boolean(b))),
-    'or': (2, 2, lambda context, a, b: _spell(boolean(a) or boolean(b))),
-    'all': (1, 99, lambda context, *parts: _spell(all(map(boolean, parts)))),
-    'any': (1, 99, lambda context, *parts: _spell(any(map(boolean, parts)))),
-    'equals': (2, 2, lambda context, a, b: _spell(equal(a, b))),
-    'not-equals': (2, 2, lambda context, a, b: _spell(not equal(a, b))),
-    'if': (2, 3, lambda context, test, a, b='': a if boolean(test) else b),
+_MEANINGS: dict[str, tuple[int, Callable[..., str]]] = {
+    'dirname': (0, lambda context: str(context.file.parent)),
+    'eval': (1, _eval),
+    'var': (1, _var),
 }
+"""number of arguments and function, by name"""

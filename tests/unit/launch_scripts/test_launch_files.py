@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ros2.launch.actions import Plan
 from ros2.launch.actions import carry_out
 from ros2.launch.context import Context
 
@@ -35,11 +34,9 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def told(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
     """Return the parameters of a node that a launch file starts, the later ones winning."""
     path = SCRIPTS / f'{file}.launch.yaml'
-    context = Context({**FOLDER, **arguments}, {}, tmp_path / 'log', path)
-    plan = Plan()
-    carry_out(path, context, plan)
+    context = Context({**FOLDER, **arguments}, tmp_path / 'log')
     command, = (
-        process.command for process in plan.processes if process.command[0].endswith(f'/{node}'))
+        plan.command for plan in carry_out(path, context) if plan.command[0].endswith(f'/{node}'))
     found: dict[str, object] = {}
     for flag, name in zip(command, command[1:], strict=False):
         if flag == '--params-file':

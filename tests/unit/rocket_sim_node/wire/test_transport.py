@@ -2,7 +2,6 @@
 """What Fast DDS is told: our profiles, a user's, and the environment while a node starts."""
 from __future__ import annotations
 
-import argparse
 import os
 import socket
 from contextlib import nullcontext
@@ -302,7 +301,7 @@ def test_the_ros2_command_is_bound_as_nodes_are(
     monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: RMW)
     monkeypatch.setattr(graph.rclpy, 'init', lambda args: nullcontext())
     monkeypatch.setattr(graph.rclpy, 'create_node', create_node)
-    with graph.direct_node(argparse.Namespace(use_sim_time=False)):
+    with graph.direct_node():
         assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ
     (profile,) = profiles
     participant = profile.partition('<participant ')[2]
