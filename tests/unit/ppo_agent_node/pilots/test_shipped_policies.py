@@ -16,6 +16,16 @@ SEED = 50_000_000
 """of the starts; trainings derive theirs, evaluations begin at 20, 30 and 40 million"""
 
 
+@pytest.mark.parametrize(('level', 'least_return'), [(7, 294.5), (8, 294.0)])
+def test_the_planar_policy_that_ships_flies_as_it_was_measured(
+        tmp_path: Path, level: int, least_return: float) -> None:
+    world = worlds.make('rocket_planar', 256)
+    pilot = PolicyPilot(find_policy('rocket_planar', 'rocket_planar', tmp_path), world.spec)
+    result = evaluate(world, pilot, 256, SEED, level=level)
+    assert int(result.landed.sum()) == 256
+    assert result.episodes.episode_return.mean() >= least_return
+
+
 @pytest.mark.parametrize(('name', 'task', 'landed', 'least_return'), [
     ('default', {'level': 1}, 256, 295.0),
     ('default', {'level': 7}, 256, 295.2),
