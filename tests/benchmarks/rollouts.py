@@ -39,13 +39,13 @@ from ppo_agent_node.ppo.policies.file import load_policy
 from ppo_agent_node.ppo.rollout_buffer import Rollout
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.connection import ConnectionOptions
-from rocket_sim_node.wire.client.fleet import SimulatorFleet as WireFleet
+from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.node.running import make_executor
+from rocket_sim_node.worlds.jobs import Fleet
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
 from rocket_sim_node.worlds.jobs import SerialFleet
-from rocket_sim_node.worlds.jobs import SimulatorFleet
 from rocket_sim_node.worlds.jobs import Snapshot
 
 SIZES = (256, 512, 1024, 2048)
@@ -71,7 +71,7 @@ def shipped_policy() -> Policy:
 class Course:
     """Roll-outs of T steps in a fleet, one after the other."""
 
-    def __init__(self, fleet: SimulatorFleet, groups: int, steps: int, policy: Policy) -> None:
+    def __init__(self, fleet: Fleet, groups: int, steps: int, policy: Policy) -> None:
         """Begin the episodes."""
         self._fleet, self._policy, self._count = fleet, policy, 0
         spec = fleet.spec
@@ -94,7 +94,7 @@ class Course:
 
 
 @contextmanager
-def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[WireFleet]:
+def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[SimulatorFleet]:
     """Run simulators in processes of their own and yield them as a fleet."""
     with ExitStack() as stack:
         processes = Processes(folder)
@@ -111,7 +111,7 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[WireFle
         node = rclpy.create_node('bench_rollouts', context=context)
         executor = make_executor(context)
         executor.add_node(node)
-        fleet = stack.enter_context(WireFleet(node, executor, ConnectionOptions(), 1, '/sim_*'))
+        fleet = stack.enter_context(SimulatorFleet(node, executor, ConnectionOptions(), 1, '/sim_*'))
         yield fleet
 
 
