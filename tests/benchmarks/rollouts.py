@@ -111,7 +111,8 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[Simulat
         node = rclpy.create_node('bench_rollouts', context=context)
         executor = make_executor(context)
         executor.add_node(node)
-        fleet = stack.enter_context(SimulatorFleet(node, executor, ConnectionOptions(), 1, '/sim_*'))
+        fleet = stack.enter_context(SimulatorFleet(
+            node, executor, ConnectionOptions(), 1, '/sim_*'))
         yield fleet
 
 
