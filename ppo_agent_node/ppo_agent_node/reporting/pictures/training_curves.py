@@ -41,16 +41,21 @@ def cloning_figure(lines: Lines) -> Figure:
     landed = column(lines, 'landing_rate')
     for number in rounds:
         axes.axvline(epoch[number] - 0.5, color=GREY, lw=0.8, ls=':')
-        axes.annotate(f'{100 * landed[number]:.0f} % landed', (epoch[number] - 0.5, 0.02),
-                      xycoords=('data', 'axes fraction'), rotation=90, ha='right', va='bottom',
+        axes.annotate(f'{100 * landed[number]:.0f} % landed', (epoch[number] - 0.5, 0.98),
+                      xycoords=('data', 'axes fraction'), rotation=90, ha='right', va='top',
                       fontsize=8)
     first = int(rounds[-1]) if len(rounds) else 0
     if np.isfinite(validation[first:]).any():
         best = first + int(np.nanargmin(validation[first:]))
         axes.plot(epoch[best], validation[best], color=VERMILION, marker='*', ms=15, ls='',
                   label='kept')
-    _dress(axes, 'epoch', 'loss (no unit)', 'Cloning the expert')
+    title = 'Cloning the expert'
+    if len(rounds):
+        title = (f'DAgger takes the clone from {100 * landed[rounds[0]]:.0f} % landed to '
+                 f'{100 * landed[rounds[-1]]:.0f} %')
+    _dress(axes, 'epoch', 'loss (no unit)', title)
     axes.set_yscale('log')
+    axes.margins(y=0.3)  # the labels of the rounds stand above the curves
     figure.legend(loc='outside lower center', ncols=3)
     return figure
 
