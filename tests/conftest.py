@@ -37,7 +37,9 @@ def pytest_configure(config: pytest.Config) -> None:
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
     settings.register_profile('suite', suite)
     settings.register_profile('nightly', suite, derandomize=False, max_examples=5000)
-    settings.load_profile('nightly' if config.getoption('--nightly') else 'suite')
+    settings.register_profile('fast', suite, max_examples=20)
+    chosen = [name for name in ('nightly', 'fast') if config.getoption(f'--{name}')]
+    settings.load_profile(chosen[0] if chosen else 'suite')
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -47,6 +47,7 @@ def test_the_flights_are_those_of_the_evaluation(tmp_path: Path) -> None:
         assert np.count_nonzero(mine) == result.episodes.length[number] + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tuned', [False, True])
 def test_the_pilot_is_the_one_that_flew(tmp_path: Path, tuned: bool) -> None:
     """The estimator, and gains of a file: the expert by default would fly otherwise."""

@@ -18,6 +18,7 @@ from rocket_sim_node.recording.reader import trajectories
 ROOT = Path(__file__).parents[4]
 
 
+@pytest.mark.slow
 def test_a_picture_is_made_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -85,6 +85,7 @@ def test_a_cell_is_the_evaluation_of_its_settings(flown: dict[str, Any]) -> None
     assert json.dumps(flown, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_progress_counts_all_cells() -> None:
     world = worlds.make('rocket_planar', 3, **LOW)
     told: list[tuple[Cell, int, int]] = []

@@ -142,6 +142,7 @@ def test_a_pilot_flies_as_it_was_given_each_time() -> None:
     assert _same(evaluate(env, pilot, 20, 1), evaluate(env, pilot, 20, 1))
 
 
+@pytest.mark.slow
 def test_an_episode_is_known_by_its_row_and_number_alone() -> None:
     # The streams of a world are counter-based: more rockets must not change those there were.
     few, many = _expert(5, num_envs=30, level=7), _expert(5, num_envs=60, level=7)
@@ -150,6 +151,7 @@ def test_an_episode_is_known_by_its_row_and_number_alone() -> None:
         many.episodes.episode_return[:30].tolist())
 
 
+@pytest.mark.slow
 def test_the_bound_uses_the_first_velocity_of_each_episode() -> None:
     result = _expert(5, level=8)
     velocity = result.first_observation[:, 4] * result.settings['velocity_scale']

@@ -106,6 +106,7 @@ def test_a_world_without_tanks_has_nulls() -> None:
     assert json.dumps(summary, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_conditions_are_named() -> None:
     world = worlds.make('rocket', 4, spawn_height=20.0)
     for settings, name in (

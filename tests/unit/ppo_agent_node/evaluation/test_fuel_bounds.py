@@ -81,6 +81,7 @@ def test_without_drag_and_mass_loss_it_is_the_textbook_formula() -> None:
     assert bound.burn_time(np.zeros(1))[0] == pytest.approx(speed / net, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_rocket_that_cannot_stop_has_no_bound_and_a_climb_counts_as_rest() -> None:
     bound = StraightDropBound(SETTINGS)
     assert np.isnan(bound.burn_time(np.array([95.0]))[0])

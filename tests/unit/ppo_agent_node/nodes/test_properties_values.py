@@ -64,6 +64,7 @@ ANY_VALUE = st.one_of(
 KINDS = (msg.Action, msg.Observation, msg.Reward, msg.Episodes)
 
 
+@pytest.mark.slow
 @given(ANY_ARRAY)
 def test_any_array_is_clipped_or_refused(action: np.ndarray[Any, Any]) -> None:
     for spec in (SPEC, DISCRETE):

@@ -29,6 +29,7 @@ def _fly(rows: int, pilot: type[ExpertPilot] = ExpertEstimator, level: int = 7,
     return summarise(evaluate(env, pilot(env.spec), rows, 11, level=level))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('conditions', 'landed', 'mean_return'), [
     ({}, 1.0, 295.1),
     ({'dry_mass_factor': 1.05, 'thrust_factor': 0.95}, 1.0, 294.5),

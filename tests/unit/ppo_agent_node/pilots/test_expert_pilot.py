@@ -21,6 +21,7 @@ def _fly(level: int, seed: int = 11, rows: int = ROWS, **settings: float) -> dic
     return summarise(evaluate(env, ExpertPilot(env.spec), rows, seed, level=level))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('level', range(1, 8))
 def test_lands_every_rocket_softly(level: int) -> None:
     summary = _fly(level)
@@ -40,6 +41,7 @@ def test_lands_from_far_off_the_axis_and_never_hangs_above_the_ground() -> None:
     assert result.episodes.fuel_used.max() < 1600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', [
     {'dt': 0.018}, {'dt': 0.022}, {'dry_mass': 19_800.0}, {'dry_mass': 24_200.0},
     {'max_thrust': 423_792.0}, {'max_thrust': 517_968.0}, {'substeps': 4},
@@ -134,6 +136,7 @@ def test_time_to_go_is_that_of_flying_it(pace: float) -> None:
     assert expected.coast[0] + expected.burn[0] == pytest.approx(elapsed, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('level', [7, 8])
 def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
     """A leaning rocket touches before its origin is where it stands: the flare has to know."""

@@ -40,6 +40,7 @@ def test_lands_an_engine_that_cannot_hover() -> None:
     assert summary['fuel_ratio'] < 1.15
 
 
+@pytest.mark.slow
 def test_lands_from_far_off_the_axis() -> None:
     summary = _fly(8)
     assert summary['landed'] > 0.94 * ROWS, summary['outcomes']

@@ -12,6 +12,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import find_policy
 from rocket_sim_node import worlds
 
+pytestmark = pytest.mark.slow
 SEED = 50_000_000
 """of the starts; trainings derive theirs, evaluations begin at 20, 30 and 40 million"""
 

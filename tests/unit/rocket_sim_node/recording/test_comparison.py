@@ -38,6 +38,7 @@ from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import WIDTH
 from rocket_sim_node.worlds.rocket import conditions
 
+pytestmark = pytest.mark.slow
 POLICIES = Path(recorded_flights.__file__).parents[1] / 'policies'
 OUTCOMES = ('landed', 'too_fast')
 STAGE = WorldInfo('rocket', 0.02, OUTCOMES)

@@ -360,6 +360,7 @@ def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('joined', [0, 2**30])
 @pytest.mark.parametrize('short', [3_000, 20_000, 200_000])
 def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(

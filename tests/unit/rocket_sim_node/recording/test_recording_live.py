@@ -157,6 +157,7 @@ def rows(path: Path) -> Rows:
     return table
 
 
+@pytest.mark.slow
 def test_what_was_seen_live_is_what_was_recorded(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
@@ -488,6 +489,7 @@ def test_a_viewer_that_is_away_holds_up_nobody(
     assert len(reader.trajectories(path)) == recorder.flights
 
 
+@pytest.mark.slow
 def test_a_viewer_that_comes_late_gets_what_was_before(
     tmp_path: Path, port: int, flown: tuple[WorldInfo, Samples],
     start: Callable[..., rerun_program.Program],
@@ -519,6 +521,7 @@ def test_a_viewer_that_comes_late_gets_what_was_before(
         entities.LOG].values())
 
 
+@pytest.mark.slow
 def test_a_viewer_may_go_and_come_back(
     port: int, flown: tuple[WorldInfo, Samples], start: Callable[..., rerun_program.Program],
 ) -> None:

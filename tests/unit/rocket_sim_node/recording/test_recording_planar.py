@@ -316,6 +316,7 @@ def braking_pilot(state: Telemetry, observation: np.ndarray) -> np.ndarray:
     return action
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('world', 'pilot', 'settings'), [
     ('lunar_lander', lunar_pilot, {}),
     ('rocket_planar', braking_pilot, {'level': 1, 'spawn_angle': 0.3})])

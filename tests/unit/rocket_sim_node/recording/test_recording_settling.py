@@ -245,6 +245,7 @@ def test_a_settling_that_does_not_fit_is_named(tmp_path: Path) -> None:
         log_flight(None, flight, STAGE, Timepoint(0), wide)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_picture(settled: Path) -> None:
     """The band of the body is high in the picture at touchdown, and low when it has toppled."""
     times = [0.02 * (FLIGHT + 1), 0.02 * (FLIGHT + AFTER) + 1.0]

@@ -69,6 +69,7 @@ def test_every_world_is_drawn(tmp_path: Path, world: str) -> None:
     assert not np.array_equal(high, low)
 
 
+@pytest.mark.slow
 def test_training_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     stage, samples = flown('lunar_lander')

@@ -112,6 +112,7 @@ def test_terrain_agrees() -> None:
         assert spawn._terrain(unit[:, None])[0] == pytest.approx(theirs, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('continuous', [False, True])
 def test_the_heuristic_pilot_scores_alike(continuous: bool) -> None:
     """The interval of the difference of means over 100 episodes each holds 0, with 3 sigma.

@@ -377,6 +377,7 @@ def test_a_hundred_thousand_touchdowns_leave_nothing_behind() -> None:
     assert resident() - memory < 4.0
 
 
+@pytest.mark.slow
 def test_fifty_thousand_lunar_landers_leave_nothing_behind() -> None:
     """All over the field: the spatial hash forgets ground that has moved where it looks."""
     count, rounds = 200, 250

@@ -348,6 +348,7 @@ def shipped(world: RocketPlanarWorld) -> Pilot:
     return PolicyPilot(folder / 'policies' / 'rocket.safetensors', world.spec)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('make_pilot', [lambda world: ExpertPilot(world.spec), shipped])
 def test_who_flies_rocket_lands_here_too(make_pilot: Callable[[RocketPlanarWorld], Pilot]) -> None:
     world = make(200, level=7)

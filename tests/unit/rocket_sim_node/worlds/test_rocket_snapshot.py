@@ -89,6 +89,7 @@ def test_a_truncated_snapshot_is_refused() -> None:
     assert world.snapshot() == state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('bit', range(8))
 def test_a_flipped_bit_is_refused_or_without_effect(bit: int) -> None:
     """A flip either shows or hits what carries no state (a date of the archive, say)."""
