@@ -23,7 +23,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         '--nightly', action='store_true', help='faults at least 50 times each, and long runs')
     parser.addoption(
-        '--fast', action='store_true', help='leave out tests that are marked slow, and say so')
+        '--fast', action='store_true',
+        help='fewer examples for each property; say what launch_scripts/test --fast leaves out')
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -40,14 +41,6 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.register_profile('fast', suite, max_examples=20)
     chosen = [name for name in ('nightly', 'fast') if config.getoption(f'--{name}')]
     settings.load_profile(chosen[0] if chosen else 'suite')
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave slow tests out of a fast run."""
-    if config.getoption('--fast'):
-        slow = [item for item in items if item.get_closest_marker('slow')]
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if not item.get_closest_marker('slow')]
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

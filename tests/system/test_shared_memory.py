@@ -35,7 +35,7 @@ def queues(process: Process) -> list[str]:
 
 def test_an_agent_has_a_queue_in_shared_memory_and_a_simulator_has_none(
         processes: Processes) -> None:
-    """Who writes to a killed process waits for the lock of its queue, see `wire.dds.transport`."""
+    """A writer to a killed process waits for the lock of its queue, see `wire.dds.transport`."""
     world = simulator(processes)
     agent = processes.start(sys.executable, exchange_probe.__file__)
     agent.wait_for('exchange', 60.0)

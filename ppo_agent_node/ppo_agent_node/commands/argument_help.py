@@ -27,7 +27,8 @@ _WHAT = {
     'evaluate': 'Evaluates a policy: a table, evaluation.json and plots.',
     'fly': 'Lets you fly by the keys of this terminal, with the flight live in Rerun.'}
 _WHOSE = {'train': 'agent', 'fly': 'pilot'}
-_FILES = {'agent_parameters', 'agent_overrides', 'agent_settings'}
+_FILES = ('agent_parameters', 'agent_overrides', 'agent_settings')
+"""launch arguments that name parameter files of the agent, each on top of those before it"""
 
 
 def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str, str]) -> str:
@@ -110,7 +111,7 @@ def _groups(
     told: dict[str, Any] = {}
     if found.command == 'train':
         told.update(presets.preset_values(found.preset, found.world))
-        for name in _FILES & values.keys():
+        for name in _FILES:
             told.update(read_parameters(Path(values[name]), 'ppo_agent'))
     agent = agent_settings(found.command)
     for group, infos in agent.items():

@@ -31,6 +31,6 @@ class ConnectionConfig:
 
 @dataclass(frozen=True)
 class FleetConfig(ConnectionConfig):
-    """What a training is told of its simulators."""
+    """How a training finds and reaches its simulators."""
 
     simulators: str = simulators_setting()

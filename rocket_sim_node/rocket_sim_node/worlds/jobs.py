@@ -58,7 +58,7 @@ class Snapshot:
 
 
 Command = Reset | Restore | Snapshot | NDArray[Any]
-"""What a job yields; an array is an action, answered as by `VectorEnv.step`."""
+"""The commands that a job may yield. An array is an action, answered as by `VectorEnv.step`."""
 Job = Generator[Command, Any, T]
 
 
