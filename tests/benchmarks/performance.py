@@ -19,7 +19,7 @@ from ppo_agent_node.atomic_file import write_atomically
 
 _HEAD = """# Performance
 
-What the parts cost, beside their floors and beside peers. `./launch_scripts/bench performance`
+The cost of each part, beside its floor and beside peers. `./launch_scripts/bench performance`
 writes this page from the newest figures of each part, which `./launch_scripts/bench` (all parts)
 or `./launch_scripts/bench PART` measured. Figures lie in `runs/bench-DATE/PART.json`.
 

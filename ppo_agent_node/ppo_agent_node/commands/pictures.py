@@ -47,7 +47,7 @@ SCENE_PART, SCENE_TOP = 0.6, 30
 """Part of a picture's width that shows the scene, and height of the bar above it, pixels."""
 FILM_WIDTH = 480
 COMPLETE = ('policy.safetensors', 'cloned.safetensors', 'evaluation.json', 'train.jsonl')
-"""What a run has when it has ended."""
+"""Files of a run that has ended."""
 Maker = Callable[[Path, Path], Image.Image | list[Image.Image]]
 """Makes a picture, or the frames of a film, of a run's folder; the second folder is scratch."""
 
