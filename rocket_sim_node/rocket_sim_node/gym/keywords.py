@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Check of the keywords of `gymnasium.make` and `make_vec`."""
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from rocket_sim_node import worlds
+from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.settings import check
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.rocket import conditions
+
+OWN = ('seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience')
+"""Keywords of the environment; all others are settings of the world."""
+RENDER_MODES = ('rgb_array',)
+
+
+def check_names(world: str, given: Mapping[str, Any], own: tuple[str, ...] = OWN) -> None:
+    """Check that all keywords are known.
+
+    :param given: settings of the world by name, and whatever else was given.
+    :param own: the environment's keywords, for the message.
+    :raises ValueError: naming the unknown ones, those that look like them, and all expected ones.
+    """
+    known = [info.name for info in worlds.settings(world)]
+    if has_conditions(world):
+        known += ['conditions', *conditions.RANGES]
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        alike = difflib.get_close_matches(unknown[0], [*own, *known], 1)
+        meant = f' (did you mean {alike[0]!r}?)' if alike else ''
+        raise ValueError(
+            f'unknown keyword {", ".join(map(repr, unknown))}{meant}, expected '
+            f'num_envs, {", ".join(own)}, or a setting of world {world!r}: {", ".join(known)}')
+
+
+def has_conditions(world: str) -> bool:
+    """Return whether a world draws conditions."""
+    return set(conditions.FLAT_NAMES) <= {info.name for info in worlds.settings(world)}
+
+
+def autoreset_mode(value: object) -> AutoresetMode:
+    """Return the mode that an `AutoresetMode`, its name or its value denotes.
+
+    :raises ValueError: for any but SAME_STEP and NEXT_STEP.
+    """
+    for mode in (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP):
+        if value in (mode, mode.name, mode.value):
+            return mode
+    raise ValueError(f'autoreset_mode: got {value!r}, expected SAME_STEP or NEXT_STEP')
+
+
+def check_render_mode(value: str | None, simulators: str) -> None:
+    """Check `render_mode`.
+
+    :raises ValueError: for an unknown one, or any over DDS.
+    """
+    if value is None:
+        return
+    if value not in RENDER_MODES:
+        raise ValueError(f'render_mode: got {value!r}, expected None or {RENDER_MODES[0]!r}')
+    if simulators:
+        raise ValueError(
+            f'render_mode: got {value!r}, expected None with simulators, which publish their '
+            'states: watch them with the node rerun_recorder')
+
+
+def split_settings(
+    spec: WorldSpec, given: Mapping[str, Any], where: str,
+) -> dict[str, Any]:
+    """Return those settings that each reset is to repeat, after checking the others.
+
+    A simulator has its settings already; a reset can change some of them.
+
+    :param given: settings by name.
+    :param where: the simulators, for messages.
+    :raises ValueError: for a setting that no reset can change, and that the simulators have at
+        another value.
+    """
+    flat = conditions.flatten(given) if has_conditions(spec.name) else dict(given)
+    changeable = worlds.reset_settings(spec.name)
+    infos = {info.name: info for info in worlds.settings(spec.name)}
+    for name, value in flat.items():
+        if name not in changeable and _number(infos[name], value) != spec.settings[name]:
+            raise ValueError(
+                f'{name}: got {value!r}, expected {spec.settings[name]:g}, the value of the '
+                f'simulators {where}, or no argument')
+    return {name: value for name, value in flat.items() if name in changeable}
+
+
+def _number(info: SettingInfo, value: object) -> float:
+    """Return a setting's value as descriptions of worlds have it: a choice is its index."""
+    checked = check(info, value)
+    return float(info.choices.index(str(checked)) if info.choices else checked)  # type: ignore[arg-type]

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A vector environment as a `VecEnv` of stable-baselines3, which must be installed."""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from rocket_sim_node.gym import episode_info
+from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
+from rocket_sim_node.worlds.base import F32
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError as _error:
+    raise ImportError(
+        'rocket_sim_node.gym.sb3 needs stable-baselines3: pip install stable-baselines3',
+    ) from _error
+
+
+class HoverslamVecEnv(VecEnv):
+    """A `HoverslamVectorEnv` for stable-baselines3.
+
+    >>> env = HoverslamVecEnv(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=256, level=7))
+    >>> PPO('MlpPolicy', env).learn(1_000_000)
+
+    The last step of an episode has in its `info` the entry `episode` (`r`, `l`), which stable-
+    baselines3 logs, `terminal_observation`, `TimeLimit.truncated` and `episode_info.NAMES`.
+    """
+
+    def __init__(self, env: Any) -> None:
+        """Use a vector environment, and close it with this one.
+
+        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP.
+        :raises ValueError: for any other environment.
+        """
+        if not isinstance(env, HoverslamVectorEnv) or (
+                env.metadata['autoreset_mode'] is not AutoresetMode.SAME_STEP):
+            raise ValueError(
+                f'env: got {env}, expected a HoverslamVectorEnv with autoreset_mode SAME_STEP')
+        self.env = env
+        self._actions: NDArray[Any] = np.zeros(0)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+
+    def reset(self) -> F32:
+        """Begin new episodes, with the seed of `seed` and the options of `set_options`, once."""
+        observation, _ = self.env.reset(seed=self._seeds[0], options=self._options[0])
+        self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take the actions of the next step."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[F32, F32, NDArray[np.bool_], list[dict[str, Any]]]:
+        """Advance all environments by one step."""
+        observation, reward, terminated, truncated, info = self.env.step(self._actions)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        done = terminated | truncated
+        if info:
+            final = info['final_info']
+            for row in np.flatnonzero(done).tolist():
+                figures = {name: final[name][row].item() for name in episode_info.NAMES}
+                infos[row] = {
+                    **figures, 'terminal_observation': info['final_obs'][row],
+                    'TimeLimit.truncated': bool(truncated[row] and not terminated[row]),
+                    'episode': {'r': figures['episode_return'], 'l': figures['episode_length']}}
+        return observation, reward, done, infos
+
+    def close(self) -> None:
+        """Close the vector environment."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Return a picture of each environment."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the vector environment, once for each of the environments."""
+        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the vector environment.
+
+        :raises ValueError: when it is not for all environments, which share it.
+        """
+        if len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f'indices: got {indices!r}, expected None: all share {attr_name!r}')
+        setattr(self.env, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any,
+    ) -> list[Any]:
+        """Call a method of the vector environment once, and return its result for each."""
+        result = getattr(self.env, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Return False for each environment: they have no wrappers of their own."""
+        chosen: Iterable[int] = self._get_indices(indices)
+        return [False for _ in chosen]

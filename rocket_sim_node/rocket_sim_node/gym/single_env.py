@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One rocket as an environment of Gymnasium."""
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from rocket_sim_node.gym import keywords
+from rocket_sim_node.gym.vector_env import Frame
+from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
+from rocket_sim_node.worlds.base import F32
+
+METADATA: dict[str, Any] = {'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50}
+
+
+class HoverslamEnv(gymnasium.Env[F32, Any]):
+    """One rocket; `gymnasium.make` creates it.
+
+    Observations are `(D,)` float32, actions `(A,)` float32 or a whole number. The last step's
+    `info` has the statistics `episode_info.NAMES`. A `reset` without a seed begins the next
+    episode of the current one, so equal seeds give the episodes of the first environment of a
+    :class:`HoverslamVectorEnv`. Vector environments are several hundred times as fast.
+    """
+
+    metadata: dict[str, Any] = METADATA
+
+    def __init__(
+        self, world: str, *, seed: int | None = None, render_mode: str | None = None,
+        simulators: str = '', patience: float = 60.0, **settings: Any,
+    ) -> None:
+        """Create the world, or connect to a simulator that has one rocket.
+
+        :param world: name of the world; :class:`HoverslamVectorEnv` says what the others are.
+        :raises ValueError: for an unknown keyword, or a value that is out of range.
+        """
+        keywords.check_names(world, settings, ('seed', 'render_mode', 'simulators', 'patience'))
+        self._envs = HoverslamVectorEnv(
+            world, 1, seed=seed, render_mode=render_mode, simulators=simulators,
+            patience=patience, **settings)
+        self.world_spec = self._envs.world_spec
+        """The shape of the world: columns, outcomes, constants."""
+        self.render_mode = render_mode
+        self.metadata = {**METADATA, 'render_fps': self._envs.metadata['render_fps']}
+        self.observation_space = self._envs.single_observation_space
+        self.action_space = self._envs.single_action_space
+        self._next: NDArray[np.float32] | None = None
+        """First observation of the episode that follows the one that has just ended."""
+        self._options: dict[str, Any] = {}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None,
+    ) -> tuple[F32, dict[str, Any]]:
+        """Begin an episode; see `HoverslamVectorEnv.reset`."""
+        super().reset(seed=seed)
+        options = dict(options or {})
+        first, self._next = self._next, None
+        if first is None or seed is not None or options != self._options:
+            observation, _ = self._envs.reset(seed=seed, options=options)
+            first = observation[0]
+        self._options = options
+        return first, {}
+
+    def step(self, action: Any) -> tuple[F32, float, bool, bool, dict[str, Any]]:
+        """Advance by one step; see `HoverslamVectorEnv.step`."""
+        if self._next is not None:
+            raise gymnasium.error.ResetNeeded('step: the episode has ended, expected a reset')
+        observation, reward, terminated, truncated, info = self._envs.step(
+            np.asarray(action)[None])
+        last = observation[0]
+        found = {}
+        if info:
+            self._next, last = last, info['final_obs'][0]
+            found = {
+                name: values[0].item() for name, values in info['final_info'].items()
+                if not name.startswith('_')}
+        return last, float(reward[0]), bool(terminated[0]), bool(truncated[0]), found
+
+    def render(self) -> Frame | None:
+        """Return a picture `(height, width, 3)` uint8; None without `render_mode`."""
+        if self._next is not None:
+            return self._envs.render_end()
+        frames = self._envs.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Let go of the world, or release the simulator; may be called again."""
+        self._envs.close()

@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A world as a vector environment of Gymnasium, in this process or over DDS."""
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from typing import Any
+from typing import Protocol
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from rocket_sim_node import worlds
+from rocket_sim_node.gym import episode_info
+from rocket_sim_node.gym import keywords
+from rocket_sim_node.gym import spaces
+from rocket_sim_node.gym.rendering import Camera
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.actions import idle_action
+from rocket_sim_node.worlds.base import F32
+from rocket_sim_node.worlds.base import Bools
+from rocket_sim_node.worlds.base import SimulatedWorld
+
+Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
+Frame = NDArray[np.uint8]
+METADATA: dict[str, Any] = {
+    'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50,
+    'autoreset_mode': AutoresetMode.SAME_STEP}
+"""Metadata of the class; each instance has its own frames per second and mode."""
+
+
+class _World(Protocol):
+    """Interface that a world and simulators share; see `worlds.VectorEnv`."""
+
+    @property
+    def spec(self) -> WorldSpec: ...
+
+    def reset(self, seed: int | None = None, **settings: Any) -> F32: ...
+
+    def step(self, action: NDArray[Any]) -> Step: ...
+
+
+class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[Any]]):
+    """N rockets as one vector environment; `gymnasium.make_vec` creates it.
+
+    Observations are `(N, D)` float32, rewards `(N,)` float32, actions `(N, A)` float32 or `(N,)`
+    whole numbers. Continuous actions beyond their bounds are clipped.
+
+    With autoreset mode SAME_STEP, the default, an environment whose episode ends begins the next
+    one in the same step. `info` then has `final_obs`, `final_info` and their masks `_final_obs`
+    and `_final_info`; `final_info` has the statistics `episode_info.NAMES`, dense, `(N,)` each.
+
+    With NEXT_STEP the step that ends an episode returns its last observation, and its statistics
+    in `info` itself. The next step ignores the environment's action and returns reward 0 and an
+    observation of the next episode. Since all rockets step together, that observation is one
+    step after the start, with the engine off; neither return nor length of the episode count that
+    step. (An episode that ends within it is not reported, and the next one's start is returned.)
+
+    Each start is a function of (seed, row, number of the episode): equal seeds and actions give
+    equal bits, in process and with one simulator over DDS.
+    """
+
+    metadata: dict[str, Any] = METADATA
+
+    def __init__(
+        self, world: str, num_envs: int = 1, *, seed: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        render_mode: str | None = None, simulators: str = '', patience: float = 60.0,
+        **settings: Any,
+    ) -> None:
+        """Create the world, or connect to simulators.
+
+        :param world: name of the world.
+        :param num_envs: N; over DDS, of all simulators together.
+        :param seed: seed of the first reset that has none of its own, 0 to 2**63 - 1; None: drawn
+            by the operating system.
+        :param autoreset_mode: SAME_STEP or NEXT_STEP.
+        :param render_mode: `rgb_array` (in process only) or None.
+        :param simulators: namespaces of the simulators to fly, such as `/sim_*`; empty: in this
+            process. Simulator k, in the order of their names, is reset with seed + k.
+        :param patience: seconds to wait for a simulator's answer.
+        :param settings: of the world, as `worlds.make` takes them. Over DDS, those that a reset
+            can change are sent with each reset, and the simulators must have the others.
+        :raises ValueError: for an unknown keyword, or a value that is out of range.
+        :raises ImportError: when `simulators` is given and ROS 2 is missing.
+        :raises TimeoutError: when there are not enough simulators.
+        """
+        keywords.check_names(world, settings)
+        keywords.check_render_mode(render_mode, simulators)
+        mode = keywords.autoreset_mode(autoreset_mode)
+        self._world: _World | None = None
+        self._simulated: SimulatedWorld | None = None
+        self._reset_settings: dict[str, Any] = {}
+        if simulators:
+            self._world = _over_dds(world, num_envs, simulators, patience)
+            try:
+                self._reset_settings = keywords.split_settings(
+                    self._world.spec, settings, simulators)
+            except BaseException:
+                self.close_extras()
+                raise
+        else:
+            self._world = self._simulated = worlds.make(
+                world, num_envs, 0 if seed is None else seed, **settings)
+        spec = self._world.spec
+        self.num_envs = spec.num_envs
+        self.world_spec = spec
+        """The shape of the world: columns, outcomes, constants."""
+        self.render_mode = render_mode
+        self.metadata = {
+            **METADATA, 'render_fps': round(1 / spec.dt), 'autoreset_mode': mode}
+        self.single_observation_space = spaces.observation_space(spec)
+        self.single_action_space = spaces.action_space(spec)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._camera = None if render_mode is None else Camera(spec)
+        self._same_step = mode is AutoresetMode.SAME_STEP
+        self._seed, self._begun = seed, False
+        self._idle = idle_action(spec)
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        """With NEXT_STEP, which environments begin an episode at the next step."""
+        self._skipped_reward = np.zeros(self.num_envs)
+        self._skipped = np.zeros(self.num_envs, np.int64)
+        """With NEXT_STEP, reward and steps of the current episodes that were not returned."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None,
+    ) -> tuple[F32, dict[str, Any]]:
+        """Begin new episodes of all environments; return observation `(N, D)` and no info.
+
+        :param seed: of the starts, 0 to 2**63 - 1; None: the next episodes of the current seed.
+        :param options: settings that a reset may change, such as `level` and `conditions`
+            (`worlds.reset_settings`), until the next reset.
+        :raises ValueError: for an unknown option or a value that is out of range.
+        """
+        world = self._open()
+        options = dict(options or {})
+        if 'reset_mask' in options:
+            raise ValueError(
+                "options: got 'reset_mask', expected none: an ended episode is followed by the "
+                'next one at once, and a single environment cannot be reset')
+        if isinstance(seed, list | tuple | np.ndarray):
+            raise ValueError(f'seed: got {seed!r:.80}, expected one whole number or None')
+        super().reset(seed=seed)
+        if seed is None and not self._begun:
+            seed = self._seed
+            if seed is None:
+                seed = int(self.np_random.integers(2**62))
+        observation = world.reset(seed, **{**self._reset_settings, **options})
+        self._begun = True
+        self._ended[:] = False
+        self._skipped_reward[:] = self._skipped[:] = 0
+        return observation, {}
+
+    def step(self, actions: NDArray[Any]) -> Step:
+        """Advance all environments by one step.
+
+        :param actions: `(N, A)` numbers, or `(N,)` whole numbers.
+        :return: observation, reward, terminated, truncated, info.
+        :raises ValueError: for actions of a wrong shape or type, or that are not finite.
+        :raises EnvironmentRestarted: when a simulator is in another session; `reset` goes on.
+        """
+        world = self._open()
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded('step: got no reset before it, expected one')
+        if not self._same_step:
+            return self._step_next(world, np.asarray(actions))
+        observation, reward, terminated, truncated, info = world.step(np.asarray(actions))
+        found = {}
+        if len(info['final_rows']):
+            found = episode_info.final(
+                info['episodes'], info['final_observation'], self.num_envs)
+        return observation, reward, terminated, truncated, found
+
+    def _step_next(self, world: _World, actions: NDArray[Any]) -> Step:
+        """Advance all environments with autoreset mode NEXT_STEP."""
+        begins = self._ended
+        if begins.any() and actions.shape == self.action_space.shape:
+            actions = np.where(
+                begins.reshape(-1, *[1] * (actions.ndim - 1)), self._idle.astype(actions.dtype),
+                actions)
+        observation, reward, terminated, truncated, info = world.step(actions)
+        # Rows whose episode ended within the step that is spent on the reset begin one more.
+        rows = info['final_rows']
+        again = begins & (terminated | truncated)
+        self._skipped_reward[begins] = np.where(again, 0.0, reward)[begins]
+        self._skipped[begins] = ~again[begins]
+        reward[begins] = 0.0
+        terminated[begins] = truncated[begins] = False
+        reported = np.flatnonzero(~begins[rows])
+        found: dict[str, Any] = {}
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        if reported.size:
+            episodes = info['episodes'].take(reported)
+            row = episodes.row
+            observation[row] = info['final_observation'][reported]
+            found = episode_info.dense(replace(
+                episodes, episode_return=episodes.episode_return - self._skipped_reward[row],
+                length=episodes.length - self._skipped[row]), self.num_envs)
+            self._ended[row] = True
+            self._skipped_reward[row] = self._skipped[row] = 0
+        return observation, reward, terminated, truncated, found
+
+    def render(self) -> tuple[Frame, ...] | None:
+        """Return a picture of each environment, `(height, width, 3)` uint8; None without a mode.
+
+        With NEXT_STEP, an environment whose episode has ended is shown at its end.
+        """
+        self._open()
+        if self._camera is None or self._simulated is None:
+            return None
+        states = self._simulated.telemetry(slice(None))
+        frames = [self._camera.frame(states, index) for index in range(self.num_envs)]
+        if self._ended.any():
+            ends = self._simulated.finished
+            for index, row in enumerate(ends.row.tolist()):
+                if self._ended[row]:
+                    frames[row] = self._camera.frame(ends, index)
+        return tuple(frames)
+
+    def render_end(self) -> Frame | None:
+        """Return a picture of the first environment at the end of its last episode.
+
+        It must have ended at the last step.
+        """
+        self._open()
+        if self._camera is None or self._simulated is None:
+            return None
+        return self._camera.frame(self._simulated.finished, 0)
+
+    def close_extras(self, **_: Any) -> None:
+        """Let go of the world, or release the simulators; `close` calls this once."""
+        world, self._world, self._simulated = self._world, None, None
+        close = getattr(world, 'close', None)
+        if close is not None:
+            close()
+
+    def _open(self) -> _World:
+        if self._world is None:
+            raise gymnasium.error.ClosedEnvironmentError('the environment is closed')
+        return self._world
+
+
+def _over_dds(world: str, num_envs: int, simulators: str, patience: float) -> Any:
+    """Return the simulators as a world.
+
+    :raises ImportError: when ROS 2 is missing.
+    """
+    try:
+        # By name, as this module is imported without ROS 2 too.
+        over_dds = importlib.import_module('rocket_sim_node.gym.over_dds')
+    except ModuleNotFoundError as error:
+        raise ImportError(
+            f'simulators: got {simulators!r}, expected nothing without ROS 2: '
+            f'module {error.name!r} is missing') from error
+    return over_dds.Simulators(world, num_envs, simulators, patience)

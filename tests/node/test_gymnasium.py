@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gymnasium's environments over DDS are those in process, bit for bit."""
+from __future__ import annotations
+
+import hashlib
+from contextlib import nullcontext
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from support.processes import Processes
+
+import rocket_sim_node.gym
+from rocket_sim_node.gym import over_dds as over_dds_module
+
+NAME = rocket_sim_node.gym.IDS['rocket']
+N, STEPS = 4, 200
+LOW = {'spawn_reach': 15.0}
+
+
+@pytest.fixture
+def over_dds(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Environments of two simulators, and a function that makes more."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(processes.domain))
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    # Fast DDS reads its profile once per process, and nodes of other tests came first.
+    monkeypatch.setattr(over_dds_module, 'prepared', nullcontext)
+    for number in range(2):
+        processes.run_node(
+            'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',), num_envs=N)
+    made = []
+
+    def make(num_envs: int = N, simulators: str = '/sim_0', **keywords: Any) -> Any:
+        made.append(gymnasium.make_vec(
+            NAME, num_envs=num_envs, simulators=simulators, patience=20.0, **keywords))
+        return made[-1]
+
+    yield make
+    for envs in made:
+        envs.close()
+
+
+def in_process(**keywords: Any) -> Any:
+    return gymnasium.make_vec(NAME, num_envs=N, **LOW, **keywords)
+
+
+def weights(envs: Any) -> str:
+    """Return the hash of the weights after a short training."""
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from rocket_sim_node.gym.sb3 import HoverslamVecEnv
+
+    model = PPO('MlpPolicy', VecNormalize(HoverslamVecEnv(envs)), n_steps=128, batch_size=128,
+                n_epochs=2, seed=3, device='cpu').learn(2048)
+    found = hashlib.sha256()
+    for tensor in model.policy.state_dict().values():
+        found.update(tensor.numpy().tobytes())
+    return found.hexdigest()
+
+
+def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
+    ours = over_dds(**LOW)
+    theirs = in_process()
+    assert ours.observation_space == theirs.observation_space
+    ended = _compare([ours], [theirs], [7])
+    assert ended
+
+    # Two simulators as one batch: the second is reset with the next seed.
+    ours.close()
+    both = over_dds(2 * N, '/sim_*', **LOW)
+    assert _compare([both], [in_process(), in_process()], [7, 8])
+
+    with pytest.raises(ValueError, match=r'max_thrust: got 5\.0, expected 470880, as the sim'):
+        over_dds(simulators='/sim_0', max_thrust=5.0)
+    with pytest.raises(ValueError, match='num_envs: got 3, expected a multiple of 4'):
+        over_dds(3)
+
+
+def _compare(ours: list[Any], theirs: list[Any], seeds: list[int]) -> int:
+    """Fly both and compare; return how many episodes ended."""
+    envs, = ours
+    first = [one.reset(seed=seed)[0] for one, seed in zip(theirs, seeds, strict=True)]
+    np.testing.assert_array_equal(envs.reset(seed=seeds[0])[0], np.concatenate(first))
+    envs.action_space.seed(3)
+    ended = 0
+    for _ in range(STEPS):
+        action = envs.action_space.sample()
+        *got, info = envs.step(action)
+        answers = [one.step(part) for one, part in zip(
+            theirs, np.split(action, len(theirs)), strict=True)]
+        for index, values in enumerate(got):
+            expected = np.concatenate([answer[index] for answer in answers])
+            np.testing.assert_array_equal(values, expected)
+            assert values.flags.writeable
+        for k, answer in enumerate(answers):
+            for name, values in answer[4].get('final_info', {}).items():
+                seen = info['final_info'][name][k * N:(k + 1) * N]
+                np.testing.assert_array_equal(seen, values)
+                ended += name == '_outcome' and int(values.sum())
+    return ended
+
+
+def test_weights_of_stable_baselines3_are_those_in_process(over_dds: Any) -> None:
+    pytest.importorskip('stable_baselines3')
+    assert weights(over_dds(seed=5, **LOW)) == weights(in_process(seed=5))

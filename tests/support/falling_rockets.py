@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator in the process of a test: rockets that fall, and messages under its control."""
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from rocket_sim_node.telemetry.capture import Telemetry
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.worlds import make
+from support.processes import wait_until
+
+ROCKETS = 2
+FALL = 317
+"""samples of a fall from the spawn height to the ground"""
+
+
+class Simulator:
+    """Publishes rockets that fall, as a simulator would."""
+
+    def __init__(self, domain: int, rockets: int = ROCKETS) -> None:
+        """Join a domain of this machine, see `ROS_AUTOMATIC_DISCOVERY_RANGE`."""
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self._rockets = rockets
+        self._node = node = Node('simulator', context=self.context)
+        self._world = make('rocket', rockets, level=1, spawn_angle=1.0)
+        self.description = node.create_publisher(msg.World, 'world', qos.WORLD)
+        self.state = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
+        self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
+        self._session = 0
+
+    def end(self) -> None:
+        """Leave the graph."""
+        if self.context.ok():
+            self._node.destroy_node()  # what it latched would outlive its context
+            rclpy.shutdown(context=self.context)
+
+    def take(self, world: str) -> None:
+        """Go on with another world."""
+        self._world = make(world, self._rockets)
+
+    def begin(self, training: bool = True) -> None:
+        """Begin a session, when somebody listens.
+
+        :param training: whether somebody is to listen to that topic, too.
+        """
+        wait_until(
+            lambda: self.state.get_subscription_count() > 0
+            and (not training or self.training.get_subscription_count() > 0), 20.0)
+        self._session += 1
+        self.description.publish(
+            conversion.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
+        self._world.reset(self._session)
+        self._step = 0
+        self._parts: list[tuple[int, np.ndarray]] = []
+        self._add()
+
+    def _add(self) -> None:
+        for captured in (self._world.captured_ends, self._world.capture(slice(self._rockets))):
+            self._parts.append((self._step, captured))
+
+    def telemetry(self) -> Telemetry:
+        """Return the state of all rockets."""
+        return self._world.telemetry(np.arange(self._rockets))
+
+    def skip(self, steps: int) -> None:
+        """Fly for some steps whose states are lost."""
+        state, self.state = self.state, SimpleNamespace(publish=lambda message: None)
+        self.fall(steps)
+        self.state = state
+
+    def fall(self, steps: int) -> None:
+        """Fly for some steps and publish the states, 25 steps to a message."""
+        spec = self._world.spec
+        idle = (
+            np.tile(np.float32(spec.action_idle), (self._rockets, 1)) if spec.continuous
+            else np.full(self._rockets, spec.action_idle[0], np.int32))
+        for _ in range(steps):
+            self._world.step(idle)
+            self._step += 1
+            self._add()
+        for start in range(0, len(self._parts), 25):
+            parts = self._parts[start:start + 25]
+            step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
+            telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
+            self.state.publish(
+                conversion.state_to_message(step, telemetry, self._session))
+        self._parts = []

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The worlds as Gymnasium environments: its checks, its forms, and the flights of our worlds."""
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector import SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from rocket_sim_node import worlds
+from rocket_sim_node.gym import IDS
+
+N, STEPS = 3, 400
+LOW = {'spawn_reach': 15.0}
+"""Starts so low that many episodes end within the steps of a test."""
+
+
+def make(name: str = 'hoverslam/Rocket-v1', **keywords: Any) -> Any:
+    return gymnasium.make_vec(name, **{'num_envs': N, 'seed': 1, **LOW, **keywords})
+
+
+def fly(envs: Any, steps: int = STEPS) -> list[Any]:
+    """Return what steps with random actions return."""
+    envs.action_space.seed(3)
+    return [envs.step(envs.action_space.sample()) for _ in range(steps)]
+
+
+def assert_equal(ours: Any, theirs: Any) -> None:
+    """Compare two infos, as deep as they go."""
+    assert type(ours) is type(theirs)
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys()
+        for name, value in ours.items():
+            assert_equal(value, theirs[name])
+    elif ours.dtype == object:
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(one, other)
+    else:
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.filterwarnings('ignore:.*Box observation space')
+@pytest.mark.parametrize('name', IDS.values())
+def test_single_environments_pass_gymnasiums_check(name: str) -> None:
+    check_env(gymnasium.make(name, render_mode='rgb_array').unwrapped)
+
+
+@pytest.mark.parametrize('keywords', [
+    {}, {'observation': 'extended', 'conditions': 'harsh'}, {'observation_limit': 0.5}])
+def test_observations_stay_within_their_space(keywords: dict[str, Any]) -> None:
+    envs = make(**keywords)
+    first, info = envs.reset()
+    assert info == {}
+    assert envs.observation_space.contains(first)
+    assert all(envs.observation_space.contains(step[0]) for step in fly(envs))
+    limit = keywords.get('observation_limit', 5.0)
+    assert envs.single_observation_space.high[:15].tolist() == [limit] * 15
+
+
+def test_commands_of_the_past_are_bounded_as_actions_are() -> None:
+    high = make(observation='extended').single_observation_space.high
+    assert high.tolist() == [5.0] * 15 + [1.0] * 15 + [5.0] * 6
+
+
+@pytest.mark.parametrize(('world', 'name'), IDS.items())
+def test_flights_are_those_of_the_world(world: str, name: str) -> None:
+    settings = {} if world == 'lunar_lander' else LOW
+    envs = gymnasium.make_vec(name, num_envs=N, **settings)
+    ours = worlds.make(world, N, 7, **settings)
+    np.testing.assert_array_equal(envs.reset(seed=7)[0], ours.reset(7))
+    envs.action_space.seed(3)
+    ended = 0
+    for _ in range(STEPS):
+        action = envs.action_space.sample()
+        *got, info = envs.step(action)
+        *expected, told = ours.step(action)
+        for one, other in zip(got, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        rows = told['final_rows']
+        assert bool(info) == bool(len(rows))
+        for row, last in zip(rows.tolist(), told['final_observation'], strict=True):
+            np.testing.assert_array_equal(info['final_obs'][row], last)
+            figures, ended = info['final_info'], ended + 1
+            episode = told['episodes'].take(told['episodes'].row == row)
+            assert figures['episode_return'][row] == episode.episode_return[0]
+            assert figures['tilt'][row] == episode.tilt[0]
+    assert ended
+
+
+@pytest.mark.parametrize('mode', [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+def test_infos_have_the_form_of_gymnasiums_own(mode: AutoresetMode) -> None:
+    """One rocket as ours, and as Gymnasium makes a vector environment of single ones."""
+    ours = make(num_envs=1, autoreset_mode=mode)
+    theirs = SyncVectorEnv(
+        [lambda: gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW)], autoreset_mode=mode)
+    theirs.reset(seed=1)
+    ours.reset(seed=1)
+    found = False
+    for one, other in zip(fly(ours), fly(theirs), strict=True):
+        if found and mode is AutoresetMode.NEXT_STEP:
+            return  # the next episode begins one step late in ours
+        assert_equal(one[4], other[4])
+        found |= bool(one[4])
+        for index in range(4):
+            np.testing.assert_array_equal(one[index], other[index])
+    assert found
+
+
+def test_next_step_returns_the_last_observation_and_then_begins() -> None:
+    envs, world = make(autoreset_mode='NEXT_STEP'), worlds.make('rocket', N, 1, **LOW)
+    counted = RecordEpisodeStatistics(envs)
+    counted.reset(seed=1)
+    world.reset(1)
+    envs.action_space.seed(3)
+    ended = np.zeros(N, np.bool_)
+    found = 0
+    for _ in range(STEPS):
+        action = envs.action_space.sample()
+        observation, reward, terminated, truncated, info = counted.step(action)
+        action[ended] = world.spec.action_idle
+        _, _, _, _, told = expected = world.step(action)
+        assert (reward[ended] == 0).all() and not (terminated | truncated)[ended].any()
+        np.testing.assert_array_equal(observation[ended], expected[0][ended])
+        ended = terminated | truncated
+        if ended.any():
+            rows = np.flatnonzero(ended)
+            found += len(rows)
+            last = told['final_observation'][np.isin(told['final_rows'], rows)]
+            np.testing.assert_array_equal(observation[rows], last)
+            np.testing.assert_allclose(
+                info['episode_return'][rows], info['episode']['r'][rows], rtol=1e-5)
+            np.testing.assert_array_equal(
+                info['episode_length'][rows], info['episode']['l'][rows])
+            assert info['_tilt'].tolist() == ended.tolist()
+    assert found > N
+
+
+def test_same_step_counts_as_gymnasiums_wrapper_does() -> None:
+    envs = RecordEpisodeStatistics(make())
+    envs.reset(seed=1)
+    ends = [step[4] for step in fly(envs) if step[4]]
+    assert ends
+    for info in ends:
+        np.testing.assert_allclose(
+            info['final_info']['episode_return'], info['episode']['r'], rtol=1e-5)
+        np.testing.assert_array_equal(info['final_info']['episode_length'], info['episode']['l'])
+
+
+def test_seeds() -> None:
+    first = make().reset()[0]
+    np.testing.assert_array_equal(first, make().reset()[0])
+    np.testing.assert_array_equal(first, make(seed=None).reset(seed=1)[0])
+    assert (first != make(seed=None).reset()[0]).any()
+    envs = make()
+    envs.reset()
+    assert (first != envs.reset()[0]).any()
+    np.testing.assert_array_equal(first, envs.reset(seed=1)[0])
+
+
+def test_options_last_until_the_next_reset() -> None:
+    envs = gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, level=7)
+    seventh = envs.reset(seed=1)[0]
+    first = envs.reset(seed=1, options={'level': 1, 'conditions': 'mix'})[0]
+    assert (first != seventh).any()
+    np.testing.assert_array_equal(envs.reset(seed=1)[0], seventh)
+
+
+def test_a_single_environment_flies_the_episodes_of_the_first_row() -> None:
+    env, envs = gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW), make(num_envs=1)
+    observation, _ = env.reset(seed=1)
+    envs.reset(seed=1)
+    envs.action_space.seed(3)
+    for _ in range(STEPS):
+        action = envs.action_space.sample()
+        seen, *_ = envs.step(action)
+        observation, _, terminated, truncated, info = env.step(action[0])
+        if terminated or truncated:
+            assert info['episode_length'] > 0 and isinstance(info['is_success'], bool)
+            with pytest.raises(gymnasium.error.ResetNeeded):
+                env.unwrapped.step(action[0])
+            observation, _ = env.reset()
+        np.testing.assert_array_equal(observation, seen[0])
+
+
+def test_pictures_show_the_end_of_an_episode() -> None:
+    env = gymnasium.make('hoverslam/Rocket-v1', render_mode='rgb_array', seed=1, **LOW)
+    env.reset()
+    first = env.render()
+    assert first.shape == (500, 400, 3) and first.dtype == np.uint8
+    done, last = False, first
+    while not done:
+        before = last
+        _, _, terminated, truncated, _ = env.step(np.array([-1.0, 0.0, 0.0], np.float32))
+        done, last = terminated or truncated, env.render()
+    # The next episode has begun in the world: its start would look quite different.
+    assert np.abs(last.astype(int) - before).mean() < np.abs(last.astype(int) - first).mean()
+
+
+def test_closing_is_final_and_may_be_repeated() -> None:
+    envs = make()
+    envs.reset()
+    envs.close()
+    envs.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        envs.step(np.zeros((N, 3), np.float32))
+
+
+@pytest.mark.parametrize(('keywords', 'message'), [
+    ({'levle': 7}, "unknown keyword 'levle' (did you mean 'level'?), expected num_envs, seed,"),
+    ({'autoreset_mode': 'DISABLED'}, "got 'DISABLED', expected SAME_STEP or NEXT_STEP"),
+    ({'render_mode': 'human'}, "render_mode: got 'human', expected None or 'rgb_array'"),
+    ({'simulators': '/sim', 'render_mode': 'rgb_array'}, 'watch them with the node'),
+    ({'level': 9}, 'level: got 9, expected 1 to 8'),
+    ({'num_envs': 0}, 'num_envs: got 0'),
+])
+def test_bad_keywords_are_named(keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make(**keywords)
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    ({'options': {'levle': 7}}, "unknown setting 'levle', expected level"),
+    ({'options': {'reset_mask': np.ones(N, bool)}}, "got 'reset_mask', expected none"),
+    ({'seed': [1, 2, 3]}, 'seed: got [1, 2, 3], expected one whole number or None'),
+])
+def test_bad_resets_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make().reset(**arguments)
+
+
+def test_the_entry_point_registers() -> None:
+    from importlib.metadata import EntryPoint
+
+    setup = (__file__.partition('/tests/')[0]) + '/rocket_sim_node/setup.py'
+    with open(setup) as file:
+        value = re.search(r"'gymnasium.envs': \['hoverslam = ([\w.:]+)'\]", file.read())[1]
+    EntryPoint('hoverslam', value, 'gymnasium.envs').load()()
+    assert set(IDS.values()) <= set(gymnasium.registry)

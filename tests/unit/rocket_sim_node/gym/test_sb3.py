@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The adapter for stable-baselines3, where that is installed."""
+from __future__ import annotations
+
+import builtins
+import importlib
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rocket_sim_node.gym import IDS
+
+N = 3
+LOW = {'spawn_reach': 15.0}
+
+
+def make(**keywords: Any) -> Any:
+    pytest.importorskip('stable_baselines3')
+    from rocket_sim_node.gym.sb3 import HoverslamVecEnv
+
+    return HoverslamVecEnv(gymnasium.make_vec(
+        'hoverslam/Rocket-v1', **{'num_envs': N, 'seed': 1, **LOW, **keywords}))
+
+
+def fly(env: Any, steps: int = 300) -> list[Any]:
+    random = np.random.default_rng(3)
+    return [env.step(random.uniform(-1, 1, (N, 3)).astype(np.float32)) for _ in range(steps)]
+
+
+@pytest.mark.filterwarnings('ignore::UserWarning')
+@pytest.mark.parametrize('name', IDS.values())
+def test_single_environments_pass_its_check(name: str) -> None:
+    pytest.importorskip('stable_baselines3')
+    from stable_baselines3.common.env_checker import check_env
+
+    check_env(gymnasium.make(name, render_mode='rgb_array'))
+
+
+def test_infos_of_ended_episodes_agree_with_vec_monitor() -> None:
+    ours = make()
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    theirs = VecMonitor(make())
+    np.testing.assert_array_equal(ours.reset(), theirs.reset())
+    ended = 0
+    for one, other in zip(fly(ours), fly(theirs), strict=True):
+        for mine, monitored in zip(one[3], other[3], strict=True):
+            assert mine.keys() == monitored.keys()
+            if mine:
+                ended += 1
+                assert mine['episode']['r'] == pytest.approx(monitored['episode']['r'], abs=1e-4)
+                assert mine['episode']['l'] == monitored['episode']['l']
+                assert mine['terminal_observation'].shape == (15,)
+                assert mine['TimeLimit.truncated'] is False
+        assert [bool(info) for info in one[3]] == one[2].tolist()
+    assert ended > N
+
+
+def test_vec_normalize_wraps_it() -> None:
+    env = make()
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    normalised = VecNormalize(env)
+    normalised.reset()
+    seen = np.concatenate([step[0] for step in fly(normalised)])
+    assert np.isfinite(seen).all()
+    assert normalised.obs_rms.count == pytest.approx(301 * N, abs=1)
+    normalised.close()
+
+
+def test_seed_and_options_reach_the_next_reset() -> None:
+    env = make(seed=None)
+    env.seed(5)
+    first = env.reset()
+    other = env.reset()
+    env.seed(5)
+    np.testing.assert_array_equal(env.reset(), first)
+    assert (other != first).any()
+    env.seed(5)
+    env.set_options({'level': 1})
+    assert (env.reset() != first).any()
+
+
+def test_only_same_step_will_do() -> None:
+    with pytest.raises(ValueError, match='autoreset_mode SAME_STEP'):
+        make(autoreset_mode='NEXT_STEP')
+
+
+def test_a_missing_library_is_named_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith('stable_baselines3'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+        return real(name, *rest)
+
+    monkeypatch.delitem(sys.modules, 'rocket_sim_node.gym.sb3', raising=False)
+    monkeypatch.setattr(builtins, '__import__', without)
+    with pytest.raises(ImportError, match='pip install stable-baselines3'):
+        importlib.import_module('rocket_sim_node.gym.sb3')
