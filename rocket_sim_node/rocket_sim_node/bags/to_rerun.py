@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Conversion of a bag to a recording for Rerun: `python -m rocket_sim_node.bags.to_rerun BAG`."""
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rocket_sim_node.bags.reader import STATE
+from rocket_sim_node.bags.reader import TRAINING
+from rocket_sim_node.bags.reader import WORLD
+from rocket_sim_node.bags.reader import messages
+from rocket_sim_node.recording.drawing.training_plots import training_of
+from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.file_sink import FileSink
+from rocket_sim_node.recording.sinks.rerun_program import ViewerError
+from rocket_sim_node.recording.trajectories import touchdown
+from rocket_sim_node.recording.trajectories.filter import RecordingFilter
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.samples import samples_of
+
+_TICK = 1_000_000_000
+"""ns of the bag's time between two looks at what has waited long enough."""
+
+
+def convert(
+    bag: Path, output: Path, selection: RecordingFilter, note: Note, namespace: str = '',
+) -> int:
+    """Write the flights and the training of a bag as `rerun_recorder` would have.
+
+    :param bag: folder of the bag, or its file.
+    :param output: the recording, .rrd.
+    :param selection: the flights wanted.
+    :param namespace: of the simulator, such as /sim_0.
+    :return: number of flights.
+    :raises ValueError: when it is no bag, or is damaged.
+    :raises OSError: when the recording cannot be written.
+    """
+    space = namespace.rstrip('/')
+    now = 0
+    recorder = Recorder(
+        selection, [FileSink(output.absolute(), note)], note, clock=lambda: now / 1e9,
+        settle=touchdown.follow)
+    looked = 0
+    try:
+        for one in messages(bag, types=(WORLD, STATE, TRAINING)):
+            now = one.received
+            if one.type_name == TRAINING:
+                recorder.training(training_of(one.message))
+            elif one.topic.rpartition('/')[0] == space:
+                try:
+                    if one.type_name == WORLD:
+                        recorder.world(_info(one.message))
+                    else:
+                        recorder.states(one.message.session, samples_of(one.message))
+                except (ValueError, ArithmeticError, LookupError) as error:
+                    note('WARN', f'{one.topic} ignored: {error}')
+            if now - looked >= _TICK:
+                looked = now
+                recorder.tick()
+    finally:
+        recorder.close()
+    return recorder.flights
+
+
+def _info(message: object) -> WorldInfo:
+    """Return the properties of a world from its description.
+
+    :raises ValueError: when the description is not valid.
+    """
+    fields = vars(message)
+    dt, outcomes = float(fields['dt']), tuple(fields['outcomes'])
+    if not dt > 0.0 or not outcomes:
+        raise ValueError(f'dt {dt}, outcomes {outcomes}: expected a time and names')
+    settings = {one.name: one.value for one in (*fields['settings'], *fields['replaced'])}
+    return WorldInfo.build(
+        fields['world'], dt, outcomes, settings, tuple(fields['condition_names']))
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Convert the bag that the command line names."""
+    parser = argparse.ArgumentParser(
+        prog='python -m rocket_sim_node.bags.to_rerun',
+        description='Converts a bag (MCAP) to a recording for Rerun.')
+    parser.add_argument('bag', type=Path, help='folder of the bag, or its .mcap file')
+    parser.add_argument(
+        'output', type=Path, nargs='?', help='the recording, .rrd; default: beside the bag')
+    parser.add_argument(
+        '--namespace', default='', help='namespace of the simulator, e.g. /sim_0 (default: none)')
+    parser.add_argument(
+        '--rows', type=int, nargs='+', default=(0, 1, 2, 3), help='numbers of the rockets to show')
+    given = parser.parse_args(argv)
+    bag = Path(given.bag)
+    output = Path(given.output or bag.with_name(f'{bag.name}.rrd'))
+
+    def note(level: str, text: str) -> None:
+        sys.stderr.write(f'{text}\n' if level == 'INFO' else f'{level}: {text}\n')
+
+    try:
+        flights = convert(
+            bag, output, RecordingFilter(rows=tuple(given.rows)), note, given.namespace)
+    except (ValueError, OSError, ViewerError) as error:
+        sys.stderr.write(f'to_rerun: {error}\n')
+        return 2
+    sys.stderr.write(f'{flights} flights\n')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

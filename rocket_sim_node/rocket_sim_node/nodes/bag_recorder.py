@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Node `bag_recorder`: records topics to a bag of ROS 2 (MCAP).
+
+No other node depends on it: it may start late, fall behind, die and be restarted.
+"""
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import time
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
+from rclpy.validate_topic_name import validate_topic_name
+
+from rocket_sim_node.bags import definitions
+from rocket_sim_node.bags.bag_file import COMPRESSIONS
+from rocket_sim_node.bags.bag_file import BagFile
+from rocket_sim_node.bags.metadata import Quality
+from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.step_counts import StepCounter
+from rocket_sim_node.printable import printable
+from rocket_sim_node.settings import setting
+from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.messages.definitions import hashes
+from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.parameters import ParameterError
+from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import leave
+from rocket_sim_node.wire.node.running import run
+from rocket_sim_node.wire.node.steady_clock import STEADY
+from rocket_sim_node.wire.node.steady_clock import create_timer
+
+_SPIN_PERIOD = 0.2
+"""Seconds per spin; the events executor needs a finite time-out, for signals."""
+_LOOK = 0.25
+"""Seconds between two looks for new topics."""
+_DEPTH = 1000
+"""Messages of a topic that wait while the recorder is busy."""
+_QUIET = 0.2
+_DRAIN = 1.5
+"""When asked to stop, the recorder waits until no message came for the first time, s, and at most
+for the second."""
+_STAR = 'any_characters_'
+_NICENESS = 10
+"""Niceness relative to simulator and agent, when there are not enough cores."""
+
+
+@dataclass(frozen=True)
+class BagParameters:
+    """Parameters of the node."""
+
+    output: str = setting(
+        'bag', '', 'folder of the bag; it appears under its name at the end. An existing one is '
+        'never overwritten: the new one is numbered (-2, -3, ...)')
+    topics: str = setting(
+        '', '', 'names of the topics to record, separated by blanks or commas; * stands for any '
+        'characters. Empty: all topics except hidden ones')
+    compression: str = setting(
+        'zstd', '', 'compression of the bag', choices=tuple(COMPRESSIONS))
+
+
+class _Recorded:
+    """A topic that is being recorded."""
+
+    def __init__(self, topic: Topic) -> None:
+        """Begin before the first message."""
+        self.topic = topic
+        self.steps = StepCounter(topic.type_name)
+        self.lost = 0
+        self.profile: QoSProfile | None = None
+        self.subscription: Any = None
+
+
+class BagNode:
+    """Subscribes to topics as they appear, and writes their serialized messages to a bag."""
+
+    def __init__(self, node: Node, bag: BagFile, wanted: str) -> None:
+        """Begin without topics.
+
+        :param wanted: as parameter `topics`.
+        """
+        self._node = node
+        self._bag = bag
+        self._wanted = [
+            _absolute(node, name) for name in re.split(r'[\s,]+', wanted.strip()) if name]
+        self._recorded: dict[str, _Recorded] = {}
+        self._refused: dict[str, str] = {}
+        self.count = 0
+        """Messages received so far."""
+
+    def look(self) -> None:
+        """Subscribe to the wanted topics that are new."""
+        for name, types in self._node.get_topic_names_and_types():
+            recorded = self._recorded.get(name)
+            if (recorded is not None and recorded.topic.offered) or not self._is_wanted(name):
+                continue
+            try:
+                self._record(name, types, recorded)
+            except ValueError as error:
+                if self._refused.get(name) != str(error):
+                    self._refused[name] = str(error)
+                    self._node.get_logger().error(
+                        f'{printable(name)} ignored: {printable(str(error))}')
+        self._bag.tick()
+
+    def _is_wanted(self, name: str) -> bool:
+        if self._wanted:
+            return any(fnmatchcase(name, pattern) for pattern in self._wanted)
+        return not any(part.startswith('_') for part in name.split('/'))
+
+    def _record(self, name: str, types: list[str], recorded: _Recorded | None) -> None:
+        """Record a topic, which may have no publisher yet: then its first messages come, too.
+
+        :param recorded: the topic, if it is recorded already but had no publisher so far.
+        :raises ValueError: when its messages cannot be recorded.
+        """
+        ends = self._node.get_publishers_info_by_topic(name)
+        if recorded is not None and not ends:
+            return
+        if len(types) != 1:
+            raise ValueError(f'it has the types {", ".join(types)}, expected one')
+        kind = _class_of(types[0])
+        expected = definitions.type_hash(types[0])
+        told = {hash_ for _, hash_ in hashes(ends)}
+        if told and expected not in told:
+            if recorded is not None:
+                self._node.destroy_subscription(recorded.subscription)
+            raise ValueError(
+                f'its type {types[0]} has the hash {min(told)}, expected {expected}: its '
+                'publisher was built from another definition')
+        offers = [end.qos_profile for end in ends]
+        topic = Topic(name, types[0], expected, tuple(map(_quality, offers)))
+        self._bag.add_topic(topic)
+        self._refused.pop(name, None)
+        if recorded is None:
+            recorded = self._recorded[name] = _Recorded(topic)
+            self._node.get_logger().info(f'recording {printable(name)} ({types[0]})')
+        recorded.topic = topic
+        profile = _profile(offers)
+        if recorded.profile != profile:
+            self._subscribe(recorded, kind, profile)
+
+    def _subscribe(self, recorded: _Recorded, kind: Any, profile: QoSProfile) -> None:
+        """Subscribe, in place of an earlier subscription with another profile."""
+        def on_message(data: bytes) -> None:
+            self._on_message(recorded, data)
+
+        def on_lost(event: Any) -> None:
+            recorded.lost += event.total_count_change
+
+        earlier = recorded.subscription
+        recorded.profile = profile
+        recorded.subscription = self._node.create_subscription(
+            kind, recorded.topic.name, on_message, profile, raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=on_lost))
+        if earlier is not None:
+            self._node.destroy_subscription(earlier)
+
+    def _on_message(self, recorded: _Recorded, data: bytes) -> None:
+        self.count += 1
+        # Kilted's events executor fails on callbacks that ask for DDS's own times of a message.
+        now = time.time_ns()
+        self._bag.write(recorded.topic.name, data, now, now)
+        gap = recorded.steps.note(data)
+        if gap is not None:
+            session, first, missing = gap
+            self._node.get_logger().warning(
+                f'{recorded.topic.name}: {missing} steps before step {first} of session '
+                f'{session} were not received', throttle_duration_sec=1.0,
+                throttle_time_source_type=STEADY)
+
+    def summary(self) -> list[tuple[str, str]]:
+        """Return what was lost, by topic."""
+        found = []
+        for name, recorded in self._recorded.items():
+            parts = []
+            if recorded.steps.missed:
+                parts.append(f'{recorded.steps.missed} steps were not received')
+            if recorded.lost:
+                parts.append(f'DDS lost {recorded.lost} messages')
+            if parts:
+                found.append((name, ', '.join(parts)))
+        return found
+
+    def close(self) -> None:
+        """Finish the bag, and say what was lost."""
+        lost = self.summary()
+        for name, text in lost:
+            self._bag.tell(name, text)
+            self._node.get_logger().warning(f'{printable(name)}: {text}')
+        self._bag.close()
+
+
+def _class_of(type_name: str) -> Any:
+    """Return the class of a message.
+
+    :raises ValueError: when it is not installed.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError):
+        raise ValueError(f'its type {type_name} is not installed') from None
+
+
+def _absolute(node: Node, name: str) -> str:
+    """Return the absolute name of a topic, or of several, with a star.
+
+    :raises ParameterError: when it cannot be the name of a topic.
+    """
+    try:
+        # A star is no part of a name.
+        spelled = name.replace('*', _STAR)
+        validate_topic_name(spelled)
+        return str(node.resolve_topic_name(spelled)).replace(_STAR, '*')
+    except InvalidTopicNameException as error:
+        reason = str(error).splitlines()[0]
+        raise ParameterError(f'parameter topics: got {name!r}: {reason}') from error
+
+
+def _quality(profile: QoSProfile) -> Quality:
+    """Return the words of an offered profile; what DDS does not tell is the default."""
+    history = profile.history.name.lower()
+    told = history in ('keep_last', 'keep_all') and profile.depth > 0
+    return Quality(
+        profile.reliability.name.lower(), profile.durability.name.lower(),
+        history if told else 'keep_last', profile.depth if told else Quality.depth)
+
+
+def _profile(offers: list[QoSProfile]) -> QoSProfile:
+    """Return a profile that takes what all publishers offer; without any, a reliable one."""
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = bool(offers) and all(
+        offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def record(node: Node, executor: Executor) -> None:
+    """Record until asked to stop, or until the disk is nearly full."""
+    os.nice(_NICENESS)
+    parameters = Parameters(node)
+    options = parameters.declare(BagParameters)
+    parameters.finish()
+    if not options.output.strip('/. '):
+        raise ParameterError(f'parameter output: got {options.output!r}, expected a folder')
+
+    def note(level: str, text: str) -> None:
+        logger = node.get_logger()
+        # Separate calls: a logger rejects different severities from the same line.
+        if level == 'ERROR':
+            logger.error(text)
+        elif level == 'WARN':
+            logger.warning(text)
+        else:
+            logger.info(text)
+
+    bag = BagFile(
+        Path(options.output).absolute(), note, options.compression,
+        os.environ.get('ROS_DISTRO', ''))
+    recorder = BagNode(node, bag, options.topics)
+    note('INFO', f'recording to {options.output}')
+    try:
+        create_timer(node, _LOOK, recorder.look)
+        while not stopping.requested() and bag.open:
+            executor.spin_once(timeout_sec=_SPIN_PERIOD)
+        _drain(executor, recorder)
+    finally:
+        recorder.close()
+
+
+def _drain(executor: Executor, recorder: BagNode) -> None:
+    """Receive messages still in transit."""
+    end = time.monotonic() + _DRAIN
+    quiet_at = time.monotonic() + _QUIET
+    before = recorder.count
+    while time.monotonic() < min(end, quiet_at):
+        executor.spin_once(timeout_sec=0.01)
+        if recorder.count != before:
+            before, quiet_at = recorder.count, time.monotonic() + _QUIET
+
+
+def main() -> None:
+    """Run the node."""
+    leave(run(
+        'bag_recorder', record, expected=(ParameterError, ValueError, OSError),
+        shared_memory=SharedMemory.NEVER))
+
+
+if __name__ == '__main__':
+    main()

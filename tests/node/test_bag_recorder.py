@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bag recorder as a process: it loses nothing, or says so, and leaves whole bags."""
+from __future__ import annotations
+
+import re
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rclpy.type_hash import TypeHash
+from rocket_msgs import msg
+from rosbags.highlevel import AnyReader
+from std_msgs.msg import String
+from support.falling_rockets import FALL
+from support.falling_rockets import Simulator
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+
+from rocket_sim_node.bags.reader import messages
+from rocket_sim_node.bags.reader import read
+from rocket_sim_node.nodes.bag_recorder import BagNode
+from rocket_sim_node.wire.dds import qos
+
+STEPS = 300
+
+
+def start(processes: Processes, path: Path, **parameters: object) -> Process:
+    recorder = processes.run_node('rocket_sim_node', 'bag_recorder', output=path, **parameters)
+    recorder.wait_for('recording to', 20.0)
+    return recorder
+
+
+def stop(recorder: Process) -> str:
+    recorder.signal(signal.SIGTERM)
+    assert recorder.wait(30.0) == 0
+    assert 'Traceback' not in recorder.output()
+    return recorder.output()
+
+
+def test_as_many_observations_as_steps(
+    processes: Processes, make_node: Callable[..., Any], make_client: Callable[..., Any],
+    tmp_path: Path,
+) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=8, state_batch=25)
+    recorder = start(processes, tmp_path / 'bag')
+    client = make_client()
+    client.reset(seed=3)
+    for topic in ('observation', 'reward', 'action', 'state', 'episodes', 'world'):
+        recorder.wait_for(f'recording /{topic} ', 20.0)
+    looker, _ = make_node('/looker')
+    wait_until(lambda: all(
+        len(looker.get_subscriptions_info_by_topic(topic)) >= number
+        for topic, number in (('/observation', 2), ('/state', 1))), 20.0)
+    time.sleep(0.5)  # its matches with both ends
+    observations = [client.reset(seed=4)]
+    for _ in range(STEPS):
+        observations.append(client.step(np.zeros((8, 3), np.float32))[0])
+    told = {
+        topic: str(looker.get_publishers_info_by_topic(topic)[0].topic_type_hash)
+        for topic in ('/observation', '/state', '/world')}
+    output = stop(recorder)
+    assert 'were not received' not in output
+    with AnyReader([tmp_path / 'bag']) as bag:
+        assert told.items() <= {one.topic: one.digest for one in bag.connections}.items()
+        found = {}
+        for connection, _, raw in bag.messages(
+                one for one in bag.connections if one.topic == '/observation'):
+            one: Any = bag.deserialize(raw, connection.msgtype)
+            found[one.session, one.step] = one.data
+    sessions = Counter(session for session, _ in found)
+    (newest, number), *_ = sessions.most_common()
+    assert number == STEPS + 1  # each of a step, and the first one
+    for step, observation in enumerate(observations):
+        np.testing.assert_array_equal(found[newest, step].reshape(8, -1), observation)
+    flights = read(tmp_path / 'bag', rows=[0])
+    assert flights
+    metadata = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())
+    qualities = {
+        one['topic_metadata']['name']: one['topic_metadata']['offered_qos_profiles'][0]
+        for one in metadata['rosbag2_bagfile_information']['topics_with_message_count']}
+    assert qualities['/world']['durability'] == 'transient_local'
+    assert qualities['/observation']['durability'] == 'volatile'
+
+
+def test_chosen_topics_missing_steps_and_a_late_start(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    recorder = start(processes, tmp_path / 'bag', topics='state world')
+    recorder.wait_for('recording /state ', 20.0)
+    simulator.begin(training=False)
+    simulator.fall(100)
+    simulator.skip(30)
+    simulator.fall(FALL)
+    recorder.wait_for('/state: 30 steps before step 131 of session 1 were not received', 20.0)
+    late = start(processes, tmp_path / 'late', topics='/wor*')
+    late.wait_for('recording /world ', 20.0)
+    wait_until(lambda: simulator.description.get_subscription_count() == 2, 20.0)
+    time.sleep(0.3)
+    output = stop(late)
+    assert '(1 messages' in output
+    assert '/state: 30 steps were not received' in stop(recorder)
+    metadata = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())[
+        'rosbag2_bagfile_information']
+    assert metadata['custom_data'] == {'/state': '30 steps were not received'}
+    assert {one['topic_metadata']['name'] for one in metadata['topics_with_message_count']} == {
+        '/state', '/world'}
+
+
+def test_killed_and_started_again(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    path = tmp_path / 'bag'
+    recorder = start(processes, path, topics='state world')
+    recorder.wait_for('recording /state ', 20.0)
+    simulator.begin(training=False)
+    simulator.fall(FALL + 20)
+    partial = tmp_path / 'bag.partial/bag_0.mcap'
+    wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000, 20.0)
+    recorder.signal(signal.SIGKILL)
+    recorder.wait(5.0)
+    assert not path.exists()
+    refused = processes.run_node('rocket_sim_node', 'bag_recorder', output='/proc/bag')
+    again = start(processes, path, topics='state world')
+    assert 'its bag is repaired' in again.output()
+    assert read(path)[0].outcome == 'too_fast'
+    stop(again)
+    assert refused.wait(20.0) == 2
+    assert "'/proc'" in refused.output()
+
+
+def test_hidden_topics_are_left_out_and_early_ones_are_not(
+    processes: Processes, make_node: Callable[..., Any], tmp_path: Path,
+) -> None:
+    node, _ = make_node()
+    words = node.create_publisher(String, 'words', qos.EVENTS)
+    hidden = node.create_publisher(String, '_hidden/words', qos.EVENTS)
+    node.create_subscription(String, 'latched', lambda message: None, qos.WORLD)
+    recorder = start(processes, tmp_path / 'bag')
+    for topic in ('words', 'latched'):
+        recorder.wait_for(f'recording /{topic} (std_msgs/msg/String)', 20.0)
+    # Whether it matches at once or a moment later, a late joiner gets what is latched.
+    latched = node.create_publisher(String, 'latched', qos.WORLD)
+    latched.publish(String(data='for late ones'))
+    wait_until(lambda: words.get_subscription_count() == 1 and any(
+        end.node_name == 'bag_recorder' and end.qos_profile.durability == qos.WORLD.durability
+        for end in node.get_subscriptions_info_by_topic('/latched')), 20.0)
+    words.publish(String(data='hello'))
+    time.sleep(0.5)
+    stop(recorder)
+    said = {one.message.data for one in messages(tmp_path / 'bag', topics=['/words', '/latched'])}
+    assert said == {'hello', 'for late ones'}
+    assert hidden.get_subscription_count() == 0
+
+
+def test_messages_of_another_definition_are_left_out() -> None:
+    said: list[str] = []
+    other: Any = SimpleNamespace(
+        node_name='old', node_namespace='/', qos_profile=qos.WORLD,
+        topic_type_hash=TypeHash(version=1, value=bytes(32)))
+    node: Any = SimpleNamespace(
+        get_topic_names_and_types=lambda: [('/world', ['rocket_msgs/msg/World'])],
+        get_publishers_info_by_topic=lambda topic: [other],
+        get_logger=lambda: SimpleNamespace(error=said.append))
+    bag: Any = SimpleNamespace(tick=lambda: None)
+    recorder = BagNode(node, bag, '')
+    for _ in range(2):
+        recorder.look()
+    assert len(said) == 1  # once
+    assert re.fullmatch(
+        r'/world ignored: its type rocket_msgs/msg/World has the hash RIHS01_0{64}, expected '
+        r'RIHS01_\w{64}: its publisher was built from another definition', said[0])
+
+
+def test_a_bag_is_shown_and_played_by_the_command(
+    processes: Processes, simulator: Simulator, make_node: Callable[..., Any], tmp_path: Path,
+) -> None:
+    path = tmp_path / 'bag'
+    recorder = processes.start('ros2', 'bag', 'record', '-o', str(path), '--topics', '/state',
+                               '/world')
+    recorder.wait_for('recording /state ', 20.0)
+    simulator.begin(training=False)
+    simulator.fall(FALL)
+    time.sleep(0.5)
+    recorder.signal(signal.SIGINT)
+    assert recorder.wait(30.0) in (0, 130)
+    simulator.end()
+
+    info = processes.start('ros2', 'bag', 'info', str(path))
+    assert info.wait(20.0) == 0
+    for line in ('Files:             bag_0.mcap', 'Storage id:        mcap',
+                 'Topic: /state | Type: rocket_msgs/msg/RocketState | Count: '):
+        assert line in info.output()
+
+    node, executor = make_node()
+    worlds: list[msg.World] = []
+    states: list[msg.RocketState] = []
+    node.create_subscription(msg.World, 'world', worlds.append, qos.WORLD)
+    node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
+    played = processes.start('ros2', 'bag', 'play', '-r', '10', str(path))
+    expected = sum(1 for one in messages(path, topics=['/state']))
+    wait_until(lambda: executor.spin_once(timeout_sec=0.1) or len(states) == expected, 30.0,
+               lambda: f'{len(states)} of {expected}: {played.output()}')
+    assert played.wait(20.0) == 0
+    assert worlds
+    assert worlds[0].world == 'rocket'
+    assert {int(step) for state in states for step in state.step} == set(range(FALL + 1))
+
+
+@pytest.mark.parametrize(('parameters', 'complaint'), [
+    ({'topics': '"no: name"'}, 'topics: got'), ({'compression': 'zip'}, "compression: got 'zip'")])
+def test_wrong_parameters_are_named(
+    processes: Processes, parameters: dict[str, object], complaint: str, tmp_path: Path,
+) -> None:
+    recorder = processes.run_node(
+        'rocket_sim_node', 'bag_recorder', output=tmp_path / 'bag', **parameters)
+    assert recorder.wait(20.0) == 2
+    assert complaint in recorder.output()
+    assert 'Traceback' not in recorder.output()
+
+
+@pytest.mark.parametrize(('arguments', 'complaint'), [
+    (('record', '--regex', 'x'), "'--regex' is not supported here"),
+    (('info', '/nowhere/bag'), '/nowhere/bag'), (('convert',), "invalid choice: 'convert'")])
+def test_what_the_command_does_not_know_is_refused_by_name(
+    processes: Processes, arguments: tuple[str, ...], complaint: str,
+) -> None:
+    command = processes.start('ros2', 'bag', *arguments)
+    assert command.wait(20.0) in (1, 2)
+    assert complaint in command.output()
+    assert 'Traceback' not in command.output()

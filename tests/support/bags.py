@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a simulator for tests of bags, serialized as on the wire."""
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from rocket_msgs import msg
+
+from rocket_sim_node.bags.bag_file import BagFile
+from rocket_sim_node.bags.decoder import Decoder
+from rocket_sim_node.bags.decoder import _Reading
+from rocket_sim_node.bags.definitions import definition
+from rocket_sim_node.bags.definitions import type_hash
+from rocket_sim_node.bags.metadata import Quality
+from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.server.state_stream import StateStream
+from rocket_sim_node.worlds import make
+
+
+def flight_messages(
+    world: str, rockets: int, steps: int, session: int = 1, batch: int = 25,
+) -> list[Any]:
+    """Return the description of a world, then the states of rockets that fall.
+
+    :param batch: states in a message.
+    """
+    simulated = make(world, rockets)
+    spec = simulated.spec
+    idle = (np.tile(np.float32(spec.action_idle), (rockets, 1)) if spec.continuous
+            else np.full(rockets, spec.action_idle[0], np.int32))
+    said: list[Any] = [conversion.world_to_message(spec, session, 0, msg.World.LOCKSTEP)]
+    publisher = SimpleNamespace(publish=said.append, get_subscription_count=lambda: 1)
+    node: Any = SimpleNamespace(create_publisher=lambda *_: publisher)
+    states = StateStream(node, simulated, rockets, batch)
+    states.add(session, 0)
+    for step in range(1, steps + 1):
+        simulated.step(idle)
+        states.add(session, step)
+    states.flush()
+    return said
+
+
+@cache
+def _decoder(type_name: str) -> Decoder:
+    return Decoder(type_name, definition(type_name))
+
+
+def serialized(message: Any) -> bytes:
+    """Return a message as on the wire: `serialize_message` leaves bytes behind its end."""
+    data = bytes(serialize_message(message))
+    decoder = _decoder(f'rocket_msgs/msg/{type(message).__name__}')
+    reading = _Reading(decoder._fields, data, '<')
+    reading.message(decoder._first)
+    return data[:reading._place]
+
+
+def topic_of(message: Any, space: str = '') -> Topic:
+    """Return the topic on which a simulator publishes a message."""
+    name = {msg.World: 'world', msg.RocketState: 'state', msg.TrainingStatus: 'training'}[
+        type(message)]
+    type_name = f'rocket_msgs/msg/{type(message).__name__}'
+    quality = Quality(durability='transient_local', depth=1) if name == 'world' else Quality()
+    return Topic(f'{space}/{name}', type_name, type_hash(type_name), (quality,))
+
+
+def write(bag: BagFile, messages: list[Any], space: str = '', at: int = 1_000_000_000) -> None:
+    """Write messages, 20 ms after each other."""
+    for number, message in enumerate(messages):
+        topic = topic_of(message, space)
+        bag.add_topic(topic)
+        now = at + number * 20_000_000
+        bag.write(topic.name, serialized(message), now, now - 1000)

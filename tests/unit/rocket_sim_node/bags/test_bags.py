@@ -1,0 +1,406 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags: others read them, and what was flown comes back, bit for bit."""
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rocket_msgs import msg
+from rosbags.highlevel import AnyReader
+from support.bags import flight_messages
+from support.bags import write
+from tf2_msgs.msg import TFMessage
+
+from rocket_sim_node.bags import bag_file
+from rocket_sim_node.bags import definitions
+from rocket_sim_node.bags.bag_file import BagFile
+from rocket_sim_node.bags.decoder import Decoder
+from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.reader import messages
+from rocket_sim_node.bags.reader import read
+from rocket_sim_node.bags.step_counts import StepCounter
+from rocket_sim_node.bags.to_rerun import main as to_rerun
+from rocket_sim_node.recording import reader as recordings
+from rocket_sim_node.recording.sinks.rrd_file import opened
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import samples_of
+
+STEPS = 399
+
+
+def assert_same(found: Any, message: msg.RocketState) -> None:
+    """Compare all fields of a state; between them, serialized messages hold random bytes."""
+    for name in message.get_fields_and_field_types():
+        np.testing.assert_array_equal(getattr(found, name), getattr(message, name), name)
+
+
+class Notes(list[tuple[str, str]]):
+    """Texts of the notes."""
+
+    def __call__(self, level: str, text: str) -> None:
+        self.append((level, text))
+
+    @property
+    def text(self) -> str:
+        return '\n'.join(text for _, text in self)
+
+
+@pytest.fixture
+def notes() -> Notes:
+    return Notes()
+
+
+@pytest.fixture
+def make_bag(tmp_path: Path, notes: Notes) -> Callable[..., BagFile]:
+    return lambda name='bag', **options: BagFile(tmp_path / name, notes, **options)
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'none'])
+def test_an_independent_reader_finds_every_message(
+    make_bag: Callable[..., BagFile], tmp_path: Path, compression: str,
+) -> None:
+    said = flight_messages('rocket', 2, STEPS)
+    bag = make_bag(compression=compression)
+    write(bag, said)
+    bag.close()
+    assert sorted(file.name for file in (tmp_path / 'bag').iterdir()) == [
+        'bag_0.mcap', 'metadata.yaml']
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == len(said)
+        assert {one.topic: (one.msgtype, one.digest) for one in found.connections} == {
+            f'/{name}': (f'rocket_msgs/msg/{kind}', definitions.type_hash(
+                f'rocket_msgs/msg/{kind}'))
+            for name, kind in (('world', 'World'), ('state', 'RocketState'))}
+        for one in found.connections:  # computed by that library from the definition in the bag
+            assert found.typestore.hash_rihs01(one.msgtype) == one.digest
+        steps = []
+        for (connection, time, raw), message in zip(found.messages(), said, strict=True):
+            decoded: Any = found.deserialize(raw, connection.msgtype)
+            if connection.topic == '/state':
+                assert_same(decoded, message)
+                steps += decoded.step.tolist()
+            assert time == 1_000_000_000 + said.index(
+                message) * 20_000_000
+        assert sorted(set(steps)) == list(range(STEPS + 1))
+
+
+def test_metadata_is_that_of_rosbag2(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    bag = make_bag(distribution='kilted')
+    write(bag, flight_messages('rocket', 1, 49))
+    bag.tell('/state', '3 steps were not received')
+    bag.close()
+    found = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())[
+        'rosbag2_bagfile_information']
+    assert found['version'] == 9
+    assert found['storage_identifier'] == 'mcap'
+    assert found['relative_file_paths'] == ['bag_0.mcap']
+    assert found['message_count'] == 3
+    assert found['duration'] == {'nanoseconds': 40_000_000}
+    assert found['starting_time'] == {'nanoseconds_since_epoch': 1_000_000_000}
+    assert found['ros_distro'] == 'kilted'
+    assert found['custom_data'] == {'/state': '3 steps were not received'}
+    world = found['topics_with_message_count'][0]
+    assert world['message_count'] == 1
+    assert world['topic_metadata']['type_description_hash'].startswith('RIHS01_')
+    quality = world['topic_metadata']['offered_qos_profiles'][0]
+    assert (quality['durability'], quality['depth']) == ('transient_local', 1)
+
+
+@pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
+def test_flights_come_back_bit_for_bit(
+    make_bag: Callable[..., BagFile], tmp_path: Path, world: str,
+) -> None:
+    said = flight_messages(world, 2, STEPS)
+    bag = make_bag()
+    write(bag, said, '/sim_0')
+    bag.close()
+    flights = read(tmp_path / 'bag')
+    states = [samples_of(message) for message in said[1:]]
+    values = np.concatenate([one.values for one in states])
+    row = np.concatenate([one.row for one in states])
+    episode = np.concatenate([one.episode for one in states])
+    assert flights
+    assert flights[0].outcome in ('too_fast', 'crashed', 'off_pad', 'tipped', 'tilt_limit',
+                                  'out_of_bounds')
+    for flight in flights:
+        mine = values[(row == flight.row) & (episode == flight.episode)]
+        np.testing.assert_array_equal(flight.values, mine)
+    assert sum(map(len, flights)) == len(values)
+    assert [flight.row for flight in read(tmp_path / 'bag', rows=[1])] == [
+        flight.row for flight in flights if flight.row == 1]
+    assert len(read(tmp_path / 'bag/bag_0.mcap', topic='/sim_0/state')) == len(flights)
+    assert read(tmp_path / 'bag', topic='/sim_1/state') == []
+
+
+def test_two_simulators_need_a_name(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    bag = make_bag()
+    for space in ('/sim_0', '/sim_1'):
+        write(bag, flight_messages('rocket', 1, 24), space)
+    bag.close()
+    with pytest.raises(ValueError, match='topic: there are /sim_0/state and /sim_1/state'):
+        read(tmp_path / 'bag')
+
+
+def test_steps_that_lack_end_a_flight(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    said = flight_messages('rocket', 1, 699)
+    bag = make_bag()
+    write(bag, said[:5] + said[6:])
+    bag.close()
+    whole = read(tmp_path / 'bag')
+    assert 0 not in {flight.episode for flight in whole}
+    assert 1 in {flight.episode for flight in whole}
+
+
+def test_a_recording_made_of_a_bag(
+    make_bag: Callable[..., BagFile], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    bag = make_bag()
+    said = flight_messages('rocket', 2, STEPS)
+    write(bag, said)
+    write(bag, [msg.TrainingStatus(run='run', stage='evaluate', iteration=1)], at=9_000_000_000)
+    bag.close()
+    assert to_rerun([str(tmp_path / 'bag'), str(tmp_path / 'run.rrd')]) == 0
+    flights = [flight for flight in read(tmp_path / 'bag') if flight.outcome]
+    recorded = recordings.trajectories(tmp_path / 'run.rrd')
+    assert len(recorded) == len(flights) == 2
+    for flight, found in zip(flights, recorded, strict=True):
+        assert (found.row, found.outcome) == (flight.row, flight.outcome)
+        np.testing.assert_array_equal(
+            found.position[:len(flight)], flight.position.astype(np.float32))
+    assert '2 flights' in capsys.readouterr().err
+
+
+def test_rerun_shows_transforms_of_a_bag(
+    make_bag: Callable[..., BagFile], tmp_path: Path,
+) -> None:
+    bag = make_bag()
+    name = 'tf2_msgs/msg/TFMessage'
+    bag.add_topic(Topic('/tf', name, definitions.type_hash(name)))
+    for k in range(3):
+        moved = TransformStamped(child_frame_id='rocket_0/base_link')
+        moved.header.frame_id = 'world'
+        moved.header.stamp.sec = k
+        moved.transform.translation.z = 100.0 - k
+        bag.write('/tf', bytes(serialize_message(TFMessage(transforms=[moved]))), 10**9, 10**9)
+    bag.close()
+    subprocess.run(
+        ['rerun', 'mcap', 'convert', str(tmp_path / 'bag/bag_0.mcap'), '-o',
+         str(tmp_path / 'tf.rrd')], check=True, capture_output=True, timeout=60)
+    heights = [
+        row[0][2] for chunk in opened(tmp_path / 'tf.rrd').stream()
+        for batch in [chunk.to_record_batch()] if 'Transform3D:translation' in batch.schema.names
+        for row in batch.column('Transform3D:translation').to_pylist() if row]
+    assert heights == [100.0, 99.0, 98.0]
+
+
+@pytest.mark.parametrize('what', ['nothing', 'a text', 'a folder'])
+def test_what_is_no_bag_is_named(
+    tmp_path: Path, what: str, capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / 'it.mcap'
+    if what == 'a text':
+        path.write_text('no bag')
+    elif what == 'a folder':
+        path.mkdir()
+    with pytest.raises(ValueError, match=re.escape(str(path))):
+        read(path)
+    assert to_rerun([str(path)]) == 2
+    assert str(path) in capsys.readouterr().err
+
+
+def test_damaged_bags_are_named_and_salvaged(
+    make_bag: Callable[..., BagFile], tmp_path: Path,
+) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 99))
+    bag.close()
+    path = tmp_path / 'bag/bag_0.mcap'
+    whole = path.read_bytes()
+    random = np.random.default_rng(5)
+    named = 0
+    for _ in range(150):
+        data = bytearray(whole)
+        for place in random.integers(0, len(data), 3):
+            data[place] ^= int(random.integers(1, 256))
+        path.write_bytes(data)
+        try:
+            assert len(read(tmp_path / 'bag')) <= 1
+        except ValueError as error:
+            assert str(path) in str(error) or 'values' in str(error)
+            named += 1
+        assert len(list(bag_file.salvage(path))) <= 5
+    assert named > 75
+
+
+@pytest.mark.parametrize('part', [0.3, 0.7, 0.999])
+def test_a_killed_recorders_bag_is_repaired(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes, part: float,
+) -> None:
+    said = flight_messages('rocket', 1, STEPS)
+    bag = make_bag()
+    for number, message in enumerate(said):
+        write(bag, [message], at=(number + 1) * 20_000_000)
+        bag._writer.flush()
+    (partial,) = tmp_path.glob('bag.partial/*.mcap')
+    size = partial.stat().st_size
+    os.close(bag._lock)  # as the end of its process does
+    with partial.open('r+b') as file:
+        file.truncate(int(part * size))
+    again = make_bag()
+    assert 'its bag is repaired' in notes.text
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert len(said) * (part - 0.2) < found.message_count < len(said)
+        for (connection, _, raw), message in zip(found.messages(), said, strict=False):
+            if connection.topic == '/state':
+                assert_same(found.deserialize(raw, connection.msgtype), message)
+    write(again, said)
+    again.close()
+    with AnyReader([tmp_path / 'bag-2']) as found:
+        assert found.message_count == len(said)
+    assert not list(tmp_path.glob('*.partial'))
+
+
+def test_killed_while_it_repaired(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
+) -> None:
+    said = flight_messages('rocket', 1, STEPS)
+    bag = make_bag()
+    write(bag, said)
+    bag._writer.flush()
+    os.close(bag._lock)
+    (partial,) = tmp_path.glob('bag.partial/*.mcap')
+    partial.rename(partial.with_suffix('.broken'))
+    partial.write_bytes(b'half of the repaired one')
+    make_bag().close()
+    assert 'its bag is repaired' in notes.text
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == len(said)
+    assert sorted(file.name for file in (tmp_path / 'bag').iterdir()) == [
+        'bag_0.mcap', 'metadata.yaml']
+
+
+def test_killed_before_it_got_its_name(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
+) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 24))
+    bag.close()
+    (tmp_path / 'bag').rename(tmp_path / 'bag.partial')
+    make_bag().close()
+    assert 'its bag is complete' in notes.text
+    assert len(read(tmp_path / 'bag')) == 1
+
+
+def test_killed_before_the_first_message(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
+) -> None:
+    bag = make_bag()
+    os.close(bag._lock)
+    make_bag().close()
+    assert 'killed before it received anything' in notes.text
+    assert 'nothing was recorded: ' in notes.text
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_recorders_of_one_bag(make_bag: Callable[..., BagFile]) -> None:
+    bag = make_bag()
+    with pytest.raises(OSError, match='another recorder writes this bag'):
+        make_bag()
+    write(bag, flight_messages('rocket', 1, 24))
+    bag.close()
+
+
+def test_a_full_disk_ends_a_whole_bag(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said = flight_messages('rocket', 1, STEPS)
+    bag = make_bag()
+    write(bag, said[:10])
+
+    def full(folder: Path, needed: int = 0) -> None:
+        raise OSError(28, 'only 3 MiB of disk left', str(folder))
+
+    monkeypatch.setattr(bag_file, 'check_space', full)
+    monkeypatch.setattr(bag_file, '_CHECK', 0)
+    write(bag, said[10:])
+    assert not bag.open
+    assert 'the bag ends here: [Errno 28] only 3 MiB of disk left' in notes.text
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == 10
+
+
+def test_definitions_hold_all_messages_in_a_message() -> None:
+    text = definitions.definition('nav_msgs/msg/Odometry')
+    inner = re.findall(r'^MSG: (.*)$', text, re.MULTILINE)
+    assert {'std_msgs/Header', 'builtin_interfaces/Time', 'geometry_msgs/Point'} <= set(inner)
+    assert len(inner) == len(set(inner))
+    with pytest.raises(ValueError, match="package 'nowhere_msgs' is not installed"):
+        definitions.definition('nowhere_msgs/msg/Nothing')
+
+
+def test_nested_messages_are_decoded() -> None:
+    sent = Odometry(child_frame_id='rocket_0/base_link')
+    sent.header.frame_id = 'wörld'
+    sent.header.stamp.nanosec = 7
+    sent.pose.covariance[35] = 2.5
+    sent.twist.twist.angular.z = -1.25
+    name = 'nav_msgs/msg/Odometry'
+    found = Decoder(name, definitions.definition(name)).decode(bytes(serialize_message(sent)))
+    assert found.header.frame_id == 'wörld'
+    assert found.header.stamp.nanosec == 7
+    assert found.child_frame_id == 'rocket_0/base_link'
+    assert found.pose.covariance[35] == 2.5
+    assert found.twist.twist.angular.z == -1.25
+    empty = Decoder('diagnostic_msgs/msg/DiagnosticArray', definitions.definition(
+        'diagnostic_msgs/msg/DiagnosticArray')).decode(bytes(serialize_message(DiagnosticArray())))
+    assert empty.status == []
+
+
+def test_every_end_of_a_message_is_noticed() -> None:
+    name = 'rocket_msgs/msg/World'
+    data = bytes(serialize_message(flight_messages('rocket', 1, 24)[0]))
+    decoder = Decoder(name, definitions.definition(name))
+    assert decoder.decode(data).world == 'rocket'
+    for end in range(0, len(data) - 4, 7):
+        with pytest.raises(ValueError, match=r'cut short|plain CDR|a sequence'):
+            decoder.decode(data[:end])
+
+
+def test_missed_steps_are_counted_from_the_bytes() -> None:
+    counter = StepCounter('rocket_msgs/msg/RocketState')
+    said = [bytes(serialize_message(message))
+            for message in flight_messages('rocket', 2, 199, session=2**63 + 5)[1:]]
+    found = [counter.note(data) for data in said[:2] + said[4:]]
+    assert [gap for gap in found if gap] == [(2**63 + 5, 100, 50)]
+    assert counter.missed == 50
+    single = StepCounter('rocket_msgs/msg/Observation')
+    for step in (5, 6, 6, 9):
+        last = single.note(bytes(serialize_message(msg.Observation(session=1, step=step))))
+    assert last == (1, 9, 2)
+    assert StepCounter('rocket_msgs/msg/World').note(said[0]) is None
+    assert StepCounter('rocket_msgs/msg/RocketState').note(b'\x00\x01\x00\x00') is None
+
+
+def test_times_and_topics_of_messages(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    bag = make_bag()
+    said = flight_messages('rocket', 1, 49)
+    write(bag, said)
+    bag.close()
+    found = list(messages(tmp_path / 'bag', topics=['/state']))
+    assert [one.topic for one in found] == ['/state'] * (len(said) - 1)
+    assert found[0].received - found[0].published == 1000
+    np.testing.assert_array_equal(
+        found[0].message.position.reshape(-1, 3),
+        samples_of(said[1]).values[:, FIELDS['position']])
