@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
 from rocket_sim_node.wire.server.server import Server
 from rocket_sim_node.wire.server.server import ServerOptions
+from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.rocket import conditions
 
 _ONE_OBSERVATION = SettingInfo(
@@ -32,27 +34,29 @@ class SimulatorParameters:
     """Parameters of the node itself; the world's are declared beside them."""
 
     world: str = setting('rocket', '', 'which world', choices=worlds.names())
-    num_envs: int = setting(256, '', 'rockets stepped as one batch', 1, MOST_ENVS)
-    seed: int = setting(0, '', 'where the random streams start until a reset says', 0, 2**62)
+    num_envs: int = setting(256, '', 'number of rockets, stepped as one batch', 1, MOST_ENVS)
+    seed: int = setting(0, '', 'seed of the random streams until the first reset', 0, 2**62)
     conditions: str = setting(
-        'nominal', '', 'set of conditions, for worlds of rockets; settings of conditions that are '
-        'given beside it hold instead of its own', choices=conditions.NAMES)
+        'nominal', '', 'set of conditions; rocket worlds only. Conditions that are set '
+        'individually take precedence', choices=conditions.NAMES)
     mode: str = setting(
-        'lockstep', '', 'one step per action, or by the clock', choices=tuple(_MODES))
+        'lockstep', '', 'lockstep: one step per action; realtime: by the '
+        'clock', choices=tuple(_MODES))
     realtime_factor: float = setting(
-        1.0, '', 'simulated seconds per second, realtime only', 0.01, 100.0)
+        1.0, '', 'simulated seconds per second; realtime only', 0.01, 100.0)
     action_timeout: float = setting(
-        0.5, 's', 'without a new action for so long, and for 2.5 steps, the engine is cut, '
+        0.5, 's', 'time without a new action, at least 2.5 steps, after which the engine is cut; '
         'realtime only', 0.01, 3600.0)
     agent_lease: float = setting(
-        10.0, 's', 'silence of the agent after which another may take over; in lock-step '
-        'one that learns is heard every 0.5 s', 0.0, 3600.0)
+        10.0, 's', 'silence of the agent after which another may take over; in lock-step, an '
+        'agent that is computing an update reports every 0.5 s', 0.0, 3600.0)
     acknowledge: str = setting(
-        'auto', '', 'whether each action is acknowledged, so that DDS repeats what was lost; '
-        'auto: when the discovery range goes beyond this machine', choices=qos.ACKNOWLEDGE)
-    state_rows: int = setting(4, '', 'rockets, from the first, on topic `state`', 0, 1024)
+        'auto', '', 'whether actions are acknowledged, so that DDS repeats lost ones; auto: if '
+        'the discovery range extends beyond this machine', choices=qos.ACKNOWLEDGE)
+    state_rows: int = setting(
+        4, '', 'number of rockets, from the first, on topic `state`', 0, 1024)
     state_batch: int = setting(
-        50, '', 'steps in one message of `state`, lockstep only', 1, 10_000)
+        50, '', 'number of steps in one message of `state`; lockstep only', 1, 10_000)
 
 
 def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dict[str, Any]:
@@ -74,6 +78,24 @@ def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dic
     return values
 
 
+def _offer_services(
+    node: Node, server: Server, world: SimulatedWorld, seed: int,
+) -> Callable[[], None]:
+    """Offer the services of simulation_interfaces, if that package is there.
+
+    :return: what removes them from DDS.
+    """
+    try:
+        from rocket_sim_node.nodes.simulation_services import SimulationServices
+    except ImportError as error:
+        if not str(error.name).startswith('simulation_interfaces'):
+            raise
+        node.get_logger().info(
+            f'the services of simulation_interfaces 2.1 are not offered: {error}')
+        return lambda: None
+    return SimulationServices(node, server, world, seed).destroy
+
+
 def simulate(node: Node, executor: Executor) -> None:
     """Serve a world until asked to stop."""
     parameters = Parameters(node)
@@ -86,8 +108,12 @@ def simulate(node: Node, executor: Executor) -> None:
         action_timeout=options.action_timeout, agent_lease=options.agent_lease,
         acknowledge=options.acknowledge, state_rows=options.state_rows,
         state_batch=options.state_batch))
+    withdraw = _offer_services(node, server, world, options.seed)
     node.get_logger().info(
         f'world {options.world!r}, {options.num_envs} rockets, {options.mode}, '
         f'level {settings.get("level", "-")}, {conditions.name_of(settings)} conditions: '
         'waiting for an agent')
-    server.serve(executor)
+    try:
+        server.serve(executor)
+    finally:
+        withdraw()
