@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Execution of one goal: the processes of its command, and what came of them."""
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rocket_msgs.action import Evaluate
+from rocket_msgs.action import Land
+from rocket_msgs.action import Train
+from rocket_msgs.msg import FlightFigures
+
+from ppo_agent_node.nodes.actions.goals import launch_file
+from ppo_agent_node.nodes.actions.goals import start_of
+from ppo_agent_node.nodes.actions.job import Job
+from ppo_agent_node.nodes.actions.tally import Tally
+from ppo_agent_node.nodes.actions.tally import read_figures
+from ppo_agent_node.runs.folder import UNFINISHED
+
+KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
+"""type of the action, by its name, which is that of the command"""
+_FIGURES = 'evaluation.json'
+
+
+class Execution:
+    """The launch of a goal, from its start to its result."""
+
+    def __init__(self, command: str, goal: Any, namespace: str, scratch: Path) -> None:
+        """Check the goal and start its processes.
+
+        :param command: name of the action.
+        :param namespace: of the server.
+        :param scratch: temporary folder, which must exist until the result is known.
+        :raises ValueError: naming a field, what was given and what was expected.
+        :raises TypeError: for a value of another kind.
+        :raises OSError: when a file or folder cannot be read or made.
+        """
+        self.command = command
+        self._start = start_of(command, goal, namespace, scratch)
+        launch = self._start.launch
+        self._place = Path(launch['run_dir' if command == 'train' else 'output'])
+        self._before = _mark(self._place / _FIGURES)
+        self._kept = bool(command == 'train' or goal.output)
+        self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0))
+        self.job = Job([
+            'ros2', 'launch', str(launch_file(command)),
+            *(f'{name}:={value}' for name, value in launch.items())], scratch / 'nodes.log')
+
+    def result(self, stopped: str) -> Any:
+        """Return the result, after the processes have ended; remove what was made for nothing.
+
+        :param stopped: why they were asked to stop; empty: they were not.
+        """
+        kind = KINDS[self.command].Result
+        failure = self.job.reason() if self.job.failed and not stopped else ''
+        if self._done(bool(stopped or failure)):
+            code, figures = kind.OK, self._figures()
+            message = failure and f'the run is finished, but a process failed: {failure}'
+        else:
+            code, figures = kind.FAILED, self.tally.figures()
+            message = '; '.join(filter(None, (
+                stopped or failure or 'ended without a result', self._advice())))
+        self._tidy()
+        where = str(self._place) if self._kept and self._place.exists() else ''
+        return kind(code=code, message=message, figures=figures, **{
+            'run_dir' if self.command == 'train' else 'output': where})
+
+    def _done(self, ended_early: bool) -> bool:
+        """Return whether the goal was reached."""
+        if self.command == 'land':
+            return self._place.is_file() and not ended_early
+        written = _mark(self._place / _FIGURES) not in (None, self._before)
+        if self.command == 'train':  # whatever else failed: its policy and figures are there
+            return written and not (self._place / UNFINISHED).exists()
+        return written and not ended_early
+
+    def _figures(self) -> FlightFigures:
+        if self.command == 'land':
+            return self.tally.figures()
+        return read_figures(self._place / _FIGURES)
+
+    def _advice(self) -> str:
+        """Return how to go on with a run."""
+        if self.command != 'train':
+            return ''
+        if self._begun:
+            return f'go on with the goal resume: true, run_dir: {self._place}'
+        return 'the run had not begun: send the same goal again'
+
+    @property
+    def _begun(self) -> bool:
+        """Whether there is a run; an agent writes its settings after it has checked everything."""
+        return (self._place / 'config.yaml').exists()
+
+    def _tidy(self) -> None:
+        """Remove what the start made and nothing was put into, as the commands do."""
+        told = self._start.told
+        if self.command == 'train' and not self._begun:
+            if told['made']:
+                Path(str(told['made'])).unlink(missing_ok=True)
+            with suppress(OSError):  # there is something in it, or it was never made
+                self._place.rmdir()
+        partial = Path(str(told.get('partial') or ''))
+        if partial.is_file() and not partial.stat().st_size:
+            partial.unlink()
+
+
+def _mark(path: Path) -> tuple[int, int] | None:
+    """Return what differs after a file has been written anew; None: there is no file."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_mtime_ns
