@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Export of a policy to an ONNX file, compared with PyTorch before it is written."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.exporting import graph
+from ppo_agent_node.exporting import provenance
+from ppo_agent_node.exporting import units
+from ppo_agent_node.pilots import onnx_file
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.ppo.policies.file import POLICY
+from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.runs import sealed_file
+from rocket_sim_node import worlds
+from rocket_sim_node.gym.spaces import observation_bounds
+from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.base import F32
+
+OBSERVATIONS = 10_000
+"""Observations on which the graph is compared with PyTorch."""
+TOLERANCE = 1e-5
+"""Greatest difference of an action; of a choice, of its logit from the greatest."""
+_WIDE = 5.0
+"""Random observations are drawn up to this where a world does not bound them."""
+_FLOWN_ENVS, _FLOWN_EVERY = 100, 9
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export has found."""
+
+    path: Path
+    size: int
+    """bytes"""
+    difference: float
+    """greatest difference from PyTorch"""
+    spread: float
+    """greatest difference of PyTorch from itself, one observation at a time and all at once"""
+    observations: int
+    """how many were compared"""
+
+
+def export(path: Path, output: Path) -> Exported:
+    """Write a policy as an ONNX file.
+
+    :param path: a policy file.
+    :raises ValueError: when it is damaged, its world is not one of this version, a package is
+        missing, or the graph differs from PyTorch by more than 1e-5, and by more than PyTorch from
+        itself; the message names file and reason.
+    :raises OSError: when a file cannot be read or written.
+    """
+    content = sealed_file.read(path, POLICY).content
+    spec = world_of(path, content)
+    policy, content = load_policy(path, spec)
+    try:
+        model = graph.to_onnx(policy, spec)
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f'{error.name} is not installed, expected the packages of the extra export: '
+            "pip install './ppo_agent_node[export]'") from error
+    observations = sample(path, spec)
+    told = description(path, content, spec)
+    # The file that is compared is the one that is written, but for the result itself.
+    difference, spread = _compare(_sealed(model, told), policy, spec, observations)
+    told['check'] = {
+        'observations': len(observations), 'greatest_difference': difference,
+        'torch_from_itself': spread, 'torch': torch.__version__}
+    allowed = max(TOLERANCE, spread)
+    if not difference <= allowed:
+        raise ValueError(
+            f'{path}: the graph differs from PyTorch by {difference:.2g}, expected at most '
+            f'{allowed:.2g}')
+    data = _sealed(model, told)
+    write_atomically(output, data)
+    return Exported(output, len(data), difference, spread, len(observations))
+
+
+def world_of(path: Path, content: dict[str, Any]) -> WorldSpec:
+    """Return the world that a policy was trained in, reduced to what it observes.
+
+    :raises ValueError: when it is not a world of this version.
+    """
+    name = content.get('world')
+    settings = content.get('world_settings')
+    if name not in worlds.names() or not isinstance(settings, dict):
+        raise ValueError(
+            f'{path}: world of the policy: got {name!r:.80}, expected one of '
+            f'{", ".join(worlds.names())}')
+    try:
+        return worlds.make(name, 1, 0, **worlds.settings_from(name, settings)).spec
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{path}: world_settings: {error}') from error
+
+
+def description(path: Path, content: dict[str, Any], spec: WorldSpec) -> dict[str, Any]:
+    """Return what the file says about its policy."""
+    low, high = observation_bounds(spec)
+    seen, done = units.observation_units(spec), units.action_units(spec)
+    return {
+        **{name: content[name] for name in (
+            'world', 'observation_names', 'action_names', 'continuous', 'action_count', 'seed',
+            'training', 'world_settings')},
+        'observation_units': [one.unit for one in seen],
+        'observation_scales': [one.scale for one in seen],
+        'observation_low': _finite(low), 'observation_high': _finite(high),
+        'action_units': [one.unit for one in done],
+        'action_low': list(spec.action_low), 'action_high': list(spec.action_high),
+        'dt': spec.dt, 'provenance': provenance.of(path, content),
+    }
+
+
+def _finite(values: F32) -> list[float | None]:
+    """Return bounds as JSON can hold them; null: none."""
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def sample(path: Path, spec: WorldSpec, count: int = OBSERVATIONS) -> F32:
+    """Return observations `(count, D)`: half of the policy's own flights, half drawn at random."""
+    world = worlds.make(
+        spec.name, _FLOWN_ENVS, 1, **worlds.settings_from(spec.name, spec.settings))
+    pilot, seen = PolicyPilot(path, world.spec), []
+    observation = world.reset()
+    for step in range(count // 2 // _FLOWN_ENVS * _FLOWN_EVERY):
+        if step % _FLOWN_EVERY == 0:
+            seen.append(observation)
+        observation = world.step(pilot(observation))[0]
+    low, high = observation_bounds(spec)
+    drawn = np.random.default_rng(1).uniform(
+        np.maximum(low, -_WIDE), np.minimum(high, _WIDE),
+        (count - count // 2, spec.observation_size))
+    return np.concatenate((*seen, drawn.astype(np.float32)))
+
+
+def _sealed(model: Any, told: dict[str, Any]) -> bytes:
+    """Return the file of a model with its description."""
+    model.ClearField('metadata_props')
+    for key, value in onnx_file.metadata(told).items():
+        model.metadata_props.add(key=key, value=value)
+    return onnx_file.seal(model.SerializeToString(deterministic=True))
+
+
+def _compare(
+    data: bytes, policy: Policy, spec: WorldSpec, observations: F32,
+) -> tuple[float, float]:
+    """Return the greatest difference of a file's actions from PyTorch's, and of PyTorch's.
+
+    PyTorch multiplies one observation by other kernels than many, which add in another order. In
+    a network of large weights the actions of the two differ by some 1e-5, without either being
+    wrong: no closer agreement can be asked of another library.
+    """
+    module = graph.DeterministicPolicy(policy, spec).eval()
+    with torch.inference_mode():
+        rows = torch.tensor(observations)
+        output = module.output(rows)
+        singly = torch.cat([module.output(row[None]) for row in rows])
+    found = torch.from_numpy(onnx_file.loaded(Path('export'), data, spec)[0](observations))
+    spread = float((output - singly).abs().max())
+    if spec.continuous:
+        return float((found - output).abs().max()), spread
+    # Two choices that are alike may change places.
+    chosen = output.gather(1, found[:, None])[:, 0]
+    return float((output.amax(1) - chosen).max()), spread
