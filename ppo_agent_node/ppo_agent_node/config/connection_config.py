@@ -11,8 +11,8 @@ from rocket_sim_node.settings import setting
 def simulators_setting() -> Any:
     """Declare the setting that names the simulators of a training."""
     return setting(
-        '', '', "namespaces of the simulators to train in, such as /sim_*: those that are there "
-        "and those that come; empty: the one in the agent's own namespace")
+        '', '', "namespaces of the simulators to train in, such as /sim_*; simulators may join "
+        "later. Empty: the simulator in the agent's own namespace")
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,12 @@ class ConnectionConfig:
     """How long to wait for the simulator."""
 
     resend_after: float = setting(
-        0.2, 's', 'without an answer for so long an action is sent again', 0.001, 60.0)
+        0.2, 's', 'time without an answer after which an action is sent again', 0.001, 60.0)
     patience: float = setting(
-        60.0, 's', 'without an answer for so long the node gives up', 0.1, 1e6)
+        60.0, 's', 'time without an answer after which the node gives up', 0.1, 1e6)
     acknowledge: str = setting(
-        'auto', '', 'whether each observation and reward is acknowledged, so that DDS repeats '
-        'what was lost; auto: when the discovery range goes beyond this machine',
+        'auto', '', 'whether observations and rewards are acknowledged, so that DDS repeats lost '
+        'ones; auto: if the discovery range extends beyond this machine',
         choices=('auto', 'always', 'never'))
 
 

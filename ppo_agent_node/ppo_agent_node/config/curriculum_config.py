@@ -19,39 +19,46 @@ def level_setting(level: int) -> dict[str, float]:
 class CurriculumConfig:
     """Settings of the curriculum and of the task."""
 
-    curriculum_start_level: int = setting(1, '', 'level of the first roll-out', 0, 8)
+    curriculum_start_level: int = setting(1, '', 'curriculum level of the first roll-out', 0, 8)
     curriculum_final_level: int = setting(
-        7, '', 'level to end on, also that of evaluations; 0: the world has no levels', 0, 8)
+        7, '', 'last curriculum level, also used for evaluation; 0: the world has no levels', 0, 8)
     curriculum_wide_level: int = setting(
-        0, '', "level that every second group of rockets flies in place of the curriculum's, and "
-        'that selection and demonstrations fly as well, so that one policy masters both; needs '
+        0, '', "level flown by every second group of rockets instead of the curriculum's level, "
+        'and also by demonstrations and selection, so that one policy learns both; needs '
         'num_groups of 2 or more; 0: none', 0, 8)
     conditions: str = setting(
-        '', '', 'set of conditions that all episodes of the run draw from; empty: as the '
-        'simulator was started', choices=_CONDITIONS)
+        '', '', "set of conditions from which all episodes of the run are drawn; empty: the "
+        "simulator's own", choices=_CONDITIONS)
     curriculum_wide_conditions: str = setting(
-        '', '', 'set of conditions of those groups; empty: that of the others',
+        '', '', 'set of conditions for the groups of curriculum_wide_level; empty: the same as '
+        'for the others',
         choices=_CONDITIONS)
+    curriculum_nominal_share: float = setting(
+        0.0, '', "probability that each condition of an episode stays nominal (the world's "
+        'nominal_share), in demonstrations and roll-outs; so vehicles that differ in one way only '
+        'are met as well', 0.0, 0.99)
     observation: str = setting(
-        'standard', '', 'what the policy sees of a rocket; extended: also its last commands and '
-        'accelerations, which the simulator has to be started with',
+        'standard', '', 'observation of a rocket; extended: also its last commands and '
+        'accelerations. The simulator must be started with the same value',
         choices=('standard', 'extended'))
     curriculum_landing_rate: float = setting(
-        0.9, '', 'landing rate over the window that advances a level', 0.0, 1.0)
+        0.9, '', 'landing rate over the window at which the level rises', 0.0, 1.0)
     curriculum_window: int = setting(
-        64, 'episodes', 'the most recent that the landing rate is measured over', 1, 1_000_000)
+        64, 'episodes', 'number of most recent episodes over which the landing rate is '
+        'measured', 1, 1_000_000)
     curriculum_start_reach: float = setting(
-        0.0, 'm', 'the reverse curriculum: first of all, roll-outs begin up to so high above '
-        "touchdown, the world's spawn_reach, then ever higher; 0: at the spawn height", 0.0, 1e4)
+        0.0, 'm', "reverse curriculum: the first roll-outs begin at heights up to this one above "
+        "touchdown (the world's spawn_reach), later ones higher; 0: no reverse "
+        'curriculum', 0.0, 1e4)
     curriculum_reach_growth: float = setting(
-        1.2, '', 'by this factor, when the highest starts land', 1.000001, 1e4)
+        1.2, '', 'factor by which that height grows when the highest starts land', 1.000001, 1e4)
     curriculum_reach_landing_rate: float = setting(
-        0.95, '', 'landing rate over the window that is enough for it', 0.0, 1.0)
+        0.95, '', 'landing rate of the highest starts at which the height grows', 0.0, 1.0)
     curriculum_reach_hardest: float = setting(
-        0.2, '', 'part of the starts, the highest, that this rate is of', 1e-3, 1.0)
+        0.2, '', 'fraction of the starts that counts as the highest', 1e-3, 1.0)
     curriculum_heading: float = setting(
-        0.0, 'deg', "roll-outs are flown in axes turned by up to it, plus or minus: the world's "
-        'spawn_heading; rocket_planar only', 0.0, 180.0)
+        0.0, 'deg', "maximum rotation of the axes in roll-outs, plus or minus (the world's "
+        'spawn_heading); rocket_planar only', 0.0, 180.0)
 
     @property
     def selection_settings(self) -> tuple[dict[str, float], ...]:
@@ -65,6 +72,12 @@ class CurriculumConfig:
         return self.task_settings(
             self.curriculum_wide_level, self.curriculum_wide_conditions or self.conditions)
 
+    @property
+    def learning_settings(self) -> dict[str, float]:
+        """Reset settings of demonstrations and roll-outs beyond those of the task."""
+        share = self.curriculum_nominal_share
+        return {'nominal_share': share} if share else {}
+
     def task_settings(self, level: int, drawn: str | None = None) -> dict[str, float]:
         """Return the reset settings of a level.
 
@@ -76,7 +89,9 @@ class CurriculumConfig:
     def reset_settings(self, level: int, group: int = 0) -> dict[str, float]:
         """Return the reset settings of a group's world for roll-outs."""
         wide = group % 2 and self.curriculum_wide_level
-        settings = self.wide_settings if wide else self.task_settings(level)
+        settings = {
+            **(self.wide_settings if wide else self.task_settings(level)),
+            **self.learning_settings}
         if self.curriculum_heading:
             settings['spawn_heading'] = self.curriculum_heading
         return settings

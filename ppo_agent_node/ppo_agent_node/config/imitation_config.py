@@ -20,47 +20,55 @@ class DemonstrationConfig:
     """
 
     demonstration_episodes: int = setting(
-        512, '', 'episodes that the expert flies; 0: neither demonstrations nor cloning',
+        512, '', 'number of episodes flown by the expert, and maximum number used in a round of '
+        'DAgger; 0: no demonstrations and no cloning',
         0, 1_000_000)
     demonstration_noise: float = setting(
-        0.2, '', 'standard deviation of noise on the actions flown, not on those recorded',
+        0.2, '', 'standard deviation of the noise added to the actions flown; the recorded '
+        'actions have none',
         0.0, 2.0)
     demonstration_spawn_angle: float = setting(
-        37.0, 'deg', 'pitch and roll at spawn, plus or minus; -1: by level', UNSET, 180.0)
+        37.0, 'deg', 'range of pitch and roll at the start, plus or minus; -1: by '
+        'level', UNSET, 180.0)
     demonstration_spawn_position: float = setting(
-        8.0, 'm', 'x and z at spawn, plus or minus; -1: by level', UNSET, 1e4)
+        8.0, 'm', 'range of x and z at the start, plus or minus; -1: by level', UNSET, 1e4)
     demonstration_spawn_speed: float = setting(
-        3.5, 'm/s', 'velocity at spawn, x and z plus or minus, down to twice; -1: by level',
+        3.5, 'm/s', 'range of the velocity at the start: x and z plus or minus, downwards up to '
+        'twice as much; -1: by level',
         UNSET, 1e3)
     demonstration_spawn_spin: float = setting(
-        0.05, 'rad/s', 'angular velocity at spawn, plus or minus; -1: by level', UNSET, 100.0)
+        0.05, 'rad/s', 'range of the angular velocity at the start, plus or minus; -1: by '
+        'level', UNSET, 100.0)
     demonstration_spawn_heading: float = setting(
-        float(UNSET), 'deg', "pilot's axes at spawn, plus or minus, rocket_planar only; "
-        '-1: not turned', UNSET, 180.0)
+        float(UNSET), 'deg', "rotation of the pilot's axes at spawn, plus or minus; rocket_planar "
+        'only; -1: not rotated', UNSET, 180.0)
     demonstration_spawn_reach: float = setting(
-        float(UNSET), 'm', "height above touchdown up to which episodes begin: the world's "
-        'spawn_reach, for all but those of curriculum_wide_level; -1: all begin at spawn_height',
+        float(UNSET), 'm', "maximum start height above touchdown (the world's spawn_reach) of all "
+        'demonstrations but those of curriculum_wide_level; -1: all begin at spawn_height',
         UNSET, 1e4)
     dagger_rounds: int = setting(
-        0, '', 'rounds in which the clone flies, the expert says what it would have done, and '
-        'cloning is repeated on all samples', 0, 1000)
+        0, '', 'number of DAgger rounds: the clone flies, the expert labels the states it visits, '
+        'and cloning is repeated on all samples', 0, 1000)
     teacher: str = setting(
-        '', '', "the scripted pilot that demonstrates; empty: the one for the world's engine",
+        '', '', "scripted pilot that demonstrates; empty: the one for the world's engine",
         choices=('', 'expert', 'expert_estimator', 'hoverslam'))
     teacher_braking_share: float = setting(
-        float(UNSET), '', "expert's planned deceleration, as a share of full throttle; -1: the "
-        "expert's own", UNSET, 1.0)
+        float(UNSET), '', "planned deceleration of the teacher, as a fraction of full throttle; "
+        "-1: the teacher's own value", UNSET, 1.0)
     teacher_flare_rate: float = setting(
-        float(UNSET), '1/s', "expert's speed per height in the flare; -1: the expert's own", UNSET,
+        float(UNSET), '1/s', "speed per height of the teacher in the flare; -1: the teacher's own "
+        'value', UNSET,
         1000.0)
     teacher_flare_speed: float = setting(
-        float(UNSET), 'm/s', "speed at touchdown that the expert aims at; -1: the expert's own",
+        float(UNSET), 'm/s', "touchdown speed that the teacher aims at; -1: the teacher's own "
+        'value',
         UNSET, 2.0)
     teacher_speed_settling: float = setting(
-        float(UNSET), '', "time in which the expert's errors in speed die out, as a share of the "
-        "burn left; -1: the expert's own", UNSET, 10.0)
+        float(UNSET), '', "time constant of the teacher's speed errors, as a fraction of the "
+        "remaining burn; -1: the teacher's own value", UNSET, 10.0)
     teacher_attitude_rate: float = setting(
-        float(UNSET), 'rad/s', "natural frequency of the expert's attitude; -1: the expert's own",
+        float(UNSET), 'rad/s', "natural frequency of the teacher's attitude control; -1: the "
+        "teacher's own value",
         UNSET, 50.0)
 
     def teacher_gains(self) -> dict[str, float]:
@@ -77,19 +85,21 @@ class CloneConfig:
     """Settings of behavioural cloning."""
 
     clone_epochs: int = setting(
-        12, '', 'passes over the demonstrations, at most; with DAgger those of the last round',
+        12, '', 'maximum number of passes over the demonstrations; with DAgger, in the last round',
         1, 10_000)
     dagger_epochs: int = setting(
-        4, '', 'passes before each round of DAgger, at most', 1, 10_000)
+        4, '', 'maximum number of passes before each DAgger round', 1, 10_000)
     clone_batch_size: int = setting(1024, '', 'samples in a minibatch', 1, 1_000_000)
-    clone_learning_rate: float = setting(2e-3, '', 'of Adam, decays to 0', 0.0, 1.0)
+    clone_learning_rate: float = setting(2e-3, '', 'learning rate of Adam; decays to 0', 0.0, 1.0)
     clone_huber_delta: float = setting(
-        0.0, '', 'errors of an action count squared up to it and linearly beyond; 0: all squared',
+        0.0, '', 'width of the Huber loss: larger errors of an action count linearly; 0: squared '
+        'error throughout',
         0.0, 2.0)
     clone_margin: float = setting(
-        0.0, '', 'actions at a bound are aimed at from so far beyond, so that small errors do not '
-        'leave it', 0.0, 2.0)
+        0.0, '', 'distance beyond a bound at which actions on that bound are aimed, so that small '
+        'errors still give the bound', 0.0, 2.0)
     clone_validation_fraction: float = setting(
-        0.1, '', 'part of the episodes held out to validate', 0.0, 0.9)
+        0.1, '', 'fraction of the episodes held out for validation', 0.0, 0.9)
     clone_patience: int = setting(
-        5, '', 'epochs without a better validation loss before cloning stops', 1, 10_000)
+        5, '', 'number of epochs without a better validation loss after which cloning '
+        'stops', 1, 10_000)

@@ -30,78 +30,93 @@ class NetworkConfig:
     """Architecture and initialisation of actor and critic."""
 
     hidden_sizes: tuple[int, ...] = setting(
-        (256, 256), '', 'units of the hidden layers, actor and critic alike', 1, 16_384)
+        (256, 256), '', 'units of the hidden layers of actor and critic', 1, 16_384)
     activation: str = setting(
-        'tanh', '', 'what follows each hidden layer', choices=('tanh', 'relu'))
+        'tanh', '', 'activation function after each hidden layer', choices=('tanh', 'relu'))
     fine_observations: str = setting(
-        'pad_y', '', 'observations, by name, that are seen on a logarithmic scale away from zero; '
-        'names that the world lacks are passed over')
+        'pad_y', '', 'names of observations that are compressed by asinh; names that the world '
+        'lacks are ignored')
     fine_width: float = setting(
-        0.02, '', 'around zero, within this width, that scale is linear', 1e-9, 1e9)
+        0.02, '', 'width around zero within which that compression is linear', 1e-9, 1e9)
     hidden_observations: str = setting(
-        '', '', 'observations, by name, that the policy does not see and the critic does; names '
-        'that the world lacks are passed over')
+        '', '', 'names of observations that the critic sees and the policy does not; names that '
+        'the world lacks are ignored')
     features: str = setting(
-        'none', '', 'what actor and critic see beside the observation; descent: needed '
-        'deceleration, time to go, flare rate and what guidance weighs; miss: also where it would '
-        'come down if nobody steered; worlds of rockets only',
-        choices=('none', 'descent', 'miss'))
-    log_std_init: float = setting(-2.8, '', 'log standard deviation to begin with', -10.0, 2.0)
+        'none', '', 'additional inputs of actor and critic; descent: required deceleration, time '
+        'to go, flare rate and guidance terms; guidance: also the predicted miss distance without '
+        'control and the lean at which turning can be stopped; rocket worlds only',
+        choices=('none', 'descent', 'guidance'))
+    symmetry: str = setting(
+        'none', '', 'symmetries of actor and critic: a mirrored observation gives the mirrored '
+        "action and the same value; mirrors: across x and z, a lander's across x; turns: also "
+        'quarter turns about the vertical. Layers need multiples of 4 (mirrors), 2 (landers) or '
+        '8 (turns) units', choices=('none', 'mirrors', 'turns'))
+    log_std_init: float = setting(
+        -2.8, '', 'initial log standard deviation of the actions', -10.0, 2.0)
     log_std_final: float = setting(
-        -3.7, '', 'most it may be at the last iteration; the bound falls from log_std_init; '
-        'log_std_init or more: no bound', -10.0, 20.0)
-    log_std_floor: float = setting(-4.5, '', 'least log standard deviation', -10.0, 2.0)
+        -3.7, '', 'upper bound of the log standard deviation at the last iteration; the bound '
+        'falls linearly from log_std_init; log_std_init or more: no bound', -10.0, 20.0)
+    log_std_floor: float = setting(
+        -4.5, '', 'lower bound of the log standard deviation', -10.0, 2.0)
 
 
 @dataclass(frozen=True)
 class PPOConfig:
     """Settings of proximal policy optimisation."""
 
-    iterations: int = setting(70, '', 'roll-outs, each followed by an update', 0, 1_000_000)
-    n_steps: int = setting(256, 'steps', 'length of a roll-out, per rocket', 1, 1_000_000)
+    iterations: int = setting(70, '', 'number of iterations, each a roll-out followed by an '
+        'update', 0, 1_000_000)
+    n_steps: int = setting(256, 'steps', 'steps per rocket in a roll-out', 1, 1_000_000)
     num_groups: int = setting(
-        1, '', "batches of the simulator's num_envs rockets in a roll-out; each is flown by "
-        'whichever simulator is free, so there should be as many as simulators, or more', 1, 4096)
+        1, '', "number of groups in a roll-out, each of a simulator's num_envs rockets. A free "
+        'simulator flies the next group, so use at least as many groups as simulators', 1, 4096)
     start_copies: int = setting(
-        1, '', 'rockets that fly each start, in roll-outs of one whole episode a rocket: an '
-        'advantage is the return of an episode beside those of its copies; fewer where num_envs '
-        'is no multiple. 1: roll-outs of n_steps, judged by the critic', 1, 4096)
+        1, '', 'number of rockets that fly each start, in roll-outs of one whole episode per '
+        'rocket. The advantage is the return of an episode relative to those of its copies. '
+        'Reduced if num_envs is no multiple. 1: roll-outs of n_steps with a critic', 1, 4096)
     scatter_steps: int = setting(
-        512, 'steps', 'flown after a change of level to get the rockets out of step, about an '
-        'episode; 0: not', 0, 1_000_000)
-    n_epochs: int = setting(2, '', 'passes over a roll-out', 1, 1000)
+        512, 'steps', "steps flown after a change of level, about an episode, so that the "
+        "rockets' episodes are out of phase; 0: none", 0, 1_000_000)
+    n_epochs: int = setting(2, '', 'number of passes over a roll-out', 1, 1000)
     batch_size: int = setting(4096, '', 'samples in a minibatch', 1, 10_000_000)
-    clip_range: float = setting(0.1, '', 'clip of the probability ratio, epsilon', 1e-6, 10.0)
+    clip_range: float = setting(
+        0.1, '', 'clip range of the probability ratio, epsilon', 1e-6, 10.0)
     value_clip_range: float = setting(
-        0.0, '', 'the critic is not rewarded for moving further than this from its old value, in '
-        'its own units; 0: as far as it likes', 0.0, 1e9)
-    gamma: float = setting(0.9999, '', 'discount per step', 0.0, 1.0)
+        0.0, '', "clip range of the critic's change, in units of its value; 0: not "
+        'clipped', 0.0, 1e9)
+    gamma: float = setting(0.9999, '', 'discount factor per step', 0.0, 1.0)
     gamma_first: float = setting(
-        -1.0, '', 'that of the first iteration, from where 1 - gamma goes to that of the last '
-        'geometrically; -1: gamma throughout', -1.0, 1.0)
-    gae_lambda: float = setting(0.99, '', 'lambda of generalised advantages', 0.0, 1.0)
+        -1.0, '', 'discount factor of the first iteration; 1 - gamma changes geometrically from '
+        'there to the last iteration; -1: gamma throughout', -1.0, 1.0)
+    gae_lambda: float = setting(
+        0.99, '', 'lambda of generalised advantage estimation (GAE)', 0.0, 1.0)
     entropy_coefficient: float = setting(0.0, '', 'weight of the entropy bonus', 0.0, 100.0)
     entropy_coefficient_final: float = setting(
-        -1.0, '', 'that at the end, to which it goes linearly; -1: the same throughout', -1.0,
+        -1.0, '', 'weight of the entropy bonus at the end, reached linearly; -1: constant', -1.0,
         100.0)
     max_grad_norm: float = setting(
-        0.5, '', 'gradients of each network are clipped to it', 1e-9, 1e9)
-    actor_learning_rate: float = setting(3e-5, '', 'of Adam, at the first iteration', 0.0, 1.0)
-    critic_learning_rate: float = setting(1e-3, '', 'of Adam, at the first iteration', 0.0, 1.0)
+        0.5, '', "maximum norm of each network's gradient", 1e-9, 1e9)
+    actor_learning_rate: float = setting(
+        3e-5, '', 'learning rate of Adam at the first iteration', 0.0, 1.0)
+    critic_learning_rate: float = setting(
+        1e-3, '', 'learning rate of Adam at the first iteration', 0.0, 1.0)
     log_std_learning_rate: float = setting(
-        1e-3, '', 'of Adam for the log standard deviation, at the first iteration', 0.0, 1.0)
-    learning_rate_decay: bool = setting(True, '', 'all rates fall linearly to 0 at the end')
+        1e-3, '', 'learning rate of Adam for the log standard deviation at the first '
+        'iteration', 0.0, 1.0)
+    learning_rate_decay: bool = setting(True, '', 'whether all learning rates fall linearly to 0')
     desired_kl: float = setting(
-        0.0, 'nats', "after an update that moved the policy by over twice as much, the actor's "
-        'learning rate is divided by 1.5, after one by less than half multiplied; 0: as it is',
+        0.0, 'nats', "desired KL divergence of an update: above twice this value the actor's "
+        'learning rate is divided by 1.5, below half of it multiplied by 1.5; 0: not adapted',
         0.0, 1e3)
     target_kl: float = setting(
-        0.03, 'nats', 'an update ends early beyond this divergence; 0: never', 0.0, 1e3)
-    reward_scale: float = setting(0.01, '', 'the learner sees rewards times this', 1e-9, 1e9)
+        0.03, 'nats', 'KL divergence beyond which an update ends early; 0: never', 0.0, 1e3)
+    reward_scale: float = setting(
+        0.01, '', 'factor by which rewards are multiplied for learning', 1e-9, 1e9)
     normalise_advantages: bool = setting(
-        True, '', 'advantages of a minibatch get mean 0 and standard deviation 1')
+        True, '', 'whether the advantages of a minibatch are normalised to mean 0 and standard '
+        'deviation 1')
     critic_warmup_iterations: int = setting(
-        12, '', 'first iterations that train the critic only', 0, 1_000_000)
+        12, '', 'number of first iterations that train the critic only', 0, 1_000_000)
 
     @property
     def whole_episodes(self) -> bool:
@@ -113,35 +128,36 @@ class PPOConfig:
 class RunConfig:
     """Settings of a run that do not concern learning."""
 
-    seed: int = setting(1, '', 'all randomness of the run starts here', 0, 2**31 - 1)
-    threads: int = setting(2, '', 'threads of the tensor library', 1, 1024)
+    seed: int = setting(1, '', 'seed of all random numbers of the run', 0, 2**31 - 1)
+    threads: int = setting(2, '', "number of PyTorch's threads", 1, 1024)
     device: str = setting(
-        'auto', '', 'where updates are computed; auto: on the GPU where there is one. On another '
-        'device, also when a run is resumed there, the same seed gives other weights',
+        'auto', '', 'device on which updates are computed; auto: the GPU if there is one. The '
+        'same seed gives different weights on different devices, also in a resumed run',
         choices=('auto', 'cpu', 'cuda'))
     checkpoint_interval: int = setting(
-        5, 'iterations', 'a checkpoint is written this often, and at a stop', 1, 1_000_000)
+        5, 'iterations', 'interval between checkpoints; a stop also writes one', 1, 1_000_000)
     selection_interval: int = setting(
-        5, 'iterations', 'the policy is flown without noise this often, to keep the best',
+        5, 'iterations', 'interval between flights without noise, which select the best policy',
         1, 1_000_000)
     selection_from_landing_rate: float = setting(
-        0.0, '', 'but only if so much of the last curriculum_window episodes of roll-outs landed',
+        0.0, '', 'landing rate of the last curriculum_window episodes of roll-outs that a '
+        'selection requires',
         0.0, 1.0)
     selection_episodes: int = setting(
-        512, '', 'episodes of such a flight, at least one per rocket', 1, 1_000_000)
+        512, '', 'number of episodes of a selection, at least one per rocket', 1, 1_000_000)
     training_episodes: int = setting(
-        0, 'episodes', 'fine-tuning also ends with the iteration in which so many have ended; '
-        '0: after its iterations', 0, 1_000_000_000)
+        0, 'episodes', 'number of episodes after which fine-tuning ends with its iteration; 0: it '
+        'ends after its iterations', 0, 1_000_000_000)
     target_return: float = setting(
-        1e9, '', 'fine-tuning also ends with the iteration whose flight without noise returns so '
-        'much on average; by default more than there is', -1e9, 1e9)
+        1e9, '', 'mean return of a selection at which fine-tuning ends; the default cannot be '
+        'reached', -1e9, 1e9)
     episode_lines: bool = setting(
-        False, '', 'tell of each episode of fine-tuning, its score and the average of the last '
-        '50; keeps the scores in train.jsonl and draws them')
+        False, '', 'print the score of each episode of fine-tuning and the average of the last '
+        '50, keep the scores in train.jsonl and plot them')
     evaluation_episodes: int = setting(
-        2000, '', 'episodes of the final evaluation', 1, 10_000_000)
+        2000, '', 'number of episodes of the final evaluation', 1, 10_000_000)
     evaluation_seed: int = setting(
-        20_000_000, '', 'seed of the final evaluation, never used in training', 0, 2**31 - 1)
+        20_000_000, '', 'seed of the final evaluation; training never uses it', 0, 2**31 - 1)
 
 
 @dataclass(frozen=True)
@@ -236,14 +252,14 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_final_level: got {final}, expected {"1 or more" if levels else 0}, as '
             f'world {spec.name!r} has {"" if levels else "no "}levels')
-    for name in ('conditions', 'curriculum_wide_conditions'):
+    for name in ('conditions', 'curriculum_wide_conditions', 'curriculum_nominal_share'):
         if drawn := getattr(config.curriculum, name):
             conditions.check_world(spec, drawn, name)
     seen = 'extended' if 'command_1_throttle' in spec.observation_names else 'standard'
     if 'observation' in spec.settings and config.curriculum.observation != seen:
         raise ValueError(
             f'observation: got {config.curriculum.observation!r}, but the simulator was started '
-            f'with observation:={seen}; expected the same of both')
+            f'with observation:={seen}; expected the same value for both')
     copies = config.ppo.start_copies
     if copies > 1 and 'spawn_copies' not in spec.settings:
         raise ValueError(

@@ -19,6 +19,7 @@ from ppo_agent_node.ppo.networks.adam import FlatAdam
 from ppo_agent_node.ppo.networks.features import make_features
 from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.factory import symmetry_of
 from ppo_agent_node.ppo.rollout_buffer import Batch
 from ppo_agent_node.ppo.update import Diagnostics
 from ppo_agent_node.runs import sealed_file
@@ -76,7 +77,8 @@ class Learner:
         self.critic = Critic(
             spec.observation_size, network.hidden_sizes,
             random_streams.generator(self._seed, 'critic'), network.activation,
-            make_features(network.features, spec.observation_names, spec.settings))
+            make_features(network.features, spec.observation_names, spec.settings),
+            symmetry_of(spec, network))
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
             for name in set(network.fine_observations.split()) & set(spec.observation_names):
                 normaliser.width[spec.observation_names.index(name)] = network.fine_width
@@ -151,8 +153,9 @@ class Learner:
         for name, network in (('policy', self.policy), ('critic', self.critic)):
             if not all(bool(weight.isfinite().all()) for weight in network.parameters()):
                 raise ValueError(
-                    f'iteration {iteration}: the weights of the {name} are not finite any more: '
-                    'rewards or learning rates are too large; resumed with these it ends so again')
+                    f'iteration {iteration}: the weights of the {name} are no longer finite: '
+                    'rewards or learning rates are too large; a resumed run would end '
+                    'the same way')
         return diagnostics, rates[0]
 
     def _adapt_rate(self, divergence: float) -> None:

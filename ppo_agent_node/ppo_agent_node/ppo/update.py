@@ -70,7 +70,8 @@ class CriticUpdate:
     def __init__(self, critic: Critic, config: PPOConfig) -> None:
         """Take over the critic's parameters."""
         self.critic, self.config = critic, config
-        self.optimiser = FlatAdam([list(critic.value.parameters())])
+        self.optimiser = FlatAdam(
+            [list(critic.value.parameters())], ties=critic.value.ties())
         self._network = Backpropagation(
             critic.value, self.optimiser.gradient_of, config.batch_size)
 
@@ -120,7 +121,8 @@ class PolicyUpdate:
         self.policy, self.config = policy, config
         self._noise = policy.noise_parameters()
         groups = [list(policy.network.parameters())]
-        self.optimiser = FlatAdam(groups + [self._noise] if self._noise else groups)
+        self.optimiser = FlatAdam(
+            groups + [self._noise] if self._noise else groups, ties=policy.network.ties())
         self._network = Backpropagation(
             policy.network, self.optimiser.gradient_of, config.batch_size)
 

@@ -9,12 +9,14 @@ parameters than on the update.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 from torch import nn
 
+from ppo_agent_node.ppo.networks.symmetry import Representation
 from ppo_agent_node.runs.sealed_file import Tensors
 
 _ALIGNED = 16
@@ -36,8 +38,13 @@ class FlatAdam:
         groups: Sequence[Sequence[nn.Parameter]],
         betas: tuple[float, float] = (0.9, 0.999),
         epsilon: float = 1e-5,
+        ties: Mapping[Tensor, Representation] | None = None,
     ) -> None:
-        """Take over parameters, in groups that each have a learning rate."""
+        """Take over parameters, in groups that each have a learning rate.
+
+        :param ties: symmetries of flat parameters: gradients are projected to what they leave
+            as it is, so that parameters which they leave as they are remain so.
+        """
         self._betas, self._epsilon = betas, epsilon
         self._parameters = [parameter for group in groups for parameter in group]
         places, ends = [], []
@@ -62,6 +69,7 @@ class FlatAdam:
         self._gradients = {
             id(parameter): view
             for parameter, view in zip(self._parameters, views(self.gradient), strict=True)}
+        self._tied = None if not ties else _joined(ties, self._parameters, places, size, device)
         self._state = list(zip(views(self._mean), views(self._square), strict=True))
         with torch.no_grad():
             for parameter, view in zip(self._parameters, views(values), strict=True):
@@ -81,6 +89,8 @@ class FlatAdam:
         :param count: number of samples whose gradients were summed.
         :return: the norm before clipping.
         """
+        if self._tied is not None:
+            self.gradient.copy_(self._tied.average(self.gradient))
         norm = float(torch.linalg.vector_norm(self.gradient)) / count
         # A NaN norm must propagate to the parameters, where it is detected.
         scale = (max_norm / (norm + 1e-6) if not norm + 1e-6 < max_norm else 1.0) / count
@@ -109,3 +119,19 @@ class FlatAdam:
         for name, tensor in self.state_dict().items():
             tensor.copy_(tensors[name])
         self._steps = int(tensors['steps'])
+
+
+def _joined(
+    ties: Mapping[Tensor, Representation], parameters: Sequence[nn.Parameter],
+    places: Sequence[int], size: int, device: torch.device,
+) -> Representation:
+    """Return how symmetries act on all parameters, flat, with the gaps between them."""
+    order = len(next(iter(ties.values())).source)
+    index = torch.arange(size).repeat(order, 1)
+    sign = torch.ones(order, size)
+    for place, parameter in zip(places, parameters, strict=True):
+        if parameter in ties:
+            part = slice(place, place + parameter.numel())
+            index[:, part] = ties[parameter].source + place
+            sign[:, part] = ties[parameter].sign
+    return Representation(index.to(device), sign.to(device))

@@ -31,8 +31,16 @@ _WIDTHS = (
     0.1, 0.1, 0.1, 0.1,  # g: distance / t^2 and drift / t, along x and z
 )
 """Widths of the features' linear ranges."""
-_MISS_WIDTHS = (1.0, 1.0)
-"""m, the same for the zero-effort miss along x and z."""
+_GUIDANCE_WIDTHS = (
+    1.0, 1.0,          # m: zero-effort miss along x and z
+    0.1, 0.1,          # stopping lean along x and z
+)
+"""The same for the features of guidance."""
+_NAMES = (
+    'height', 'position_x', 'position_z', 'fall', 'velocity_x', 'velocity_z', 'up_x', 'up_z',
+    'spin_x', 'spin_z', 'deceleration', 'time', 'flare', 'pull_x', 'pull_z', 'brake_x', 'brake_z',
+)
+_GUIDANCE_NAMES = ('miss_x', 'miss_z', 'lean_x', 'lean_z')
 _FIRST_SCALES = (0.3,) * 13 + (3.0,) * 4
 """Scales that bring features to the order of 1 when there are no samples to fit them: logarithms
 go up to 10, and guidance terms are some hundredths of g until shortly before touchdown."""
@@ -46,16 +54,22 @@ class DescentFeatures(nn.Module):
 
     scale: Tensor
     width: Tensor
+    spin_up: Tensor
+    """rad/s^2, with guidance only."""
 
     def __init__(
-        self, names: Sequence[str], settings: Mapping[str, float], miss: bool = False,
+        self, names: Sequence[str], settings: Mapping[str, float], guidance: bool = False,
     ) -> None:
         """Determine columns and scales of a world.
 
         :param names: of the D entries of an observation.
         :param settings: of the world.
-        :param miss: append the zero-effort miss, the distance from the pad at which the rocket
-            would land without correction (Zarchan, 'Tactical and strategic missile guidance').
+        :param guidance: append the zero-effort miss, the distance from the pad at which the rocket
+            would land without correction (Zarchan, 'Tactical and strategic missile guidance'), and
+            the stopping lean, the up vector's x and z at which the rocket would stop turning if
+            its thrusters braked at once: s = up - w |w| / (2 a), a the nominal angular
+            acceleration (the switching curve of a double integrator; Bryson and Ho, 'Applied
+            optimal control', 1975).
         :raises ValueError: for a world whose observations are not those of a rocket.
         """
         super().__init__()
@@ -70,10 +84,13 @@ class DescentFeatures(nn.Module):
         # In the order of _NEEDED: metres, metres per second, 1, radians per second; then gravity.
         self.register_buffer('scale', torch.tensor(
             [position] * 2 + [velocity] * 3 + [1.0] * 2 + [spin] * 2 + [-position, gravity]))
-        self._miss = miss
-        widths = _WIDTHS + _MISS_WIDTHS if miss else _WIDTHS
+        self._guidance = guidance
+        if guidance:
+            self.register_buffer(
+                'spin_up', torch.tensor(max(settings['rcs_torque'] / settings['inertia'], 1e-6)))
+        widths = _WIDTHS + _GUIDANCE_WIDTHS if guidance else _WIDTHS
         self.count = len(widths)
-        self.first_scale = torch.tensor(_FIRST_SCALES + (0.5, 0.5) if miss else _FIRST_SCALES)
+        self.first_scale = torch.tensor(_FIRST_SCALES + (0.5,) * 4 if guidance else _FIRST_SCALES)
         self.register_buffer('width', torch.tensor(widths)[:, None])
 
     def forward(self, observation: Tensor) -> Tensor:
@@ -86,13 +103,21 @@ class DescentFeatures(nn.Module):
         fall = -climb
         time = 2 * above / (fall.clamp_min(0.0) + (0.5 * gravity * above).sqrt())
         per_time = 1 / (gravity * time)
-        miss = (x + drift_x * time, z + drift_z * time) if self._miss else ()
+        guidance = () if not self._guidance else (
+            x + drift_x * time, z + drift_z * time,
+            up_x - spin_z * spin_z.abs() / (2 * self.spin_up),
+            up_z + spin_x * spin_x.abs() / (2 * self.spin_up))
         features = torch.stack((
             height, x, z, fall, drift_x, drift_z, up_x, up_z, spin_x, spin_z,
             fall * fall.abs() / (2 * gravity * above), time, fall / above,
             x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time,
-            *miss))
+            *guidance))
         return features.div_(self.width).asinh_().T.reshape(*observation.shape[:-1], self.count)
+
+
+def feature_names(kind: str) -> tuple[str, ...]:
+    """Return the names of the features of a kind, in their order."""
+    return {'none': (), 'descent': _NAMES, 'guidance': _NAMES + _GUIDANCE_NAMES}[kind]
 
 
 def make_features(
@@ -102,4 +127,4 @@ def make_features(
 
     :raises ValueError: for a world that lacks the required inputs.
     """
-    return None if kind == 'none' else DescentFeatures(names, settings, kind == 'miss')
+    return None if kind == 'none' else DescentFeatures(names, settings, kind == 'guidance')

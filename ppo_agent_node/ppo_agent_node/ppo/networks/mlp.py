@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor
@@ -13,6 +14,8 @@ from torch.nn import functional
 
 from ppo_agent_node.ppo.networks.dense import dense
 from ppo_agent_node.ppo.networks.features import DescentFeatures
+from ppo_agent_node.ppo.networks.symmetry import Representation
+from ppo_agent_node.ppo.networks.symmetry import Symmetry
 
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
 
@@ -23,6 +26,17 @@ class Perceptron(nn.Sequential):
     Autograd processes them one by one. Without gradients, `dense` computes each together with its
     activation, faster and equal except for the last bits.
     """
+
+    symmetry: Sequence[Representation] = ()
+    """How the symmetries act on the units of each layer, from the inputs; empty: none."""
+
+    def ties(self) -> dict[Tensor, Representation]:
+        """Return how the symmetries act on each parameter, flat."""
+        return {
+            parameter: found for layer, (inputs, outputs) in zip(
+                self.linear, pairwise(self.symmetry), strict=bool(self.symmetry))
+            for parameter, found in (
+                (layer.weight, outputs.on_weights(inputs)), (layer.bias, outputs))}
 
     @property
     def linear(self) -> list[nn.Linear]:
@@ -58,6 +72,7 @@ class Perceptron(nn.Sequential):
 
 def mlp(
     sizes: Sequence[int], last_gain: float, generator: torch.Generator, activation: str = 'tanh',
+    symmetry: Sequence[Representation] = (),
 ) -> Perceptron:
     """Return an untrained perceptron.
 
@@ -68,6 +83,8 @@ def mlp(
 
     :param sizes: units from input to output.
     :param activation: `tanh` or `relu`.
+    :param symmetry: how symmetries act on the units of each layer, inputs and outputs included;
+        the network is equivariant, with weights of the same size.
     """
     between = _ACTIVATIONS[activation]
     layers: list[nn.Module] = []
@@ -79,7 +96,14 @@ def mlp(
         nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
         nn.init.zeros_(linear.bias)
         layers += [linear] if last else [linear, between()]
-    return Perceptron(*layers)
+    network = Perceptron(*layers)
+    network.symmetry = symmetry
+    with torch.no_grad():
+        for parameter, tie in network.ties().items():
+            # A mean of G independent numbers is smaller by the root of G.
+            tied = tie.average(parameter.flatten()) * math.sqrt(len(tie.source))
+            parameter.copy_(tied.view_as(parameter))
+    return network
 
 
 class Normaliser(nn.Module):
@@ -95,9 +119,16 @@ class Normaliser(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, size: int, features: DescentFeatures | None = None) -> None:
-        """Create the identity for D = `size` entries, with F features appended."""
+    def __init__(
+        self, size: int, features: DescentFeatures | None = None,
+        symmetry: Symmetry | None = None,
+    ) -> None:
+        """Create the identity for D = `size` entries, with F features appended.
+
+        :param symmetry: keeps what it fits to samples as these symmetries need it.
+        """
         super().__init__()
+        self._inputs = symmetry and symmetry.inputs
         self.features = features
         self.size = size + (features.count if features else 0)
         """D + F, number of output entries."""
@@ -129,9 +160,14 @@ class Normaliser(nn.Module):
     def fit(self, observation: Tensor, least: float = 1e-3) -> None:
         """Set mean and deviation from samples `(S, D)`; deviations are at least `least`."""
         bent = self._bend(observation)
-        self.mean.copy_(bent.mean(0))
+        mean, deviation = bent.mean(0), bent.std(0)
+        if self._inputs is not None:
+            mean = self._inputs.average(mean)
+            square = (bent - mean).square().mean(0)
+            deviation = self._inputs.unsigned().average(square).sqrt()
+        self.mean.copy_(mean)
         hidden = self.scale == 0
-        self.scale.copy_(1 / bent.std(0).clamp_min(least)).masked_fill_(hidden, 0.0)
+        self.scale.copy_(1 / deviation.clamp_min(least)).masked_fill_(hidden, 0.0)
 
     def copy_from(self, other: Normaliser) -> None:
         """Copy another's numbers, but keep this one's hidden entries."""
@@ -176,11 +212,14 @@ class Critic(nn.Module):
         generator: torch.Generator,
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
+        symmetry: Symmetry | None = None,
     ) -> None:
         """Create a critic D -> hidden_sizes -> 1, optionally with features."""
         super().__init__()
-        self.normaliser = Normaliser(observation_size, features)
-        self.value = mlp((self.normaliser.size, *hidden_sizes, 1), 1.0, generator, activation)
+        self.normaliser = Normaliser(observation_size, features, symmetry)
+        self.value = mlp(
+            (self.normaliser.size, *hidden_sizes, 1), 1.0, generator, activation,
+            () if symmetry is None else symmetry.layers(hidden_sizes, symmetry.invariant()))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return the values `(N,)` of observations `(N, D)`."""

@@ -12,6 +12,7 @@ from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import Perceptron
 from ppo_agent_node.ppo.networks.mlp import mlp
 from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.networks.symmetry import Symmetry
 from ppo_agent_node.ppo.policies.base import Likelihood
 from ppo_agent_node.ppo.policies.base import Policy
 
@@ -30,15 +31,17 @@ class CategoricalPolicy(Policy):
         hidden_sizes: Sequence[int],
         generator: torch.Generator,
         activation: str = 'tanh',
+        symmetry: Symmetry | None = None,
     ) -> None:
         """Create a policy D -> hidden_sizes -> K with nearly equally likely initial actions."""
         super().__init__()
         self.action_shape = ()
         self.action_dtype = torch.int64
         self._actions = action_count
-        self.normaliser = Normaliser(observation_size)
+        self.normaliser = Normaliser(observation_size, symmetry=symmetry)
         self.logits = mlp(
-            (observation_size, *hidden_sizes, action_count), 0.01, generator, activation)
+            (observation_size, *hidden_sizes, action_count), 0.01, generator, activation,
+            () if symmetry is None else symmetry.layers(hidden_sizes, symmetry.actions))
 
     @torch.no_grad()
     def sampler(

@@ -10,7 +10,10 @@ import torch
 from numpy.typing import NDArray
 
 from ppo_agent_node.config.training_config import NetworkConfig
+from ppo_agent_node.ppo.networks.features import feature_names
 from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.symmetry import Symmetry
+from ppo_agent_node.ppo.networks.symmetry import make_symmetry
 from ppo_agent_node.ppo.policies.base import Policy as Policy
 from ppo_agent_node.ppo.policies.categorical import CategoricalPolicy as CategoricalPolicy
 from ppo_agent_node.ppo.policies.gaussian import GaussianPolicy as GaussianPolicy
@@ -28,6 +31,13 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
     return fly
 
 
+def symmetry_of(spec: WorldSpec, network: NetworkConfig) -> Symmetry | None:
+    """Return the symmetries that the networks of a world shall have."""
+    return make_symmetry(
+        network.symmetry, spec.observation_names, feature_names(network.features),
+        spec.action_names, spec.action_count)
+
+
 def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Generator) -> Policy:
     """Return a policy for a world's kind of action.
 
@@ -38,8 +48,9 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
     if not spec.continuous:
         return CategoricalPolicy(
             spec.observation_size, spec.action_count, network.hidden_sizes, generator,
-            network.activation)
+            network.activation, symmetry_of(spec, network))
     return GaussianPolicy(
         spec.observation_size, spec.action_size, network.hidden_sizes, generator,
         network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
-        make_features(network.features, spec.observation_names, spec.settings))
+        make_features(network.features, spec.observation_names, spec.settings),
+        symmetry_of(spec, network))

@@ -2,8 +2,6 @@
 """Policy files: the weights and a description of what they were trained for."""
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +10,14 @@ import torch
 from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import make_policy
+from ppo_agent_node.ppo.policies.fit import fitted
+from ppo_agent_node.ppo.policies.fit import short
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.sealed_file import Tensors
 from rocket_sim_node import settings
 from rocket_sim_node.worlds import WorldSpec
 
 POLICY = 'policy'
-_NEEDED = (
-    'observation_names', 'action_names', 'continuous', 'action_count', 'hidden_sizes')
-"""Required entries of a policy's description."""
 
 
 def save_policy(
@@ -58,51 +55,13 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
         actual and expected values.
     """
     tensors, content = sealed_file.read(path, POLICY)
-    for name in _NEEDED:
-        if name not in content:
-            raise ValueError(
-                f'{path}: {name} of the policy is not there, expected {", ".join(_NEEDED)}')
-    spec = _narrowed(path, spec, content['observation_names'])
-    for name, ours in (
-        ('observation_names', list(spec.observation_names)),
-        ('action_names', list(spec.action_names)),
-        ('continuous', spec.continuous), ('action_count', spec.action_count),
-    ):
-        if content[name] != ours:
-            raise ValueError(
-                f'{path}: {name} of the policy, for world '
-                f'{_short(content.get("world", "unknown"))!r}, is {_short(content[name])}, '
-                f'expected {ours} of world {spec.name!r}')
+    spec = fitted(path, content, spec, ('hidden_sizes',))
     network = _network(path, content)
     _expect_room(path, tensors, network, spec)
     policy = make_policy(spec, network, torch.Generator())
     sealed_file.expect_tensors(path, tensors, policy.state_dict())
     policy.load_state_dict(tensors)
     return policy.eval(), content
-
-
-def _narrowed(path: Path, spec: WorldSpec, names: object) -> WorldSpec:
-    """Return a world reduced to the observations that a policy names, if it has them all.
-
-    :raises ValueError: for a policy that needs other observations than the world's.
-    """
-    given = spec.observation_names
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        return spec
-    missing = [name for name in names if name not in given]
-    if not missing and names and len(set(names)) == len(names):
-        return replace(spec, observation_names=tuple(names))
-    if missing and set(given) < set(names):
-        raise ValueError(
-            f'{path}: observation_names: the policy also sees {_listed(missing)}; expected a '
-            f'world {spec.name!r} that gives them, as with observation:=extended')
-    return spec
-
-
-def _listed(names: Sequence[str], most: int = 3) -> str:
-    """Return the first few names as text, and the number of the others."""
-    more = f' and {len(names) - most} more' if len(names) > most else ''
-    return ', '.join(f'{name:.40}' for name in names[:most]) + more
 
 
 def _expect_room(
@@ -117,12 +76,8 @@ def _expect_room(
     held = sum(tensor.numel() for tensor in tensors.values())
     if needed > held or len(network.hidden_sizes) > len(tensors):
         raise ValueError(
-            f'{path}: hidden_sizes {_short(network.hidden_sizes)}: need {needed} weights, '
+            f'{path}: hidden_sizes {short(network.hidden_sizes)}: need {needed} weights, '
             f'expected no more than the {held} in its {len(tensors)} tensors')
-
-
-def _short(value: object) -> str:
-    return f'{value!s:.200}'
 
 
 def _network(path: Path, content: dict[str, Any]) -> NetworkConfig:

@@ -15,6 +15,7 @@ from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import Perceptron
 from ppo_agent_node.ppo.networks.mlp import mlp
 from ppo_agent_node.ppo.networks.mlp import quick
+from ppo_agent_node.ppo.networks.symmetry import Symmetry
 from ppo_agent_node.ppo.policies.base import Likelihood
 from ppo_agent_node.ppo.policies.base import Policy
 
@@ -38,6 +39,7 @@ class GaussianPolicy(Policy):
         log_std_floor: float = -20.0,
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
+        symmetry: Symmetry | None = None,
     ) -> None:
         """Create a policy D -> hidden_sizes -> A whose initial actions are near 0.
 
@@ -48,9 +50,10 @@ class GaussianPolicy(Policy):
         super().__init__()
         self.action_shape = (action_size,)
         self.action_dtype = torch.float32
-        self.normaliser = Normaliser(observation_size, features)
+        self.normaliser = Normaliser(observation_size, features, symmetry)
         self.mean = mlp(
-            (self.normaliser.size, *hidden_sizes, action_size), 0.01, generator, activation)
+            (self.normaliser.size, *hidden_sizes, action_size), 0.01, generator, activation,
+            () if symmetry is None else symmetry.layers(hidden_sizes, symmetry.actions))
         self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
         self.log_std_init, self.log_std_final = log_std_init, log_std_final
         self.log_std_floor = log_std_floor

@@ -125,8 +125,9 @@ def test_an_update_that_diverges_is_told(field: str) -> None:
     one = learner()
     samples = batch(one)
     poisoned = samples._replace(**{field: torch.full((256,), torch.inf)})
-    whose = {'advantage': 'policy', 'target': 'critic'}[field]
-    with pytest.raises(ValueError, match=f'iteration 99: the weights of the {whose} are not'):
+    network = {'advantage': 'policy', 'target': 'critic'}[field]
+    refusal = f'iteration 99: the weights of the {network} are no longer'
+    with pytest.raises(ValueError, match=refusal):
         one.improve(99, poisoned, lambda: None)
 
 

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Model cards are those of the policies beside them, and say what was measured."""
+from __future__ import annotations
+
+import pytest
+
+import make_model_cards as cards
+from ppo_agent_node import plain_yaml
+from ppo_agent_node.exporting import provenance
+from ppo_agent_node.pilots.search import shipped_names
+
+
+@pytest.mark.parametrize('name', shipped_names())
+def test_a_card_is_current(name: str) -> None:
+    found = cards.results()[name]
+    assert found['policy_sha256'] == cards.sha256(name), (
+        'the policy has changed; run: python docs/make_model_cards.py --fly')
+    assert list(found['tasks']) == list(cards.TASKS[name])
+    assert cards.path_of(name).with_suffix('.md').read_text('utf-8') == cards.card(name), (
+        'stale; run: python docs/make_model_cards.py')
+
+
+def test_each_policy_says_where_it_comes_from() -> None:
+    assert set(provenance.shipped()) == set(shipped_names())
+    for told in provenance.shipped().values():
+        assert set(told) == set(provenance.KEYS)
+
+
+@pytest.mark.parametrize('name', shipped_names())
+def test_the_header_is_that_of_the_hub(name: str) -> None:
+    """As huggingface.co/docs/hub/model-cards has it; values are read as YAML."""
+    _, header, _ = cards.card(name).split('---\n', 2)
+    told = plain_yaml.load(header)
+    assert told['license'] == 'apache-2.0'
+    assert 'reinforcement-learning' in told['tags']
+    model, = told['model-index']
+    assert model['name'] == name
+    for task in model['results']:
+        reward, landed = task['metrics']
+        assert float(reward['value'].split(' +/- ')[0]) > 250
+        assert landed['value'] > 0.9
+
+
+def test_flights_are_those_of_the_card() -> None:
+    """The first of the many, flown again: equal starts, equal policy."""
+    again = cards.fly('lunar_lander', 20)['tasks']['as Gymnasium has it']
+    assert again['landed'] == 20
+    assert again['mean_return'] > 250
