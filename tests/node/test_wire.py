@@ -9,6 +9,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
@@ -17,6 +19,7 @@ from support.processes import Process
 from support.processes import Processes
 from support.rollouts import assert_same
 
+from rocket_sim_node.telemetry.gaps import GapCounter
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.dds import qos
@@ -62,13 +65,14 @@ class Speaker:
         ]
         assert client.waiter.until(
             lambda: self.publisher.get_subscription_count() > 0
-            and node.count_publishers('/diagnostics') > 0, 10.0)
+            and node.count_publishers('/diagnostics') > 1, 10.0)
 
     def say(self, values: np.ndarray, **fields: int) -> None:
         """Publish an action, by default a good one for the present step."""
-        link = self.client.link
+        connection = self.client.connection
         message = msg.Action(**{
-            'session': link.session, 'step': link.step, 'agent': link.agent, **fields})
+            'session': connection.session, 'step': connection.step,
+            'agent': connection.agent, **fields})
         message.continuous = conversion.to_sequence(values, 'f4')
         self.said = message
         self.publisher.publish(message)
@@ -133,15 +137,15 @@ def test_repeated_action_is_answered_again_and_steps_once(
         speaker.say(values, step=0)
         speaker.insist(lambda: len(speaker.heard) >= expected)  # noqa: B023
     assert {step for _, step in speaker.heard} == {1}
-    client.link.step = 1
+    client.connection.step = 1
     world.step(values)
     assert_same(client.step(values), world.step(values))
 
 
 @pytest.mark.parametrize(('fields', 'words'), [
-    ({'session': 12345}, ('action: session', '3039')),
+    ({'session': 12345}, ('action: session', '12345')),
     ({'step': 7}, ('action: step: 7', 'expected 0')),
-    ({'agent': 99}, ('action: agent', '63')),
+    ({'agent': 99}, ('action: agent', '99')),
 ])
 def test_foreign_early_and_stale_actions_change_nothing(
         simulator: Process, make_client: MakeClient, fields: dict, words: tuple) -> None:
@@ -200,10 +204,10 @@ def test_bad_resets_are_named_and_change_nothing(
     world.reset(4, level=3)
     for action in actions(3):
         assert_same(client.step(action), world.step(action))
-    session = client.link.session
+    session = client.connection.session
     with pytest.raises(ValueError, match=words):
         client.reset(seed, **settings)
-    assert client.link.session == session
+    assert client.connection.session == session
     assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
 
 
@@ -224,7 +228,7 @@ def test_second_agent_is_refused_until_the_first_lets_go(
     first = make_client()
     second = make_client(patience=5.0)
     first.reset(1)
-    with pytest.raises(SimulatorBusy, match='flies this simulator'):
+    with pytest.raises(SimulatorBusy, match='controls this simulator'):
         second.reset(2)
     world = make('rocket', num_envs=N)
     world.reset(1)
@@ -272,7 +276,7 @@ def test_computing_agent_keeps_control(
     rival = threading.Thread(target=take_over)
     rival.start()
     while rival.is_alive():
-        first.link.keep()
+        first.connection.keep()
         rival.join(0.05)
     assert refused
     world = make('rocket', num_envs=N)
@@ -364,9 +368,9 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
     process.wait_for('engine cut', 10.0)
     # Silent for as long as the lease: nobody flies, so nothing moves.
     assert client.waiter.until(lambda: still(client, states), 10.0)
-    steps = client.link.step
+    steps = client.connection.step
     client.step(full)
-    assert client.link.step > steps + 1
+    assert client.connection.step > steps + 1
     assert client.waiter.until(lambda: states[-1].throttle[0] == 1.0, 10.0)
 
 
@@ -382,8 +386,8 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
     speaker = Speaker(client)
     idle, full = (np.tile(np.float32([value, 0, 0]), (N, 1)) for value in (-1, 1))
     client.step(idle)
-    late = client.link.step
-    while client.link.step < late + 3:
+    late = client.connection.step
+    while client.connection.step < late + 3:
         client.step(full)
     assert client.waiter.until(lambda: bool(states) and states[-1].throttle[-1] == 1.0, 10.0)
     speaker.say(idle, step=late - 1)
@@ -416,9 +420,9 @@ def test_a_simulator_built_from_another_definition_is_not_flown(
     assert client.waiter.until(lambda: bool(real(topic)), 10.0)
     looks = 0
 
-    def as_of_another_build(name: str) -> list[TopicEndpointInfo]:
+    def as_of_another_build(name: str, *more: bool) -> list[TopicEndpointInfo]:
         nonlocal looks
-        ends = real(name)
+        ends = real(name, *more)
         if name.endswith(topic):
             looks += 1
             if looks <= hidden:
@@ -441,7 +445,7 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
     client.connect()
     client.reset(0)
     simulator.signal(signal.SIGSTOP)
-    client.link._compare_at = 0.0
+    client.connection._compare_at = 0.0
 
     def differ(*_: object) -> bool:
         raise DefinitionsDiffer('reward')
@@ -470,6 +474,68 @@ def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeCli
     nobody = call(seed=3)
     assert nobody.code in (nobody.BUSY, nobody.INVALID)
     assert 'agent' in nobody.message
+
+
+def test_the_description_says_what_is_flown_and_what_the_simulator_returns_to(
+        simulator: Process, make_client: MakeClient) -> None:
+    client, late = make_client(), make_client()
+    described: list[msg.World] = []
+
+    def level(number: int, replaced: dict[str, float]) -> None:
+        """Wait for the description of the session; one who comes late hears it, too."""
+        described.clear()
+        listener = late.node.create_subscription(
+            msg.World, 'world', described.append, qos.WORLD)
+        assert late.waiter.until(lambda: bool(described) and (
+            described[-1].session == client.session), 10.0)
+        late.node.destroy_subscription(listener)
+        message = described[-1]
+        assert conversion.settings_from_message(message.settings)['level'] == number
+        assert conversion.settings_from_message(message.replaced) == replaced
+
+    client.reset(3)
+    level(7, {})
+    client.reset(3, level=1)
+    state = client.snapshot()
+    level(1, {'level': 7})
+    # To an agent it is the simulator that it was.
+    assert late.connect() == client.spec == make('rocket', num_envs=N).spec
+    client.reset(3)
+    level(7, {})
+    client.restore(state)
+    level(1, {'level': 7})
+
+
+def test_a_listener_counts_what_it_missed(simulator: Process, make_client: MakeClient) -> None:
+    client, listener = make_client(), make_client()
+    client.reset(1)
+    stalled, deep = GapCounter(), GapCounter()
+    for counter, depth in ((stalled, qos.STREAM.depth), (deep, 100)):
+        listener.node.create_subscription(
+            msg.Observation, 'observation',
+            lambda m, counter=counter: counter.note(m.session, m.step),
+            QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE))
+
+    def fly(steps: int) -> None:
+        for action in actions(steps):
+            client.step(action)
+
+    heard: list[int] = []
+    listener.node.create_subscription(
+        msg.Observation, 'observation', lambda m: heard.append(m.step), qos.STREAM)
+    while not heard:  # the simulator knows its listeners
+        fly(1)
+        listener.waiter.spin(0.05)
+    listener.waiter.until(lambda: heard[-1] == client.connection.step, 5.0)
+    listener.waiter.linger(lambda: False, 0.2)  # the counters have heard it, too
+    before = client.connection.step
+    fly(50)  # nobody spins the listener meanwhile
+    listener.waiter.until(
+        lambda: heard[-1] == client.connection.step and stalled.missed > 0, 5.0)
+    listener.waiter.linger(lambda: False, 0.2)
+    assert client.connection.step == before + 50
+    assert stalled.missed == 50 - qos.STREAM.depth
+    assert deep.missed == 0
 
 
 def test_state_tells_last_and_first_samples_of_episodes(

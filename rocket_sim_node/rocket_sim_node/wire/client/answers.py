@@ -24,16 +24,23 @@ Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
 class Answers:
     """Collects `observation`, `reward` and `episodes` of the awaited step; drops all else."""
 
-    def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, boxes: Sequence[Mailbox], warn: Callable[[str], None],
+        accepts: Callable[[Mailbox], bool] = lambda box: True,
+    ) -> None:
         """Set up without awaiting a step.
 
         :param boxes: mailboxes of observation, reward and episodes.
         :param warn: called with a text for each message that could not be decoded.
+        :param accepts: called with the mailbox of each message of the session; returns whether
+            the simulator sent it.
         """
-        self._warn = warn
+        self._warn, self._accepts = warn, accepts
         self._boxes = tuple(boxes)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
+        self.ahead = 0
+        """Step that the simulator is at, when that is beyond the answer that is awaited."""
         self._observation: Any = None
         self._reward: Any = None
         self._episodes: Any = None
@@ -44,7 +51,7 @@ class Answers:
 
     def await_step(self, session: int, step: int) -> None:
         """Start to wait for the answer to this session and step; drop what came before."""
-        self._session, self._step = session, step
+        self._session, self._step, self.ahead = session, step, 0
         self._observation = self._reward = self._episodes = None
 
     @property
@@ -70,6 +77,8 @@ class Answers:
             if message is None:
                 return False
             if not self._is_awaited(message):
+                if message.session == self._session and message.step > self._step + 1:
+                    self.ahead = message.step
                 continue
             if box is self._boxes[0]:
                 self._observation = message
@@ -89,13 +98,17 @@ class Answers:
     def _next(self, box: Mailbox) -> Any:
         """Return the next message of a mailbox, or None.
 
-        Bytes that cannot be decoded may come from any publisher, so they are skipped.
+        Any participant may publish, so bytes that cannot be decoded, and messages of this session
+        that the simulator did not send, are skipped.
         """
         while True:
             try:
-                return box.take()
+                message = box.take()
             except ValueError as error:
-                self._warn(f'left out: {error}')
+                self._warn(f'message ignored: {error}')
+                continue
+            if message is None or message.session != self._session or self._accepts(box):
+                return message
 
     def _is_awaited(self, message: Any) -> bool:
         return bool(message.session == self._session and message.step == self._step + 1)

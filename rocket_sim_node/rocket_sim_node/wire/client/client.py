@@ -48,7 +48,7 @@ class Client:
         options = options or ConnectionOptions()
         self.node = node
         self.waiter = Waiter(node, executor, options.patience)
-        self.link = Connection(node, options, agent or secrets.randbits(63) + 1)
+        self.connection = Connection(node, options, agent or secrets.randbits(63) + 1)
 
     def __enter__(self) -> Client:
         """Use as a context that releases the simulator on exit."""
@@ -64,15 +64,17 @@ class Client:
 
         :raises WireTimeout: when no simulator appears.
         """
-        return self.connect() if self.link.world is None else self.link.spec
+        return self.connect() if self.connection.world is None else self.connection.spec
 
     def connect(self) -> WorldSpec:
         """Wait for a simulator and return the shape of its world.
 
         :raises WireTimeout: when none appears.
         """
-        self.waiter.wait(lambda: self.link.world is not None, 'a description')
-        return self.link.adopt_spec()
+        self.waiter.wait(
+            lambda: self.connection.look() is not None, 'a description', '',
+            **self.connection.entities)
+        return self.connection.adopt_spec()
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Begin new episodes; see :class:`VectorEnv`.
@@ -114,40 +116,45 @@ class Client:
         return observation
 
     def _do(self, command: Command) -> Any:
-        link = self.link
-        if link.world is None:
+        connection = self.connection
+        if connection.world is None:
             self.connect()
-        link.drop()
-        link.ask(command)
+        connection.drop()
+        connection.ask(command)
         try:
             while True:
-                mailbox = link.mailbox
-                seconds = link.deadline - time.monotonic()
+                mailbox = connection.mailbox
+                seconds = connection.deadline - time.monotonic()
                 if mailbox is None:
-                    self.waiter.spin(seconds)
+                    self.waiter.attend(seconds, [], **connection.entities)
                 else:
                     self.waiter.attend(seconds, [mailbox])
-                if link.poll():
-                    return link.take()
+                if connection.poll():
+                    return connection.take()
         except BaseException:
-            link.drop()
+            connection.drop()
             raise
 
     @property
     def session(self) -> int:
         """The session of the last reset or restore; 0 before the first."""
-        return self.link.session
+        return self.connection.session
 
     @property
     def realtime(self) -> bool:
         """Whether the simulator runs in real time; known once connected."""
-        return self.link.realtime
+        return self.connection.realtime
 
     @property
     def resent(self) -> int:
         """Number of actions that were sent again."""
-        return self.link.resent
+        return self.connection.resent
+
+    @property
+    def messages_dropped(self) -> int:
+        """Number of messages ignored because they came from another participant."""
+        return self.connection.messages_dropped
 
     def close(self) -> None:
         """Release the simulator, so that another agent can take it at once."""
-        self.waiter.linger(self.link.release(), RELEASE_TIMEOUT)
+        self.waiter.linger(self.connection.release(), RELEASE_TIMEOUT)

@@ -19,12 +19,20 @@ from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.printable import printable
 from rocket_sim_node.wire.client.answers import Answers
 from rocket_sim_node.wire.client.answers import observation_of
+from rocket_sim_node.wire.client.descriptions import Descriptions
 from rocket_sim_node.wire.client.latest_answers import LatestAnswers
 from rocket_sim_node.wire.client.service_call import ServiceCall
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.definitions import check_definitions
+from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
+from rocket_sim_node.wire.node.far_end import FarEnd
+from rocket_sim_node.wire.node.far_end import own_gid
+from rocket_sim_node.wire.node.far_end import participant_of
+from rocket_sim_node.wire.node.far_end import writers
+from rocket_sim_node.wire.node.inbox import Caller
 from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.waiting import Silence
@@ -45,6 +53,10 @@ _DESCRIPTION_TIMEOUT = 5.0
 """Seconds to wait, after a reset is answered, for the description of its session."""
 _KEEP_PERIOD = 0.5
 """Seconds of silence after which `keep` sends a message."""
+_LOOK_AFTER = 0.005
+"""Seconds of a step without its answer before descriptions are read: that takes 10 us."""
+_MOST_NAMED = 5
+"""Maximum number of other writers that an error names."""
 _COMPARE_PERIOD = 0.5
 """Seconds between comparisons of message definitions while a topic has no peer."""
 
@@ -77,16 +89,17 @@ class Connection:
 
     def __init__(
         self, node: Node, options: ConnectionOptions, agent: int, namespace: str = '',
+        health: DiagnosticsPublisher | None = None,
     ) -> None:
         """Create publishers, subscriptions and clients.
 
         :param agent: identity, 1 to 2**64 - 1.
         :param namespace: of the simulator, with its leading slash; empty: the node's own.
+        :param health: reports messages of others than the simulator; None: a new one.
         """
         self._node, self._options, self.agent = node, options, agent
         prefix = f'{namespace}/' if namespace else ''
         self.name = namespace or 'simulator'
-        self.world: msg.World | None = None
         self._spec: WorldSpec | None = None
         self._realtime = False
         self.session = 0
@@ -106,28 +119,60 @@ class Connection:
         """Whether the simulator may consider this agent in control."""
         self._flying = False
         """Whether a step was taken since the last reset or restore was requested."""
+        self._lost = False
+        """Whether the simulator was given up, and no step has succeeded since."""
         self._compare_at = 0.0
         """Steady-clock time, s, of the next comparison of message definitions: at the first step,
         then periodically until all topics have a peer."""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
+        before = set(writers(node, f'{prefix}action'))
         self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
-        self._world_subscription = node.create_subscription(
-            msg.World, f'{prefix}world', self._on_world, qos.WORLD)
-        self.topic = str(self._world_subscription.topic_name)
-        """Full name of the topic that describes the simulator."""
+        self._flown_by = b''
+        """Participant of the simulator that entered the present session."""
+        self._writer = own_gid(node, self._publisher.topic_name, before)
+        self._far = FarEnd(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
+        self._descriptions = Descriptions(node, prefix, self._far, self._accept_description)
         stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
                 (msg.Observation, 'observation', stream),
                 (msg.Reward, 'reward', stream),
                 (msg.Episodes, 'episodes', qos.EVENTS))]
-        self._answers = Answers(self._mailboxes, self._warn)
+        self._answers = Answers(self._mailboxes, self._warn, self._accepts)
         self._clients = {
-            name: node.create_client(kind, prefix + name) for name, kind in (
-                ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore),
-                ('release', srv.Release))}
+            name: Caller(node, kind, prefix + name) for name, kind in (
+                ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore))}
+        self._release = node.create_client(srv.Release, f'{prefix}release')
+
+    @property
+    def messages_dropped(self) -> int:
+        """Messages ignored because they did not come from the simulator."""
+        return self._far.dropped
+
+    def _accepts(self, mailbox: Mailbox) -> bool:
+        """Return whether the simulator sent the last message of this session."""
+        if self._far.accepts(mailbox.topic, mailbox.sender):
+            return True
+        self._far.drop(
+            mailbox.topic, mailbox.sender, 'publishes on this topic in the session of simulator '
+            f'{self._far.named(self._far.participant, writers(self._node, self.topic))}: ignored')
+        return False
 
     # Description of the simulator
+
+    @property
+    def world(self) -> msg.World | None:
+        """The simulator's latest description, as read last."""
+        return self._descriptions.world
+
+    @world.setter
+    def world(self, message: msg.World | None) -> None:
+        self._descriptions.world = message
+
+    @property
+    def topic(self) -> str:
+        """Full name of the topic that describes the simulator."""
+        return self._descriptions.topic
 
     @property
     def realtime(self) -> bool:
@@ -144,14 +189,24 @@ class Connection:
         """The simulator's world, once described."""
         return self._spec or self.adopt_spec()
 
-    def _on_world(self, message: msg.World) -> None:
+    def _accept_description(self, message: msg.World) -> bool:
         if self._spec is not None:
             try:
                 conversion.world_from_message(message)
             except ValueError as error:  # from whatever publisher, it is not the adopted world
-                self._warn(f'left out: {error}')
-                return
-        self.world, self.heard = message, time.monotonic()
+                self._warn(f'message ignored: {error}')
+                return False
+        self.heard = time.monotonic()
+        return True
+
+    def _reconsider(self) -> None:
+        """Let another participant be the simulator, if the known one does not answer."""
+        self._descriptions.reconsider(time.monotonic() - max(self._asked, self.heard))
+
+    def look(self) -> msg.World | None:
+        """Read the descriptions that have arrived; return the simulator's latest."""
+        self._descriptions.read()
+        return self.world
 
     def described(self) -> WorldSpec:
         """Return the shape of the world as last described.
@@ -184,7 +239,7 @@ class Connection:
         if self._spec is None:
             self._spec, self._realtime = spec, self.described_realtime
             if self._realtime:
-                self._answers = LatestAnswers(self._mailboxes, self._warn)
+                self._answers = LatestAnswers(self._mailboxes, self._warn, self._accepts)
             self._answers.expect(spec)
         change = ''
         if spec != self._spec:
@@ -193,7 +248,7 @@ class Connection:
             modes = 'lockstep', 'realtime'
             change = f'mode is {modes[not self._realtime]}, expected {modes[self._realtime]}'
         if change:
-            raise WorldChanged(f'{self.name} came back as another world: {change}')
+            raise WorldChanged(f'{self.name} restarted with another world: {change}')
         return self._spec
 
     # Requests
@@ -217,7 +272,8 @@ class Connection:
     def entities(self) -> dict[str, list[Any]]:
         """The node's entities that deliver the answer of a service."""
         return {
-            'subscriptions': [self._world_subscription], 'clients': list(self._clients.values())}
+            'subscriptions': [self._descriptions.letters],
+            'clients': [] if self._call is None else [self._call.client]}
 
     def waited(self, now: float) -> float:
         """Return how long the pending answer has been outstanding, s."""
@@ -270,24 +326,27 @@ class Connection:
         if isinstance(command, np.ndarray):
             self._spoke = self.heard = time.monotonic()
             self.step, answer = self._answers.take()
-            self._flying = True
+            self._flying, self._lost = True, False
+            self._descriptions.expose()
             return answer
+        self._lost = False
         answer, self._answer = self._answer, None
         return answer
 
     def let_go(self) -> None:
-        """Stop sending keep-alives until the next step succeeds."""
-        self._flying = False
+        """Stop sending keep-alives until the next step succeeds; the simulator is given up."""
+        self._flying, self._lost = False, True
 
     def drop(self) -> None:
         """Discard the pending command."""
-        if self._call is not None:
-            self._call.drop()
         self._command = self._call = self._silence = None
         self._described_by = 0.0
 
     def listen(self) -> None:
-        """Note late answers of the simulator while nothing is pending."""
+        """Note late answers of the simulator, or its return, while nothing is pending."""
+        self._descriptions.read()
+        if self._lost:
+            self._reconsider()
         if self._answers.heard_of(self.session):
             self.heard = time.monotonic()
 
@@ -301,8 +360,10 @@ class Connection:
         if self._answers.collect():
             self._compare_late()
             return True
-        self._check_session()
         now = time.monotonic()
+        if now - self._asked > _LOOK_AFTER:
+            self._reconsider()
+        self._check_session()
         if now >= self._next:
             assert self._silence is not None
             self._compare_late()  # differing definitions may be why no answer can be decoded
@@ -313,12 +374,26 @@ class Connection:
             self._next = now + min(self._pause, self._silence.left)
         return False
 
+    @property
+    def _same_process(self) -> bool:
+        """Whether the simulator is known to be the process that was reset."""
+        return bool(self._flown_by) and self._flown_by == self._far.participant
+
     def _check_session(self) -> None:
         """Raise when the simulator has announced a session other than ours."""
         if self.world is not None and self.world.session != self.session:
             raise EnvironmentRestarted(
-                f'{self.name} is in session {self.world.session:016x}, '
-                f'expected {self.session:016x}')
+                f'{self.name} is in session {self.world.session}, expected {self.session}: it was '
+                + ('reset by another program, or by a delayed request'
+                   if self._same_process else 'restarted'))
+        if self._answers.ahead:
+            topic = self._publisher.topic_name
+            others = [self._far.named(gid, known) for known in [writers(self._node, topic)]
+                      for gid in known if participant_of(gid) != participant_of(self._writer)]
+            raise EnvironmentRestarted(
+                f'{self.name} is at step {self._answers.ahead}, expected {self.step + 1}: '
+                f'another node sends actions as agent {self.agent}; other writers of {topic}: '
+                f'{", ".join(others[:_MOST_NAMED]) or "none"}')
 
     def keep(self) -> None:
         """Send a keep-alive while the agent computes; call it often.
@@ -336,6 +411,7 @@ class Connection:
     # Services
 
     def _begin_call(self, command: Command, begin: float) -> None:
+        self._descriptions.await_answer()
         self._call = ServiceCall(
             self._node, self._clients[_name(command)], self._request(command),
             self._options.patience, self.topic, begin)
@@ -345,23 +421,50 @@ class Connection:
         """Call the service until it answers, then judge the answer."""
         assert self._call is not None
         now = time.monotonic()
-        response = self._call.poll(now)
+        answers = self._call.poll(now)
         self._next = self._call.due
         self._claimed |= self._call.made and not isinstance(command, Snapshot)
+        self._reconsider()
+        response = next((one for one in answers if self._is_announced(command, one)), None)
         if response is None:
             return False
         self.heard = now
+        self._call.settle()
+        self._report_servers(len(answers) - 1 + self._call.doubled)
+        self._descriptions.expose()
         return self._judge(command, response, now)
+
+    def _is_announced(self, command: Command, response: Any) -> bool:
+        """Return whether the simulator has announced this answer on `world`, before it came."""
+        if isinstance(command, Snapshot):
+            session, step, content = self.session, self.step, response.state
+        else:
+            session, step, content = response.session, response.step, response.observation
+        return self._descriptions.announced(
+            answer_digest(self.agent, response.code, session, step, content))
+
+    def _report_servers(self, count: int) -> None:
+        """Count answers of other servers than the simulator, and report who they may be."""
+        assert self._call is not None
+        name = self._call.client.srv_name
+        # The names of the topics of a service in DDS, for all ROS 2 middlewares but Zenoh.
+        known = writers(self._node, f'rr{name}Reply', mangled=True) if count else {}
+        others = [gid for gid in known if not self._far.is_at(gid)]
+        for _ in range(count):
+            self._far.drop(
+                name, others[0] if others else b'', 'also answers on this service: ignored',
+                known)
 
     def _request(self, command: Command) -> Any:
         if isinstance(command, Reset):
             if command.seed is not None:
                 check_seed(command.seed)
             return srv.Reset.Request(
-                agent=self.agent, seed=-1 if command.seed is None else int(command.seed),
+                agent=self.agent, writer=list(self._writer),
+                seed=-1 if command.seed is None else int(command.seed),
                 settings=conversion.settings_to_message(self._flat(command.settings)))
         if isinstance(command, Restore):
-            request = srv.Restore.Request(agent=self.agent)
+            request = srv.Restore.Request(agent=self.agent, writer=list(self._writer))
             request.state = conversion.to_sequence(np.frombuffer(command.state, np.uint8), 'u1')
             return request
         return srv.Snapshot.Request(agent=self.agent, session=self.session, step=self.step)
@@ -408,16 +511,18 @@ class Connection:
         description never arrives.
         """
         response = self._answer
+        self._reconsider()
         if self.world is None or self.world.session != response.session:
             self._next = self._described_by
             if time.monotonic() < self._described_by:
                 return False
             raise EnvironmentRestarted(
-                f'session {response.session:016x} was not described: somebody else resets '
+                f'no description of session {response.session} arrived: another program resets '
                 f'{self.name}, or several simulators share its topics')
         self._described_by = 0.0
         spec = self.adopt_spec()
         self.session, self.step = response.session, response.step
+        self._flown_by = self._far.participant
         command = self._command
         assert isinstance(command, Reset | Restore)
         self._answer = observation_of(
@@ -429,7 +534,7 @@ class Connection:
 
     def release(self) -> Callable[[], bool]:
         """Release the simulator for another agent; the returned function tells when it is done."""
-        client = self._clients['release']
+        client = self._release
         if not (self._claimed and self._node.context.ok() and client.service_is_ready()):
             return lambda: True
         future = client.call_async(srv.Release.Request(agent=self.agent))
@@ -440,11 +545,9 @@ class Connection:
         """Destroy publishers, subscriptions and clients."""
         self.drop()
         self._node.destroy_publisher(self._publisher)
-        self._node.destroy_subscription(self._world_subscription)
-        for mailbox in self._mailboxes:
-            mailbox.destroy()
-        for client in self._clients.values():
-            self._node.destroy_client(client)
+        for polled in (self._descriptions.letters, *self._mailboxes, *self._clients.values()):
+            polled.destroy()
+        self._node.destroy_client(self._release)
 
 
 def _name(command: Command) -> str:

@@ -91,6 +91,11 @@ class SimulatorFleet:
         """Whether any simulator runs in real time."""
         return any(worker.connection.realtime for worker in self._membership)
 
+    @property
+    def messages_dropped(self) -> int:
+        """Messages ignored because they did not come from the simulators."""
+        return self._membership.messages_dropped
+
     def connect(self) -> WorldSpec:
         """Wait for the first simulator and return the shape of its world.
 
@@ -173,7 +178,7 @@ class SimulatorFleet:
             Task[T]], why: str, report: Callable[[str], None],
     ) -> None:
         """Take back a worker's job and ignore the worker until it is heard from again."""
-        report(f'{worker.connection.name}: {why}; its flight begins anew')
+        report(f'{worker.connection.name}: {why}; its job starts again')
         self._give_back(worker, waiting)
         worker.connection.let_go()
         worker.lost_at = time.monotonic()
@@ -218,7 +223,7 @@ class SimulatorFleet:
                 return
             answer = connection.take()
         except EnvironmentRestarted as error:
-            report(f'simulator restarted, work begins again: {error}')
+            report(f'simulator restarted; its job starts again: {error}')
             if task.attempts >= MAX_ATTEMPTS:
                 raise
             self._give_back(worker, waiting)
@@ -229,7 +234,7 @@ class SimulatorFleet:
             self._lose(worker, waiting, str(error), report)
             if isinstance(error, _OTHER):
                 worker.fits = False
-                self._node.get_logger().error(f'{error}; it is not flown any more')
+                self._node.get_logger().error(f'{error}; it is no longer used')
         else:
             worker.last_snapshot.note(task.command, answer)
             self._go_on(worker, answer, results)
@@ -242,7 +247,7 @@ class SimulatorFleet:
         busy = [worker for worker in self._membership if worker.task is not None]
         if not busy:
             self._idle = self._idle or Silence(
-                self._node, 'somebody who flies', self._waiter.patience, self._membership.where)
+                self._node, 'an answer', self._waiter.patience, self._membership.where)
             self._idle.check(self._idle_look)
             self._idle_look = time.monotonic() + _IDLE_PERIOD
             self._waiter.spin(_IDLE_PERIOD)

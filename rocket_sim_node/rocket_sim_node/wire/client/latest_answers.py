@@ -31,9 +31,12 @@ class LatestAnswers(Answers):
     more: a pilot more than four steps late receives the last four.
     """
 
-    def __init__(self, boxes: Sequence[Mailbox], warn: Callable[[str], None]) -> None:
+    def __init__(
+        self, boxes: Sequence[Mailbox], warn: Callable[[str], None],
+        accepts: Callable[[Mailbox], bool] = lambda box: True,
+    ) -> None:
         """Set up without awaiting a step; see :class:`Answers`."""
-        super().__init__(boxes, warn)
+        super().__init__(boxes, warn, accepts)
         self._kept: tuple[dict[int, Any], ...] = ({}, {}, {})
         self._newest = 0
         """Newest complete step; 0 before there is one."""

@@ -12,6 +12,7 @@ from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import difference
 from rocket_sim_node.wire.client.worker import FleetWorker
+from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.worlds.base import WorldSpec
 
 _LOOK_PERIOD = 1.0
@@ -44,12 +45,15 @@ class FleetMembership:
         """
         check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
+        self._health = DiagnosticsPublisher(node, quiet=True)
+        self._dropped = 0
         self._workers: dict[str, FleetWorker] = {}
         self.spec: WorldSpec | None = None
         """The fleet's world, once a simulator was found."""
         self._looked = 0.0
         if not pattern:
-            self._workers[''] = FleetWorker(Connection(node, options, agent))
+            self._workers[''] = FleetWorker(
+                Connection(node, options, agent, health=self._health))
 
     def __iter__(self) -> Iterator[FleetWorker]:
         """Iterate over present simulators, and departed ones that still have a job."""
@@ -65,9 +69,16 @@ class FleetMembership:
         """Whether a simulator is free to take a job."""
         return any(worker.free for worker in self)
 
+    @property
+    def messages_dropped(self) -> int:
+        """Total number of messages ignored because they did not come from the simulators."""
+        return self._dropped + sum(worker.connection.messages_dropped for worker in self)
+
     def look(self) -> None:
         """Add simulators that have joined and remove those that have left, periodically."""
         for worker in self:
+            if worker.task is None:
+                worker.connection.look()
             if worker.connection.world is not worker.vetted:
                 self._vet(worker)
         now = time.monotonic()
@@ -84,13 +95,15 @@ class FleetMembership:
             and self._node.count_publishers(topic)}
         for namespace in sorted(there - self._workers.keys()):
             self._workers[namespace] = FleetWorker(
-                Connection(self._node, self._options, self._agent, namespace))
+                Connection(self._node, self._options, self._agent, namespace, self._health))
         for namespace, worker in list(self._workers.items()):
             worker.gone = namespace not in there
             if worker.task is None:
                 worker.connection.listen()
             if worker.gone and worker.task is None:
-                self._workers.pop(namespace).connection.destroy()
+                connection = self._workers.pop(namespace).connection
+                self._dropped += connection.messages_dropped
+                connection.destroy()
                 self._tell(f'{namespace} has left')
 
     def _vet(self, worker: FleetWorker) -> None:
@@ -116,7 +129,7 @@ class FleetMembership:
             reason = str(error)
         worker.fits = not reason
         if reason:
-            self._node.get_logger().error(f'{connection.name} is not flown: {reason}')
+            self._node.get_logger().error(f'{connection.name} is not used: {reason}')
         elif self._pattern:
             self._tell(f'{connection.name} has joined')
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.task import Future
 
+from rocket_sim_node.wire.node.inbox import Caller
 from rocket_sim_node.wire.node.waiting import Silence
 
 _TIMEOUT, _LONGEST = 0.25, 10.0
@@ -18,10 +17,10 @@ _READY_PERIOD = 0.05
 
 
 class ServiceCall:
-    """One request to one service: `poll` until the response has arrived."""
+    """One request to one service: `poll` until an answer of the right server has arrived."""
 
     def __init__(
-        self, node: Node, client: Client, request: Any, patience: float, topic: str, begin: float,
+        self, node: Node, client: Caller, request: Any, patience: float, topic: str, begin: float,
     ) -> None:
         """Prepare the call; nothing is sent yet.
 
@@ -29,46 +28,52 @@ class ServiceCall:
         :param topic: topic that describes the peer, for messages about its silence.
         :param begin: steady-clock time, s, of the first call.
         """
-        self._client, self._request = client, request
+        self.client, self._request = client, request
         self._silence = Silence(node, f'an answer of {client.srv_name}', patience, topic)
         self._timeout = _TIMEOUT
-        self._future: Future[Any] | None = None
+        self._number = 0
+        """Number of the latest request; 0 before the first."""
+        self.answers: list[Any] = []
+        """All answers to the latest request, of whatever server."""
+        self.doubled = 0
+        """Answers to the request before this call, which had been answered already."""
         self._again = begin
         self.due = begin
         """Steady-clock time, s, by which `poll` must be called."""
         self.made = False
         """Whether anything was sent."""
 
-    def poll(self, now: float) -> Any:
-        """Call once the service is available, repeat if it does not answer; return the response.
-
-        Returns None until the response has arrived.
+    def poll(self, now: float) -> list[Any]:
+        """Call once the service is available, repeat if it does not answer; return the answers.
 
         :raises WireTimeout: when there was none for too long.
         """
-        if self._future is not None and self._future.done():
-            response, self._future = self._future.result(), None
-            return response
-        if now < self.due:
-            return None
+        fresh = False
+        while (taken := self.client.take()) is not None:
+            number, answer = taken
+            if number == self._number:
+                self.answers.append(answer)
+                fresh = True
+            elif number == self.client.settled:
+                self.doubled += 1
+        if now < self.due or fresh:
+            return self.answers
         self._silence.check(self.due)
         if now >= self._again:
             self._call_anew(now)
         # In time for the next notice or the time-out.
         self.due = min(self._again, self._silence.due)
-        return None
+        return self.answers
+
+    def settle(self) -> None:
+        """Note that the latest request is answered: further answers come from another server."""
+        self.client.settled = self._number
 
     def _call_anew(self, now: float) -> None:
-        self.drop()
         self._again = now + _READY_PERIOD
-        if self._client.service_is_ready():
-            self._future = self._client.call_async(self._request)
+        if self.client.service_is_ready():
+            # Answers to an abandoned request are ignored from now on.
+            self._number, self.answers = self.client.send(self._request), []
             self.made = True
             self._again = now + self._timeout
             self._timeout = min(2 * self._timeout, _LONGEST)
-
-    def drop(self) -> None:
-        """Ignore any further response."""
-        if self._future is not None:
-            self._client.remove_pending_request(self._future)
-            self._future = None

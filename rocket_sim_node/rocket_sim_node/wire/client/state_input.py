@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 from rclpy.node import Node
 from rocket_msgs import msg
 
-from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import OWN_FIELDS
 from rocket_sim_node.telemetry.samples import Samples
-from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.node.steady_clock import STEADY
-
-_BEYOND_ALL = 1e30
-"""Limit that no valid quantity reaches; recordings hold single precision."""
 
 
 @contextmanager
@@ -30,7 +24,7 @@ def leaving_out(node: Node, what: str) -> Iterator[None]:
         yield
     except (ValueError, TypeError, ArithmeticError, LookupError, MemoryError) as error:
         node.get_logger().warning(
-            f'{what} left out: {error or type(error).__name__}', throttle_duration_sec=1.0,
+            f'{what} ignored: {error or type(error).__name__}', throttle_duration_sec=1.0,
             throttle_time_source_type=STEADY)
 
 
@@ -39,16 +33,4 @@ def samples_from_message(message: msg.RocketState) -> Samples:
 
     :raises ValueError: when a field has the wrong length or a non-finite value, naming it.
     """
-    samples = Samples.build(
-        conversion.from_sequence(message.step, 'u8'), conversion.from_sequence(message.row, 'u4'),
-        conversion.from_sequence(message.episode, 'u8'),
-        conversion.from_sequence(message.outcome, 'u1'),
-        contact=conversion.from_sequence(message.contact, 'u1'),
-        **{name: conversion.from_sequence(getattr(message, name), 'f8')
-           for name in (*FIELDS, 'leg_angle', 'terrain', 'conditions')})
-    good = np.abs(samples.values) < _BEYOND_ALL
-    if not good.all():
-        name = next(name for name in (*FIELDS, *OWN_FIELDS)
-                    if not good[:, samples.layout.place(name)].all())
-        raise ValueError(f'{name}: a value is not finite, or beyond {_BEYOND_ALL:g}')
-    return samples
+    return samples_of(message)

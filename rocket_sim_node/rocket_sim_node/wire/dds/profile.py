@@ -13,6 +13,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rocket_sim_node import input_file
+
+_LARGEST = 1_000_000
+"""Maximum bytes of a profile."""
 _NAMESPACES = ('http://www.eprosima.com', 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles')
 """Namespaces of current and older documents; Fast DDS accepts either, or none."""
 _PREFIX = {'f': _NAMESPACES[0]}
@@ -35,15 +39,6 @@ class ProfileError(ValueError):
     """An XML profile that Fast DDS would reject, or that has no effect."""
 
 
-def schema_path() -> Path | None:
-    """Return the XML schema of profiles installed with Fast DDS 3; None if there is none."""
-    for prefix in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep):
-        path = Path(prefix) / 'share' / 'fastdds' / 'fastdds_profiles.xsd'
-        if prefix and path.is_file():
-            return path
-    return None
-
-
 def check_profile(path: Path, schema: Path) -> None:
     """Check a profile against the XML schema of Fast DDS.
 
@@ -52,7 +47,9 @@ def check_profile(path: Path, schema: Path) -> None:
     from lxml import etree
 
     try:
-        content = path.read_bytes()
+        content = input_file.read_bytes(path, _LARGEST)
+    except ValueError as error:
+        raise ProfileError(str(error)) from error
     except OSError as error:
         raise ProfileError(
             f'{path}: {error.strerror or error}, expected an XML profile of Fast DDS') from error
@@ -69,12 +66,13 @@ def check_profile(path: Path, schema: Path) -> None:
         element.tag = f'{{{_NAMESPACES[0]}}}{etree.QName(element).localname}'
         if element.text:
             element.text = _filled_in(path, element.sourceline, element.text)
-    rules = etree.XMLSchema(etree.parse(schema))
+    current, older = (namespace.encode() for namespace in _NAMESPACES)
+    rules = etree.XMLSchema(etree.fromstring(schema.read_bytes().replace(older, current)))
     if not rules.validate(root):
         first = rules.error_log[0]
         message = first.message.replace(f'{{{_NAMESPACES[0]}}}', '')
         if 'Expected is' not in message:
-            message = f'{message} Expected is what {schema} says'
+            message = f'{message} Expected is a profile that {schema} accepts'
         raise ProfileError(f'{path}:{first.line}: {message}')
     _check_names(path, root)
     _check_use(path, root)
@@ -122,7 +120,7 @@ def _check_use(path: Path, root: Any) -> None:
             raise ProfileError(
                 f'{path}:{element.sourceline}: {_DEFAULT} of participant '
                 f'{element.get("profile_name")!r} is {element.get(_DEFAULT, "missing")}, expected '
-                'true: ROS 2 uses no other')
+                'true: ROS 2 ignores other participants')
     if next(root.iter(*(f'{{{_NAMESPACES[0]}}}{name}' for name in _NO_PROFILES)), None) is None:
         raise ProfileError(
             f'{path}:{root.sourceline}: no profile that ROS 2 uses, expected a participant with '

@@ -20,6 +20,9 @@ def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
 WORLD = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 """Description of a simulator: late joiners receive the last one."""
 
+READ_WORLD = _reliable(16, DurabilityPolicy.TRANSIENT_LOCAL)
+"""The same for its readers: others may publish there, too, and must not displace it."""
+
 STREAM = _reliable(4, DurabilityPolicy.VOLATILE)
 """Action, observation, reward: stale data is rejected by session and step, not by depth."""
 
@@ -41,5 +44,18 @@ def read_stream(acknowledge: str) -> QoSProfile:
         history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,
         reliability=ReliabilityPolicy.BEST_EFFORT)
 
+REQUESTS = _reliable(16, DurabilityPolicy.VOLATILE)
+"""For the events by which a service learns which client is calling it."""
+
 EVENTS = _reliable(100, DurabilityPolicy.VOLATILE)
 """Episodes, state, training status: for observers."""
+
+VIEWS = _reliable(100, DurabilityPolicy.VOLATILE)
+"""Standard messages for viewers, `/tf` among them: the profile of tf2's broadcasters. A message of
+`state` brings up to 50 steps at once."""
+
+LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
+"""What changes rarely: late joiners receive the last one."""
+
+CLOCK = _reliable(1, DurabilityPolicy.VOLATILE)
+"""`/clock`: only the newest time counts."""

@@ -71,8 +71,8 @@ def supported() -> bool:
                     OVERRIDE: '/attempt'})
         except subprocess.TimeoutExpired as error:
             raise SecurityError(
-                'whether the middleware of this ROS 2 has DDS-Security was not to be found out in '
-                f'{_PATIENCE:g} s: try again') from error
+                f'it took more than {_PATIENCE:g} s to find out whether the middleware of this '
+                'ROS 2 has DDS-Security: try again') from error
     # A secured middleware rejects empty keys; one without security ignores them.
     return told.returncode != 0 and not any(
         words in told.stdout + told.stderr for words in _LACKING)
@@ -90,19 +90,19 @@ def require(node: str, args: Sequence[str]) -> None:
         return
     if not supported():
         raise SecurityError(
-            f'security was asked for ({ENABLE}=true), but the middleware of this ROS 2 was built '
+            f'security was requested ({ENABLE}=true), but the middleware of this ROS 2 was built '
             f'without DDS-Security: {_ADVICE}')
     enclave = os.environ.get(OVERRIDE) or _named(args) or f'{ENCLAVES}/{node}'
     keystore = os.environ.get(KEYSTORE, '')
     if not keystore:
         raise SecurityError(
-            f'security was asked for ({ENABLE}=true), but {KEYSTORE} is empty, expected the '
+            f'security was requested ({ENABLE}=true), but {KEYSTORE} is empty, expected the '
             'folder of the keys; ./launch_scripts/secure makes them')
     folder = Path(keystore) / 'enclaves' / enclave.strip('/')
     missing = [name for name in FILES if not (folder / name).is_file()]
     if missing:
         raise SecurityError(
-            f'security was asked for ({ENABLE}=true), but {folder} lacks {", ".join(missing)}; '
+            f'security was requested ({ENABLE}=true), but {folder} lacks {", ".join(missing)}; '
             './launch_scripts/secure makes the keys of all nodes')
     os.environ[OVERRIDE] = enclave
     # With all files present both strategies secure the node; Enforce also stops when that fails.

@@ -35,7 +35,7 @@ def taken(file: Path) -> Iterator[bool]:
     try:
         if took:
             if not os.path.samestat(status, file.lstat()):
-                raise OSError(f'{file}: is another one now')
+                raise OSError(f'{file}: was replaced meanwhile')
             yield True
     finally:
         if took:
@@ -67,7 +67,7 @@ def _make(file: Path) -> None:
     """Create a free semaphore atomically, as glibc does."""
     content = bytearray(_SIZE)
     if _LIBRARY.sem_init(ctypes.byref((ctypes.c_char * _SIZE).from_buffer(content)), 1, 1):
-        raise OSError(f'{file}: a semaphore could not be made')
+        raise OSError(f'{file}: the semaphore could not be created')
     with tempfile.NamedTemporaryFile(prefix=UNFINISHED, dir=file.parent) as unfinished:
         unfinished.write(content)
         unfinished.flush()

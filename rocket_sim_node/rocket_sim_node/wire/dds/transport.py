@@ -28,17 +28,15 @@ from pathlib import Path
 from rclpy.logging import get_logger
 
 from rocket_sim_node.wire.dds.profile import check_profile
-from rocket_sim_node.wire.dds.profile import schema_path
 from rocket_sim_node.wire.dds.shared_memory_cleanup import OWN_PORTS
 from rocket_sim_node.wire.dds.shared_memory_cleanup import PROFILE
 from rocket_sim_node.wire.dds.shared_memory_cleanup import SHARED_MEMORY
+from rocket_sim_node.wire.distributions import FastDds
+from rocket_sim_node.wire.distributions import fast_dds
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
-_PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
-_DEFAULT_PROFILE = Path('DEFAULT_FASTDDS_PROFILES.xml')
-"""Profile that Fast DDS silently loads from the working directory."""
 _OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
 _MACHINE, _NETWORK = (
     Path(__file__).parent / 'profiles' / name for name in ('machine.xml', 'network.xml'))
@@ -102,9 +100,11 @@ def set_up_by_user() -> bool:
 
 def _user_profiles() -> list[Path]:
     """Return the user's profiles: named explicitly, or in Fast DDS's default location."""
-    paths = [Path(os.environ[name]) for name in _PROFILES if os.environ.get(name)]
-    if os.environ.get(_SKIP_DEFAULT) != '1' and _DEFAULT_PROFILE.exists():
-        paths.append(_DEFAULT_PROFILE.absolute())
+    version, _ = fast_dds()
+    paths = [Path(os.environ[name]) for name in version.variables if os.environ.get(name)]
+    default = Path(version.default)
+    if os.environ.get(_SKIP_DEFAULT) != '1' and default.exists():
+        paths.append(default.absolute())
     return paths
 
 
@@ -126,17 +126,16 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
             f'{RANGE}: got {discovery_range()!r}, expected one of {", ".join(_RANGES)}')
     settings: dict[str, str | None] = {RANGE: discovery_range()}
     closed, profile = False, None
-    fast_dds = rmw.startswith('rmw_fastrtps')
-    schema = schema_path() if fast_dds else None
-    own = fast_dds and _own_setup(schema)
+    is_fast_dds = rmw.startswith('rmw_fastrtps')
+    version, schema = fast_dds()
+    own = is_fast_dds and _own_setup(schema)
     with ExitStack() as stack:
-        if schema is not None and not own:
+        if is_fast_dds and schema is not None and not own:
             closed = not beyond_machine()
-            used = profile = _MACHINE if closed else _NETWORK
-            if shared_memory is not SharedMemory.BOTH_WAYS:
-                used = stack.enter_context(_with_less(shared_memory, profile, closed))
+            profile = _MACHINE if closed else _NETWORK
+            used = stack.enter_context(_adapted(profile, version, shared_memory, closed))
             settings |= {
-                _PROFILES[0]: str(used), _SKIP_DEFAULT: '1',
+                version.variables[0]: str(used), _SKIP_DEFAULT: '1',
                 _DATA_OFFSET: str(fresh_data_offset(_domain()))}
             if closed and discovery_range() == 'LOCALHOST':
                 # With LOCALHOST, ROS 2 would add sockets that listen on the network.
@@ -149,33 +148,40 @@ def prepared(rmw: str, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS) -> 
     found = ', '.join(sorted(set(open_ports()) - set(opened)))
     if closed and found:
         raise TransportError(
-            f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not take {profile}')
-    if found and fast_dds and not beyond_machine():
+            f'Fast DDS listens on {found}, expected 127.0.0.1 only: it did not use {profile}')
+    if found and is_fast_dds and not beyond_machine():
         get_logger('transport').warning(
-            f'Fast DDS listens on {found}: as it was set up, others than this machine may be '
-            f'heard, although {RANGE} is {discovery_range()}')
+            f'Fast DDS listens on {found}, so it may receive from other '
+            f'machines, although {RANGE} is {discovery_range()}')
 
 
 @contextmanager
-def _with_less(shared_memory: SharedMemory, profile: Path, closed: bool) -> Iterator[Path]:
-    """Yield the path of a copy of a profile that restricts the participant's shared memory.
+def _adapted(
+    profile: Path, version: FastDds, shared_memory: SharedMemory, closed: bool,
+) -> Iterator[Path]:
+    """Yield the path of a profile for this version of Fast DDS and this use of shared memory.
 
-    The copy lies in shared memory, so that a full disk does not prevent a start. An unnamed file
-    would not work: Fast DDS resolves its real path.
+    A copy, where one is needed, lies in shared memory, so that a full disk does not prevent a
+    start. An unnamed file would not work: Fast DDS resolves its real path.
 
     :raises TransportError: when it cannot be written.
     """
-    head, tag, rest = profile.read_text('utf-8').partition(_TRANSPORTS)
+    original = profile.read_text('utf-8')
+    head, tag, rest = version.spelled(original).partition(_TRANSPORTS)
     if shared_memory is SharedMemory.NEVER:
         rest = rest.replace(_BY_SHARED_MEMORY, '', 1)
-    else:
+    elif shared_memory is SharedMemory.TO_SEND:
         head += _BY_UDP.format(address='<address>127.0.0.1</address>' if closed else '')
+    text = f'{head}{tag}{rest}'
+    if text == original:
+        yield profile
+        return
     with ExitStack() as stack:
         try:
             file = stack.enter_context(tempfile.NamedTemporaryFile(
                 'w', prefix=PROFILE, suffix=profile.suffix, encoding='utf-8',
                 dir=SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None))
-            file.write(f'{head}{tag}{rest}')
+            file.write(text)
             file.flush()
         except OSError as error:
             raise TransportError(
@@ -190,7 +196,7 @@ def _own_setup(schema: Path | None) -> bool:
             check_profile(path, schema)
         else:
             get_logger('transport').warning(
-                f'{path} is not checked: this Fast DDS came without a schema of profiles')
+                f'{path} is not checked: this Fast DDS installation has no schema of profiles')
     return set_up_by_user()
 
 

@@ -82,7 +82,7 @@ class Codec:
         ours = data[:2] == _HEADER[:2] or len(data) < len(_HEADER)
         if not ours and data[:2] != _OTHER_ORDER:
             raise ValueError(
-                f'no message: begins with {data[:4].hex()}, expected 0001 or 0000: plain CDR')
+                f'not a message: begins with {data[:4].hex()}, expected 0001 or 0000: plain CDR')
         head = self._head if ours else struct.Struct('>' + self._head.format[1:])
         length = _LENGTH if ours else _LENGTH_OTHER
         try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,10 @@ from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import Setting
 from rocket_msgs.msg import World
 
-from rocket_sim_node import frames
+from rocket_sim_node.telemetry.capture import Telemetry
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
+from rocket_sim_node.telemetry.quantities import QUANTITIES
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 
 MOST_ENVS = 16_384
@@ -58,9 +60,19 @@ def settings_from_message(settings: list[Setting]) -> dict[str, float]:
     return values
 
 
-def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> World:
-    """Return the description of a simulator."""
+def world_to_message(
+    spec: WorldSpec, session: int, step: int, mode: int,
+    flown: Mapping[str, float] | None = None, answer: bytes = b'',
+) -> World:
+    """Return the description of a simulator.
+
+    :param flown: all settings as they are flown; None: those of `spec`.
+    :param answer: digest of the last answer of a service.
+    """
+    flown = dict(spec.settings if flown is None else flown)
+    replaced = {name: own for name, own in spec.settings.items() if flown[name] != own}
     return World(
+        answer=to_sequence(np.frombuffer(answer, np.uint8), 'u1'),
         world=spec.name, session=session, step=step, mode=mode,
         num_envs=int(spec.num_envs), dt=float(spec.dt),
         observation_names=list(spec.observation_names),
@@ -69,15 +81,20 @@ def world_to_message(spec: WorldSpec, session: int, step: int, mode: int) -> Wor
         action_low=list(spec.action_low), action_high=list(spec.action_high),
         action_idle=list(spec.action_idle), action_count=int(spec.action_count),
         outcomes=list(spec.outcomes), condition_names=list(spec.condition_names),
-        settings=settings_to_message(spec.settings),
+        settings=settings_to_message(flown), replaced=settings_to_message(replaced),
     )
 
 
 def world_from_message(message: World) -> WorldSpec:
     """Return the shape of the world that a message describes.
 
+    Its settings are the simulator's own, whatever the last reset replaced, so that a simulator
+    remains the same to any agent.
+
     :raises ValueError: for an invalid description, naming field, value and expected value.
     """
+    flown = settings_from_message(message.settings)
+    replaced = settings_from_message(message.replaced)
     spec = WorldSpec(
         name=message.world, num_envs=message.num_envs, dt=message.dt,
         observation_names=tuple(message.observation_names),
@@ -86,7 +103,7 @@ def world_from_message(message: World) -> WorldSpec:
         action_low=tuple(message.action_low), action_high=tuple(message.action_high),
         action_idle=tuple(message.action_idle), action_count=message.action_count,
         outcomes=tuple(message.outcomes), condition_names=tuple(message.condition_names),
-        settings=settings_from_message(message.settings),
+        settings={**flown, **replaced},
     )
     for name, value, good, expected in _description_checks(message, spec):
         if not good:
@@ -98,12 +115,15 @@ def _description_checks(
     message: World, spec: WorldSpec,
 ) -> Iterator[tuple[str, object, bool, str]]:
     """Yield name, value, validity and expectation of each field of a world's description."""
+    known = {item.name for item in message.settings}
+    replaced = [item.name for item in message.replaced]
+    yield 'replaced', replaced, known.issuperset(replaced), 'names of settings'
     yield 'num_envs', spec.num_envs, 1 <= spec.num_envs <= MOST_ENVS, f'1 to {MOST_ENVS}'
     yield 'dt', spec.dt, _LEAST_DT <= spec.dt <= _MOST_DT, f'{_LEAST_DT:g} to {_MOST_DT:g} s'
     yield 'mode', message.mode, message.mode in (World.LOCKSTEP, World.REALTIME), '0 or 1'
     for name, least, most in (
             ('observation_names', 1, _MOST_NAMES), ('action_names', 1, _MOST_NAMES),
-            ('outcomes', 1, RocketState.NONE), ('condition_names', 0, _MOST_CONDITIONS)):
+            ('outcomes', 1, NO_OUTCOME), ('condition_names', 0, _MOST_CONDITIONS)):
         names = getattr(spec, name)
         yield (f'number of {name}', len(names), least <= len(names) <= most, f'{least} to {most}')
         yield name, names, len(set(names)) == len(names), 'each once'
@@ -182,15 +202,7 @@ def state_to_message(
 ) -> RocketState:
     """Return telemetry `(S,)` of steps `(S,)` as one message, converted to z up."""
     message = RocketState(session=session, step=to_sequence(step, 'u8'))
-    for name in frames.VECTORS:
-        setattr(message, name, to_sequence(
-            frames.vector_to_ros(getattr(telemetry, name)), 'f8'))
-    message.orientation = to_sequence(frames.quaternion_to_ros(telemetry.orientation), 'f8')
-    for name in ('time', 'mass', 'fuel', 'throttle', 'commanded_throttle', 'thrust',
-                 'lateral_thrust', 'reward', 'leg_angle', 'terrain', 'conditions'):
-        setattr(message, name, to_sequence(getattr(telemetry, name), 'f8'))
-    message.row = to_sequence(telemetry.row, 'u4')
-    message.episode = to_sequence(telemetry.episode, 'u8')
-    for name in ('contact', 'outcome'):
-        setattr(message, name, to_sequence(getattr(telemetry, name), 'u1'))
+    for quantity in QUANTITIES:
+        values = quantity.to_ros(telemetry.arrays[quantity.name])
+        setattr(message, quantity.name, to_sequence(values, quantity.kind))
     return message

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from collections.abc import Hashable
 from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,6 +20,8 @@ PERIOD = 1.0
 """Seconds between diagnostics messages."""
 _LONGEST = 300
 """Maximum length of a logged refusal, characters; its text may come from any sender."""
+_MOST_SOURCES = 100
+"""Maximum number of sources of faults that are logged."""
 
 
 def shortened(text: str) -> str:
@@ -29,25 +32,30 @@ def shortened(text: str) -> str:
 
 
 class DiagnosticsPublisher:
-    """Counts refusals and other events of a node, and reports them once a second.
+    """Counts what a node refused, clipped or warned of, and reports it once a second.
 
-    The level is ERROR while an alarm is active, WARN after a refusal or warning within the last
-    second, and OK otherwise.
+    A first refusal or warning is reported at once. Each report has the counts, the last case, and
+    the agent, session and step of the simulator. The level is ERROR while the engine is cut (an
+    alarm) and after a fault within the last second, such as a message of a stranger, WARN after a
+    refusal or warning within the last second, and OK otherwise.
     """
 
     def __init__(
         self, node: Node, events: tuple[str, ...] = (),
-        present: Callable[[], Mapping[str, object]] = dict,
+        present: Callable[[], Mapping[str, object]] = dict, quiet: bool = False,
     ) -> None:
         """Create the publisher of `/diagnostics`, which ROS expects by its absolute name.
 
         :param events: counters that are reported from the start, as 0.
         :param present: returns further current values to report, by name.
+        :param quiet: whether to report nothing before the first event.
         """
         self._node, self._present = node, present
         self._counts: Counter[str] = Counter(dict.fromkeys(events, 0))
-        self._last = self._refused = self._alarm = ''
-        self._fresh = False
+        self._last = self._refused = self._alarm = self._fault = ''
+        self._fresh = self._faulty = False
+        self._quiet = quiet
+        self._known: set[Hashable] = set()
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', qos.EVENTS)
         create_timer(node, PERIOD, self._report)
 
@@ -77,6 +85,26 @@ class DiagnosticsPublisher:
             shortened(text), throttle_duration_sec=PERIOD, throttle_time_source_type=STEADY)
         self._tell(shortened(text))
 
+    def fault(self, name: str, source: Hashable, text: Callable[[], str]) -> None:
+        """Count a fault that others cause, and report an error; log it once for each source.
+
+        :param source: who caused it.
+        :param text: returns the error, or nothing while it is not known in full; not called again
+            for this source afterwards, as it may look at the graph.
+        """
+        self._counts[name] += 1
+        first = False
+        if (name, source) not in self._known and len(self._known) < _MOST_SOURCES:
+            found = text()
+            first = bool(found)
+            if first:
+                self._known.add((name, source))
+                self._fault = shortened(found)
+                self._node.get_logger().error(self._fault)
+        known, self._faulty = self._faulty, True
+        if first or not known:
+            self._publish()
+
     def alarm(self, name: str, text: str) -> None:
         """Count and log a fault, and report an error until `clear`."""
         self._counts[name] += 1
@@ -101,18 +129,22 @@ class DiagnosticsPublisher:
 
     def _report(self) -> None:
         self._publish()
-        self._fresh = False
+        self._fresh = self._faulty = False
 
     def _publish(self) -> None:
+        if self._quiet and not self._counts:
+            return
         name = self._node.get_fully_qualified_name().strip('/')
         level, text = DiagnosticStatus.OK, 'ok'
         if self._alarm:
             level, text = DiagnosticStatus.ERROR, self._alarm
+        elif self._faulty and self._fault:
+            level, text = DiagnosticStatus.ERROR, self._fault
         elif self._fresh:
             level, text = DiagnosticStatus.WARN, self._last
         values = {
             **self._present(), **dict(sorted(self._counts.items())),
-            'last refusal': self._refused}
+            'last refusal': self._refused, 'last fault': self._fault}
         status = DiagnosticStatus(
             level=level, name=f'{name}: wire', message=text, hardware_id=name,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])

@@ -10,23 +10,30 @@ not added to an executor and return bytes, and their own wait set, used as in
 If messages arrive quickly, the inbox polls for a while before it sleeps in the wait set, and
 yields its core in between. Falling asleep and waking up takes longer than most answers: a halted
 core wakes slowly, with cold caches. DDS's own threads can preempt the polling at any time.
+
+Where this rclpy lacks what that takes (see `distributions.subscribe`), the executor delivers the
+bytes: the same messages, more slowly.
 """
 from __future__ import annotations
 
 import os
 import time
 import weakref
+from collections import deque
+from collections.abc import Callable
 from collections.abc import Sequence
 from typing import Any
 from typing import ClassVar
 
 from rclpy.executors import Executor
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.type_support import check_is_valid_msg_type
 
+from rocket_sim_node.wire.distributions import make_client
+from rocket_sim_node.wire.distributions import make_wait_set
+from rocket_sim_node.wire.distributions import subscribe
 from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.node.far_end import sender_of
 
 _SERVE_PERIOD = 0.05
 """Seconds between executor runs that serve the rest of the node."""
@@ -40,26 +47,58 @@ _SERVED_AT_ONCE = 16
 """Maximum callbacks per run: `spin_once` serves one and does not report whether there was any."""
 
 
-class Mailbox:
-    """A subscription that is read by polling instead of callbacks.
+class _Polled:
+    """An entity that is read by polling instead of callbacks.
 
     The node does not know it, so call `destroy_all` before the node is destroyed: a remaining
-    subscription keeps the participant alive, and peers do not notice that it is gone.
+    entity keeps the participant alive, and peers do not notice that it is gone.
     """
 
-    _open: ClassVar[weakref.WeakSet[Mailbox]] = weakref.WeakSet()
+    _open: ClassVar[weakref.WeakSet[_Polled]] = weakref.WeakSet()
+
+    def __init__(self, handle: Any, make_public: Callable[[], Any], node: Node) -> None:
+        """Take care of an entity of a node.
+
+        :param handle: of rclpy's own C++ part; None: the node's executor serves what
+            `make_public` returns.
+        """
+        self._node, self.handle = node, handle
+        self._public = make_public() if handle is None else None
+        self._open.add(self)
+
+    def destroy(self) -> None:
+        """Remove it from DDS."""
+        self._open.discard(self)
+        if self.handle is not None:
+            self.handle.destroy_when_not_in_use()
+        else:
+            self._destroy_public()
+
+    def _destroy_public(self) -> None:
+        self._node.destroy_subscription(self._public)
+
+    @classmethod
+    def destroy_all(cls, node: Node) -> None:
+        """Destroy a node's remaining polled entities, of all kinds."""
+        for one in [one for one in cls._open if one._node is node]:
+            one.destroy()
+
+
+class Mailbox(_Polled):
+    """A subscription that is read by polling."""
 
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
         """Subscribe, with the node's remapping and namespace."""
-        check_is_valid_msg_type(kind)  # also loads the type's C support
-        self._node, self._kind, self.topic = node, kind, topic
+        self._kind, self.topic = kind, topic
         self._codec = Codec(kind)
-        with node.handle:
-            self.handle = _rclpy.Subscription(
-                node.handle, kind, topic, profile.get_c_qos_profile())
+        self._delivered: deque[tuple[bytes, None]] = deque(maxlen=profile.depth)
+        super().__init__(
+            subscribe(node, kind, topic, profile),
+            lambda: node.create_subscription(kind, topic, self._deliver, profile, raw=True), node)
         self.held: Any = None
         """A message already taken from DDS; the wait set no longer reports it."""
-        self._open.add(self)
+        self.sender = b''
+        """GID of the writer of the message that was returned last; empty if it is not known."""
 
     @property
     def full(self) -> bool:
@@ -68,7 +107,13 @@ class Mailbox:
             self.held = self._fetch()
         return self.held is not None
 
+    def _deliver(self, data: bytes) -> None:
+        # With a second argument, for details of the message, EventsExecutor fails in rclpy 7, 9.
+        self._delivered.append((data, None))
+
     def _fetch(self) -> Any:
+        if self.handle is None:
+            return self._delivered.popleft() if self._delivered else None
         with self.handle:
             return self.handle.take_message(self._kind, True)
 
@@ -80,21 +125,89 @@ class Mailbox:
         if not self.full:
             return None
         taken, self.held = self.held, None
+        self.sender = sender_of(taken[1])
         try:
             return self._codec.decode(taken[0])
         except ValueError as error:
             raise ValueError(f'{self.topic}: {error}') from error
 
-    def destroy(self) -> None:
-        """Unsubscribe."""
-        self._open.discard(self)
-        self.handle.destroy_when_not_in_use()
 
-    @classmethod
-    def destroy_all(cls, node: Node) -> None:
-        """Destroy a node's remaining mailboxes."""
-        for mailbox in [one for one in cls._open if one._node is node]:
-            mailbox.destroy()
+class Letterbox(_Polled):
+    """A subscription to any kind of message that is read by polling, with the sender.
+
+    A callback that takes the sender as well makes rclpy's `EventsExecutor` fail (rclpy 7, 9).
+    """
+
+    def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
+        """Subscribe, with the node's remapping and namespace."""
+        self._kind, self.topic = kind, node.resolve_topic_name(topic)
+        self._delivered: deque[Any] = deque(maxlen=profile.depth)
+        super().__init__(
+            subscribe(node, kind, topic, profile),
+            lambda: node.create_subscription(kind, topic, self._deliver, profile), node)
+
+    def _deliver(self, message: Any) -> None:
+        self._delivered.append(message)
+
+    def take(self) -> tuple[Any, bytes] | None:
+        """Return the oldest message received and the GID of its writer, or None.
+
+        Bytes that are no message of this kind are left out by the middleware. The GID is empty
+        where it is not known.
+        """
+        if self.handle is None:
+            return (self._delivered.popleft(), b'') if self._delivered else None
+        with self.handle:
+            taken = self.handle.take_message(self._kind, False)
+        return None if taken is None else (taken[0], sender_of(taken[1]))
+
+
+class Caller(_Polled):
+    """A service's client that is read by polling.
+
+    It returns every answer to a request: `rclpy.client.Client`, used where rclpy has changed,
+    returns the first one only, which any second server of the same name may have sent.
+    """
+
+    def __init__(self, node: Node, kind: Any, name: str) -> None:
+        """Create the client, with the node's remapping and namespace."""
+        self._kind, self.srv_name = kind, node.resolve_service_name(name)
+        self._pending: dict[int, Any] = {}
+        super().__init__(
+            make_client(node, kind, name), lambda: node.create_client(kind, name), node)
+        self.settled = 0
+        """Number of the last request that was answered; 0 before the first."""
+        self._sent = 0
+
+    def _destroy_public(self) -> None:
+        self._node.destroy_client(self._public)
+
+    def service_is_ready(self) -> bool:
+        """Return whether there is a server."""
+        if self._public is not None:
+            return bool(self._public.service_is_ready())
+        with self.handle:
+            return bool(self.handle.service_server_is_available())
+
+    def send(self, request: Any) -> int:
+        """Send a request; return its number."""
+        if self._public is not None:
+            self._sent += 1
+            self._pending[self._sent] = self._public.call_async(request)
+            return self._sent
+        with self.handle:
+            return int(self.handle.send_request(request))
+
+    def take(self) -> tuple[int, Any] | None:
+        """Return the oldest answer received, behind the number of its request, or None."""
+        if self._public is not None:
+            for number, future in self._pending.items():
+                if future.done():
+                    return number, self._pending.pop(number).result()
+            return None
+        with self.handle:
+            header, response = self.handle.take_response(self._kind.Response)
+        return None if header is None else (header.request_id.sequence_number, response)
 
 
 class Inbox:
@@ -123,6 +236,8 @@ class Inbox:
             passed; all other entities wait for up to 0.05 s.
         :return: the mailboxes that have a message, and whether other callbacks may have run.
         """
+        if any(one.handle is None for one in (*mailboxes, *subscriptions, *clients)):
+            return self._wait_publicly(mailboxes, seconds)
         began = time.monotonic()
         # Polling is off when as many peers are busy as there are cores, as it would slow them
         # down, and when timers are given, as a due timer must not wait for a flood of messages to
@@ -170,12 +285,19 @@ class Inbox:
             return full, True
         return full, False
 
+    def _wait_publicly(
+        self, mailboxes: Sequence[Mailbox], seconds: float,
+    ) -> tuple[list[Mailbox], bool]:
+        """Wait as :meth:`wait` does, by the executor alone, which serves the whole node."""
+        if any(mailbox.full for mailbox in mailboxes):
+            seconds = 0.0
+        self._executor.spin_once(timeout_sec=max(min(seconds, _SERVE_PERIOD), 0.0))
+        return [mailbox for mailbox in mailboxes if mailbox.full], True
+
     def _make(self, size: tuple[int, ...]) -> None:
         subscriptions, clients, services, timers = self._size = tuple(
             max(pair) for pair in zip(size, self._size, strict=True))
-        with self._node.context.handle:
-            self._wait_set = _rclpy.WaitSet(
-                subscriptions, 0, timers, clients, services, 0, self._node.context.handle)
+        self._wait_set = make_wait_set(self._node, subscriptions, timers, clients, services)
 
 
 def _look_out(mailboxes: Sequence[Mailbox], seconds: float) -> list[Mailbox]:

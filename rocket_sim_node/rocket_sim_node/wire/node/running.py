@@ -11,7 +11,6 @@ from typing import Any
 from typing import NoReturn
 from typing import TypeAlias
 
-import rclpy
 from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
@@ -21,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
 from rclpy.utilities import remove_ros_args
 
+from rocket_sim_node import ros_environment
 from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire.dds import security
 from rocket_sim_node.wire.dds import shared_memory_cleanup
@@ -28,6 +28,7 @@ from rocket_sim_node.wire.dds.profile import ProfileError
 from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.dds.transport import TransportError
 from rocket_sim_node.wire.dds.transport import prepared
+from rocket_sim_node.wire.distributions import initialised
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.inbox import Mailbox
 
@@ -61,7 +62,7 @@ def _make_node(name: str) -> Node:
     except ValueError as error:
         # rclpy does not accept empty lists, and its error does not name the parameter.
         raise UsageError(
-            f'a parameter could not be read, an empty list perhaps: {error}') from error
+            f'a parameter could not be read, perhaps an empty list: {error}') from error
 
 
 def run(
@@ -108,14 +109,19 @@ def run_late(
         stray = remove_ros_args(sys.argv if args is None else [name, *args])[1:]
         if stray:
             return fail(None, ValueError(
-                f'unknown argument {stray[0]!r}; parameters go as: --ros-args -p name:=value'))
+                f'unknown argument {stray[0]!r}, expected: --ros-args -p name:=value'))
         stopping.listen()
+        try:
+            ros_environment.check(os.environ)
+            ros_environment.complete(os.environ)
+        except ValueError as error:
+            return fail(None, error)
         shared_memory_cleanup.clean()
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
             with prepared(get_rmw_implementation_identifier(), shared_memory):
-                stack.enter_context(
-                    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO))
+                stack.enter_context(initialised(
+                    args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)
             try:
                 body, further = stopping.abandonable(load)

@@ -74,28 +74,39 @@ class Waiter:
         while self._node.context.ok() and not done() and time.monotonic() < end:
             self._executor.spin_once(timeout_sec=0.05)
 
-    def until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Spin until `done()`; return false if the time is over first."""
+    def until(
+        self, done: Callable[[], bool], seconds: float, **entities: Sequence[Any],
+    ) -> bool:
+        """Spin until `done()`; return false if the time is over first.
+
+        :param entities: to wait for that the executor does not serve; see `Inbox.wait`.
+        """
         end = time.monotonic() + seconds
         while not done():
             left = end - time.monotonic()
             if left <= 0:
                 return False
-            self.spin(left)
+            if entities:
+                self.attend(left, [], **entities)
+            else:
+                self.spin(left)
         return True
 
-    def wait(self, done: Callable[[], bool], what: str, topic: str = '') -> None:
+    def wait(
+        self, done: Callable[[], bool], what: str, topic: str = '', **entities: Sequence[Any],
+    ) -> None:
         """Spin until `done()`.
 
         :param what: what is awaited, for log messages.
         :param topic: where the simulator describes itself; by default in the node's namespace.
+        :param entities: as in `until`.
         :raises WireTimeout: when the patience runs out.
         """
         silence = Silence(self._node, what, self.patience, topic)
         while True:
             seconds = min(_NOTICE_PERIOD, silence.left)
             planned = time.monotonic() + seconds
-            if self.until(done, seconds):
+            if self.until(done, seconds, **entities):
                 return
             silence.check(planned)
 

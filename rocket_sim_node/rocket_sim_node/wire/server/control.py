@@ -25,26 +25,38 @@ class ControlLease:
 
     def refusal(self, agent: int) -> str:
         """Return why `agent` may not take control now; empty if it may."""
-        if self.owner == agent or self.vacant:
+        other = '' if self.owner == agent else self.flown_by()
+        return f'agent: {agent}, but {other}' if other else ''
+
+    def flown_by(self, name: str = '') -> str:
+        """Return a sentence that says which agent has control; empty if any may take it.
+
+        :param name: of the owner's node; empty if it is not known.
+        """
+        if self.vacant:
             return ''
-        silent = self._clock() - self._heard
         return (
-            f'agent: {agent:016x}, but agent {self.owner:016x} flies this simulator '
-            f'(heard {silent:.1f} s ago; free after {self.seconds:g} s of silence)'
+            f'agent {self.owner}{name and f", node {name},"} controls this simulator '
+            f'(last heard {self.silent:.1f} s ago; free after {self.seconds:g} s of silence)'
         )
 
     def stranger(self, agent: int) -> str:
         """Return why actions of `agent` are refused; empty if it has control."""
         if self.owner == NOBODY:
-            return f'agent: {agent:016x}, but nobody has control; call reset first'
+            return f'agent: {agent}, but no agent is in control; call reset first'
         if agent == self.owner:
             return ''
-        return f'agent: {agent:016x}, expected {self.owner:016x}, which flies this simulator'
+        return f'agent: {agent}, expected {self.owner}, which controls this simulator'
 
     @property
     def vacant(self) -> bool:
         """Whether any agent may take control: there is no owner, or its lease has expired."""
-        return self.owner == NOBODY or self._clock() - self._heard >= self.seconds
+        return self.owner == NOBODY or self.silent >= self.seconds
+
+    @property
+    def silent(self) -> float:
+        """Seconds since the owner was heard."""
+        return self._clock() - self._heard
 
     def take(self, agent: int) -> None:
         """Give control to `agent`."""

@@ -34,22 +34,25 @@ class RealTime:
         self._patience = max(timeout, _STEPS * period)
         if lease.seconds < self._patience:
             raise ValueError(
-                f'agent_lease: got {lease.seconds:g} s, expected action_timeout, and {_STEPS:g} '
-                f'steps, {self._patience:g} s, or more: a second agent would take over in flight')
+                f'agent_lease: got {lease.seconds:g} s, expected at least action_timeout and '
+                f'{_STEPS:g} steps, {self._patience:g} s: otherwise a second agent could take '
+                'over in flight')
         self._period, self._idle, self._lease, self._health = period, idle, lease, health
         self._ticked = lease.now()
         self.begin()
 
     def begin(self) -> None:
-        """Forget the action: a new session begins, or the agent releases control."""
+        """Forget the action, and pause: a new session begins, or the agent releases control."""
         self._order: NDArray[Any] | None = None
         self._ordered, self._cut = self._lease.now(), False
+        self.playing = False
+        """Whether the world goes on without an agent, by idle actions."""
         self.step = -1
         """Step that the held action answers; actions for it or an earlier step are ignored."""
 
     def follow(self, order: NDArray[Any], step: int) -> None:
         """Hold a new action from the next step on."""
-        self._health.clear('actions are back: they are flown again')
+        self._health.clear('actions arrive again and are followed')
         self._order, self.step = order, step
         self._ordered, self._cut = self._lease.now(), False
 
@@ -57,7 +60,7 @@ class RealTime:
         """Return the action of the step that is due: the held one, or idle if it is too old.
 
         Returns None, so that the world is not stepped, without an agent in control or once its
-        lease has expired.
+        lease has expired, unless it is `playing`.
         """
         now = self._lease.now()
         late, self._ticked = now - self._ticked > 2 * self._period, now
@@ -66,7 +69,7 @@ class RealTime:
             self._order, self._cut = None, True
             self._health.alarm(
                 'engine cuts', f'action: none for {self._patience:g} s: engine cut')
-        if self._order is None and self._lease.vacant:
+        if self._order is None and self._lease.vacant and not self.playing:
             return None
         if late:
             self._health.count('late steps')

@@ -17,18 +17,26 @@ from rocket_msgs import srv
 from rocket_sim_node import free_memory
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.diagnostics import shortened
+from rocket_sim_node.wire.node.far_end import FarEnd
+from rocket_sim_node.wire.node.far_end import own_gid
+from rocket_sim_node.wire.node.far_end import participant_of
+from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.request_sender import RequestSender
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server import real_time
 from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 from rocket_sim_node.wire.server.real_time import RealTime
+from rocket_sim_node.wire.server.rivals import Rivals
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.wire.server.step_messages import ResultPublisher
+from rocket_sim_node.wire.server.unattended import Unattended
 from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.actions import idle_action
@@ -42,7 +50,10 @@ _MOST_STATES = 50_000
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
-    'repeated answers')
+    'repeated answers', 'differing repeats', 'second simulator seen')
+_GONE = 0.75
+"""Seconds of silence after which an agent may have been killed and started again. Longer than the
+time between two keep-alives, and shorter than an agent takes to start."""
 
 
 @dataclass(frozen=True)
@@ -93,15 +104,24 @@ class Server:
         self._lease = ControlLease(options.agent_lease)
         self._session = 0
         self._step = 0
+        self._answer = b''
+        """Digest of the last answer of a service."""
+        self._flown: Any = None
+        """The action that the last step was taken with; None before the first of a session."""
         self._clipped = Clipped(world.spec)
         self._health = DiagnosticsPublisher(
             node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
+        before = set(writers(node, 'world'))
+        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
+        own = own_gid(node, self._world_publisher.topic_name, before)
+        self._far = FarEnd(node, self._health, own)
+        """The participant of the agent in control."""
+        self._rivals = Rivals(node, self._far, self._health, participant_of(own))
         period = world.spec.dt / options.realtime_factor
         self._realtime = RealTime(
             period, options.action_timeout, idle_action(world.spec), self._lease, self._health,
         ) if realtime else None
         self._result = ResultPublisher(node)
-        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
         self._state = StateStream(node, world, rows, batch)
         self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
         self._services = [
@@ -110,9 +130,27 @@ class Server:
                 (srv.Snapshot, 'snapshot', self._on_snapshot),
                 (srv.Restore, 'restore', self._on_restore),
                 (srv.Release, 'release', self._on_release))]
+        self._senders = {
+            service.srv_name.rpartition('/')[2]: RequestSender(
+                node, service, service.srv_type, participant_of(own))
+            for service in self._services if service.srv_type is not srv.Snapshot}
         self._begin_session(world.observe())
+        self._awaited = self._unflown = self._services
+        self.unattended = Unattended(
+            node, world, self._lease, self._far, self._realtime, self._state, self._advance,
+            self._begin_session)
         self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
         create_timer(node, free_memory.PERIOD, free_memory.give_back)
+        create_timer(node, Rivals.PERIOD, self._rivals.look)
+
+    @property
+    def present(self) -> tuple[int, int]:
+        """The current session and step."""
+        return self._session, self._step
+
+    def attend(self, services: list[Any]) -> None:
+        """Answer further services at once while no agent flies, not only every 0.05 s."""
+        self._awaited = self._unflown = [*self._services, *services]
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -122,7 +160,7 @@ class Server:
         inbox = Inbox(self._node, executor)
         while not stopping.requested():
             inbox.wait(
-                [self._mailbox], _SPIN_PERIOD, services=self._services, timers=self._timers)
+                [self._mailbox], _SPIN_PERIOD, services=self._awaited, timers=self._timers)
             try:
                 message = self._mailbox.take()
             except ValueError as error:
@@ -136,17 +174,26 @@ class Server:
 
     def _on_action(self, message: Any) -> None:
         """Step the world, repeat the last answer, or refuse the action."""
-        refusal = self._action_refusal(message)
+        refusal = self._lease.stranger(message.agent)
+        if not refusal:
+            refusal = self._past_session(message)
+            if not self._far.accepts('action', self._mailbox.sender):
+                self._far.drop('action', self._mailbox.sender, (
+                    f'acts as agent {message.agent}, which is another participant: ignored'))
+                return
+        refusal = refusal or self._untimely_action(message)
         if refusal:
             self._health.refuse('action', refusal)
+            if (message.agent, message.session) == (self._lease.owner, self._session) and (
+                    self._realtime is None and message.step < self._step):
+                self._result.publish()  # so that its sender learns how far ahead this world is
             return
         if self._realtime and message.step == self._realtime.step:
             # Repeated or late, so not for this step; its sender may not be receiving observations.
             self._health.count('repeated actions')
             return
         if self._realtime is None and message.step == self._step - 1:
-            self._health.count('repeated answers')
-            self._result.publish()
+            self._repeat(message)
             return
         try:
             given = conversion.action_from_message(message, self._world.spec)
@@ -156,6 +203,7 @@ class Server:
             return
         clipped = self._clipped.note(given, action)
         if self._realtime is None:
+            self._flown = message
             self._advance(action)
             return
         if clipped:
@@ -163,15 +211,30 @@ class Server:
             self._health.warn('clipped actions', f'action: clipped: {self._clipped.last}')
         self._realtime.follow(action, message.step)
 
-    def _action_refusal(self, message: Any) -> str:
-        """Return why an action does not apply now; empty if it does."""
-        stranger = self._lease.stranger(message.agent)
-        if stranger:
-            return stranger
+    def _repeat(self, message: Any) -> None:
+        """Publish the last answer again; report an action that is not the one it belongs to."""
+        self._health.count('repeated answers')
+        flown = self._flown
+        if flown is not None and any(
+                theirs.tobytes() != ours.tobytes() for theirs, ours in (
+                    (message.continuous, flown.continuous), (message.discrete, flown.discrete))):
+            sender = self._mailbox.sender
+            self._health.fault('differing repeats', sender, lambda: (
+                f'action: {self._far.named(sender, writers(self._node, "action"))} repeats step '
+                f'{message.step} with values that differ from those applied; the answer is '
+                'that to the applied ones'))
+        self._result.publish()
+
+    def _past_session(self, message: Any) -> str:
+        """Return why an action is not for this session; empty if it is."""
         if message.session != self._session:
             # The sender may have missed the new session: publish it again.
             self._publish_world()
-            return f'session: {message.session:016x}, expected {self._session:016x}'
+            return f'session: {message.session}, expected {self._session}'
+        return ''
+
+    def _untimely_action(self, message: Any) -> str:
+        """Return why an action of the agent in control does not apply now; empty if it does."""
         self._lease.heard()
         oldest = max(self._realtime.step if self._realtime else self._step - 1, 0)
         if not oldest <= message.step <= self._step:
@@ -202,32 +265,37 @@ class Server:
             if request.seed < -1:
                 raise ValueError(f'seed: got {request.seed}, expected 0 or more, or -1')
             return self._world.reset(None if request.seed == -1 else request.seed, **settings)
-        return self._take_control('reset', request.agent, begin, response)
+        return self._take_control('reset', request, begin, response)
 
     def _on_restore(self, request: srv.Restore.Request, response: Any) -> Any:
         def begin() -> F32:
             return self._world.restore(bytes(request.state))
-        return self._take_control('restore', request.agent, begin, response)
+        return self._take_control('restore', request, begin, response)
 
     def _take_control(
-        self, name: str, agent: int, begin: Callable[[], F32], response: Any,
+        self, name: str, request: Any, begin: Callable[[], F32], response: Any,
     ) -> Any:
         """Handle a service call that gives an agent control and draws a new session."""
+        agent, caller = request.agent, self._senders[name].take()
         response.message = self._lease.refusal(agent)
+        if not response.message and agent == self._lease.owner and self._lease.silent < _GONE:
+            response.message = self._impostor(name, agent, caller)
         if response.message:
             response.code = response.BUSY
-            self._health.refuse(name, response.message)
-            return response
+            return self._refuse(name, agent, response)
         try:
             if agent == NOBODY:
-                raise ValueError('agent: got 0, expected the identity of who asks, 1 or more')
+                raise ValueError('agent: got 0, expected the identity of the caller, 1 or more')
             observation = begin()
         except (ValueError, TypeError) as error:
             response.code = response.INVALID
             response.message = shortened(str(error))
-            self._health.refuse(name, response.message)
-            return response
+            return self._refuse(name, agent, response)
         self._lease.take(agent)
+        self._awaited = self._services
+        self._far.participant = participant_of(
+            caller if caller in self._far.clients(
+                self._node.resolve_service_name(name)) else bytes(request.writer))
         self._begin_session(observation)
         response.code = response.OK
         response.session = self._session
@@ -242,27 +310,60 @@ class Server:
         elif (request.session, request.step) != (self._session, self._step):
             response.code = response.INVALID
             response.message = (
-                f'session and step: {request.session:016x}, {request.step}, '
-                f'expected {self._session:016x}, {self._step}')
+                f'session and step: {request.session}, {request.step}, '
+                f'expected {self._session}, {self._step}')
         else:
             self._lease.heard()
             response.code = response.OK
             response.state = conversion.to_sequence(
                 np.frombuffer(self._world.snapshot(), np.uint8), 'u1')
+            self._announce(request.agent, response.code, response.state)
             return response
-        self._health.refuse('snapshot', response.message)
+        return self._refuse(
+            'snapshot', request.agent, response, request.session, request.step)
+
+    def _refuse(
+        self, name: str, agent: int, response: Any, session: int = 0, step: int = 0,
+    ) -> Any:
+        """Announce and report an answer that refuses a call; return it."""
+        self._answer = answer_digest(agent, response.code, session, step)
+        self._publish_world()
+        self._health.refuse(name, response.message)
         return response
 
+    def _announce(self, agent: int, code: int, content: Any) -> None:
+        """Publish the digest of an answer for this session and step, ahead of the answer."""
+        self._answer = answer_digest(agent, code, self._session, self._step, content)
+        self._publish_world()
+
+    def _impostor(self, name: str, agent: int, caller: bytes) -> str:
+        """Return why a call in the name of the agent in control is refused; report its sender.
+
+        :return: empty if the agent itself calls, as far as that can be told.
+        """
+        service = self._node.resolve_service_name(name)
+        if agent != self._lease.owner or self._far.calls(service, caller):
+            return ''
+        self._far.drop(
+            name, caller, f'calls as agent {agent}, which is another participant: refused',
+            self._far.clients(service))
+        return (
+            f'agent: {agent}, but another process controls this simulator as that agent '
+            f'(heard {self._lease.silent:.1f} s ago)')
+
     def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
-        if self._lease.release(request.agent):
+        impostor = self._impostor('release', request.agent, self._senders['release'].take())
+        if not impostor and self._lease.release(request.agent):
             response.code = response.OK
+            self._awaited = self._unflown
             if self._realtime:
                 self._realtime.begin()
-            self._health.clear('the agent has let go')
+            self._health.clear('the agent has released control')
             self._state.flush()
         else:
             response.code = response.BUSY
-            response.message = f'agent: {request.agent:016x} does not fly this simulator'
+            response.message = impostor or (
+                f'agent: {request.agent} does not control this simulator')
             self._health.refuse('release', response.message)
         return response
 
@@ -271,25 +372,28 @@ class Server:
         self._state.flush()
         self._session = secrets.randbits(63) + 1
         self._step = 0
+        self._flown = None
         if self._realtime:
             self._realtime.begin()
         self._health.clear('a new session has begun')
         self._result.fill_first(self._session, observation)
-        self._publish_world()
+        self._announce(
+            self._lease.owner, srv.Reset.Response.OK, conversion.to_sequence(observation, 'f4'))
         self._result.publish()
         self._state.add(self._session, self._step)
 
     def _publish_world(self) -> None:
         self._world_publisher.publish(conversion.world_to_message(
-            self._world.spec, self._session, self._step, self._options.mode))
+            self._world.spec, self._session, self._step, self._options.mode,
+            self._world.flown_settings, self._answer))
 
     def _present(self) -> dict[str, object]:
         """Return the current values for diagnostics."""
         spec = self._world.spec
         return {
             'world': spec.name, 'num_envs': spec.num_envs, 'mode': _MODES[self._options.mode],
-            'session': f'{self._session:016x}', 'step': self._step,
-            'agent': 'nobody' if self._lease.owner == NOBODY else f'{self._lease.owner:016x}',
+            'session': self._session, 'step': self._step,
+            'agent': 'nobody' if self._lease.owner == NOBODY else self._lease.owner,
             **{f'clipped {axis}': count for axis, count in self._clipped.counts.items()},
             'last clipped': self._clipped.last,
         }

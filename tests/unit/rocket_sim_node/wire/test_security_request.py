@@ -96,7 +96,8 @@ def test_policy_is_of_the_form_that_sros2_reads() -> None:
     """By the rules of `sros2/policy/schemas/policy.xsd`, version 0.2.0."""
     kinds = {
         'topics': ('topic', {'publish', 'subscribe'}),
-        'services': ('service', {'reply', 'request'})}
+        'services': ('service', {'reply', 'request'}),
+        'actions': ('action', {'call', 'execute'})}
     root = ElementTree.parse(POLICY).getroot()
     assert (root.tag, root.attrib) == ('policy', {'version': '0.2.0'})
     enclaves, = root

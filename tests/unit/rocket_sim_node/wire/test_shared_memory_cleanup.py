@@ -257,7 +257,7 @@ def test_a_semaphore_that_was_removed_meanwhile_is_not_taken(
         return lstat(path)
 
     monkeypatch.setattr(Path, 'lstat', late)
-    with pytest.raises(OSError, match='is another one now'), taken(file):
+    with pytest.raises(OSError, match='was replaced meanwhile'), taken(file):
         pass
     for there in (file, tmp_path / 'gone'):
         with taken(there) as mine:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import socket
-from contextlib import nullcontext
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -13,12 +12,16 @@ import pytest
 from rocket_sim_node.wire.dds import transport
 from rocket_sim_node.wire.dds.profile import ProfileError
 from rocket_sim_node.wire.dds.profile import check_profile
-from rocket_sim_node.wire.dds.profile import schema_path
 from rocket_sim_node.wire.dds.transport import SharedMemory
+from rocket_sim_node.wire.distributions import FAST_DDS_2
+from rocket_sim_node.wire.distributions import fast_dds
 from ros2 import graph
 from ros2.main import main
 
 OURS = Path(transport.__file__).parent / 'profiles'
+VERSION = fast_dds()[0]
+PROFILE = VERSION.variables[0]
+"""variable that names a profile"""
 RMW = 'rmw_fastrtps_cpp'
 GOOD = """<?xml version="1.0"?>
 <dds xmlns="http://www.eprosima.com">
@@ -55,26 +58,35 @@ def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.fixture
 def schema() -> Path:
     """The schema that came with Fast DDS."""
-    path = schema_path()
+    path = fast_dds()[1]
     if path is None:
-        pytest.skip('no schema of profiles: not Fast DDS 3')
+        pytest.skip('no schema of profiles: no Fast DDS')
     return path
 
 
 def inside(rmw: str = RMW) -> dict[str, str]:
-    """Return the environment that a first node is made in."""
+    """Return the environment that a first node is made in, and the profile of ours in it."""
     before = dict(os.environ)
     with transport.prepared(rmw):
         found = dict(os.environ)
+        if 'HOVERSLAM_DATA_PORT_OFFSET' in found:
+            found['profile'] = Path(found[PROFILE]).read_text('utf-8')
     assert dict(os.environ) == before
     return found
 
 
+def spelled(name: str) -> str:
+    """Return a profile of ours as this Fast DDS spells it."""
+    return VERSION.spelled((OURS / name).read_text('utf-8'))
+
+
 @pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
 def test_our_profiles_are_right(
-        name: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        name: str, schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('HOVERSLAM_DATA_PORT_OFFSET', '7')
-    check_profile(OURS / name, schema)
+    path = tmp_path / name
+    path.write_text(spelled(name))
+    check_profile(path, schema)
 
 
 @pytest.mark.parametrize(('reach', 'udp'), [
@@ -85,7 +97,7 @@ def test_who_uses_shared_memory_less_has_a_profile_of_its_own(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(transport.RANGE, reach)
     with transport.prepared(RMW, use):
-        path = Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE'])
+        path = Path(os.environ[PROFILE])
         check_profile(path, schema)
         participant = path.read_text('utf-8').partition('<participant ')[2]
     transports = participant.partition('<userTransports>')[2].partition('</userTransports>')[0]
@@ -96,6 +108,25 @@ def test_who_uses_shared_memory_less_has_a_profile_of_its_own(
     assert heard.split() == ([f'<locator>{udp}</locator>'] if sends else [])
     assert not path.exists()
     assert path.parent == transport.SHARED_MEMORY, 'a full disk keeps nobody from starting'
+
+
+def test_fast_dds_2_is_told_the_same_in_its_own_words(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / FAST_DDS_2.schema
+    path.parent.mkdir()
+    path.touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    monkeypatch.setenv(transport.RANGE, 'SUBNET')
+    with transport.prepared(RMW):
+        assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ, 'it does not know that one'
+        text = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text('utf-8')
+    assert '<heartbeatPeriod><nanosec>5000000</nanosec></heartbeatPeriod>' in text
+    assert '_period>' not in text
+    assert '_delay>' not in text
+    (tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml').touch()
+    assert not transport.set_up_by_user()
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
+    assert transport.set_up_by_user()
 
 
 def test_a_node_without_room_for_its_profile_says_so(
@@ -148,7 +179,7 @@ def test_profiles_that_are_of_use_pass(text: str, schema: Path, tmp_path: Path) 
      (':2: namespace', 'omg', 'http://www.eprosima.com')),
     ('dds', 'fastdds', (':2: ', 'fastdds', 'No matching global declaration')),
     ('<participantID>3</participantID>', '<participantId>3</participantId>',
-     (":6: Element 'participantId'", 'Expected is', 'fastdds_profiles.xsd')),
+     (":6: Element 'participantId'", 'Expected is', Path(VERSION.schema).name)),
     ('>3<', '>three<', (":6: Element 'participantID'", "'three'", 'int32')),
     ('>3<', '>${NOBODY_SET_THIS}<', (':6: ${NOBODY_SET_THIS}', 'a variable of the environment')),
     ('<participantID>3</participantID>', '<userTransports><transport_id>udp</transport_id>'
@@ -196,7 +227,7 @@ def test_what_is_no_file_is_named(make: object, schema: Path, tmp_path: Path) ->
     path = tmp_path / 'mine.xml'
     if callable(make):
         make(path)
-    with pytest.raises(ProfileError, match=r'mine\.xml: .*expected an XML profile'):
+    with pytest.raises(ProfileError, match=r'mine\.xml: .*expected a(n XML| regular file)'):
         check_profile(path, schema)
 
 
@@ -205,7 +236,7 @@ def test_this_machine_is_the_default_and_other_transports_are_left_alone() -> No
     assert not transport.beyond_machine()
     found = inside('rmw_cyclonedds_cpp')
     assert found[transport.RANGE] == 'LOCALHOST'
-    assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in found
+    assert PROFILE not in found
 
 
 @pytest.mark.parametrize(('name', 'value', 'profile', 'beyond'), [
@@ -223,7 +254,7 @@ def test_the_range_decides(
     monkeypatch.setenv(name, value)
     assert transport.beyond_machine() == beyond
     found = inside()
-    assert found['FASTDDS_DEFAULT_PROFILES_FILE'] == str(OURS / profile)
+    assert found['profile'] == spelled(profile)
     assert 0 < int(found['HOVERSLAM_DATA_PORT_OFFSET']) < 2**16
 
 
@@ -234,7 +265,7 @@ def test_who_wants_nobody_gets_nobody_by_name_either(
     monkeypatch.setenv('ROS_STATIC_PEERS', '10.0.0.7')
     monkeypatch.setenv(name, value)
     assert not transport.beyond_machine()
-    assert inside()['FASTDDS_DEFAULT_PROFILES_FILE'] == str(OURS / 'machine.xml')
+    assert inside()['profile'] == spelled('machine.xml')
 
 
 def test_who_sets_up_fast_dds_has_the_word(
@@ -242,8 +273,7 @@ def test_who_sets_up_fast_dds_has_the_word(
     mine = tmp_path / 'mine.xml'
     mine.write_text(GOOD)
     for name, value in (
-            ('FASTDDS_DEFAULT_PROFILES_FILE', str(mine)),
-            ('FASTRTPS_DEFAULT_PROFILES_FILE', str(mine)),
+            *((name, str(mine)) for name in VERSION.variables),
             ('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')):
         with monkeypatch.context() as patch:
             patch.setenv(name, value)
@@ -251,16 +281,16 @@ def test_who_sets_up_fast_dds_has_the_word(
         assert found[name] == value
         assert found[transport.RANGE] == 'LOCALHOST'
         assert 'HOVERSLAM_DATA_PORT_OFFSET' not in found
-    mine.rename(tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml')
+    mine.rename(tmp_path / VERSION.default)
     assert 'HOVERSLAM_DATA_PORT_OFFSET' not in inside()
     monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
     assert 'HOVERSLAM_DATA_PORT_OFFSET' in inside()
 
 
-@pytest.mark.parametrize('name', ['FASTDDS_DEFAULT_PROFILES_FILE', None])
+@pytest.mark.parametrize('name', [PROFILE, None])
 def test_nothing_starts_with_a_bad_profile(
         name: str | None, schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mine = tmp_path / (f'{name}.xml' if name else 'DEFAULT_FASTDDS_PROFILES.xml')
+    mine = tmp_path / (f'{name}.xml' if name else VERSION.default)
     mine.write_text(GOOD.replace('>3<', '>three<'))
     if name:
         monkeypatch.setenv(name, str(mine))
@@ -269,12 +299,13 @@ def test_nothing_starts_with_a_bad_profile(
 
 
 @pytest.mark.parametrize(('name', 'value', 'words'), [
-    ('FASTDDS_DEFAULT_PROFILES_FILE', 'mine.xml', 'mine.xml:6: '),
+    (PROFILE, 'mine.xml', 'mine.xml:6: '),
     (transport.RANGE, 'localhost', f"{transport.RANGE}: got 'localhost'"),
     ('ROS_SECURITY_ENABLE', '1', "ROS_SECURITY_ENABLE is '1', expected true or false"),
 ])
 @pytest.mark.parametrize('argv', [
-    ['topic', 'list'], ['node', 'list'], ['param', 'get', '/simulator', 'seed'],
+    ['topic', 'list'], ['node', 'list'], ['action', 'list'],
+    ['param', 'get', '/simulator', 'seed'],
     ['service', 'call', '/reset', 'rcl_interfaces/srv/GetParameters']])
 def test_the_ros2_command_refuses_what_nodes_refuse(
         argv: list[str], name: str, value: str, words: str, schema: Path, tmp_path: Path,
@@ -295,14 +326,15 @@ def test_the_ros2_command_is_bound_as_nodes_are(
     profiles = []
 
     def create_node(*args: object, **options: object) -> Mock:
-        profiles.append(Path(os.environ['FASTDDS_DEFAULT_PROFILES_FILE']).read_text('utf-8'))
+        profiles.append(Path(os.environ[PROFILE]).read_text('utf-8'))
         return Mock()
 
     monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: RMW)
-    monkeypatch.setattr(graph.rclpy, 'init', lambda args: nullcontext())
+    monkeypatch.setattr(graph.rclpy, 'init', lambda **options: None)
+    monkeypatch.setattr(graph.rclpy, 'try_shutdown', lambda context: None)
     monkeypatch.setattr(graph.rclpy, 'create_node', create_node)
     with graph.direct_node():
-        assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ
+        assert PROFILE not in os.environ
     (profile,) = profiles
     participant = profile.partition('<participant ')[2]
     assert '<transport_id>loopback<' in participant
@@ -335,7 +367,7 @@ def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
             with transport.prepared(RMW):
                 probe.bind((address, 0))
         said = ''.join(capfd.readouterr())
-        assert said.count('others than this machine may be heard') == told, said
+        assert said.count('it may receive from other machines') == told, said
 
 
 @pytest.mark.parametrize(('rmw', 'address', 'wider', 'told'), [
@@ -345,7 +377,7 @@ def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
 def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
         rmw: str, address: str, wider: str, told: int, own: bool,
         monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(transport, 'schema_path', lambda: None)
+    monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
     monkeypatch.setenv(transport.RANGE, wider)
     if own:
         monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
@@ -355,7 +387,7 @@ def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
             probe.bind((address, 0))
         port = probe.getsockname()[1]
     said = ''.join(capfd.readouterr())
-    assert said.count('others than this machine may be heard') == told, said
+    assert said.count('it may receive from other machines') == told, said
     assert said.count(f'Fast DDS listens on udp port {port} ') == told, said
 
 
@@ -363,7 +395,7 @@ def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
 def test_a_profile_that_there_is_no_schema_for_is_told_and_not_checked(
         rmw: str, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(transport, 'schema_path', lambda: None)
+    monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
     mine = tmp_path / 'mine.xml'
     mine.write_text(GOOD.replace('>3<', '>three<'))
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(mine))
@@ -375,7 +407,7 @@ def test_a_profile_that_there_is_no_schema_for_is_told_and_not_checked(
 def test_profiles_that_lie_where_fast_dds_looks_count_as_set_up(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not transport.set_up_by_user()
-    (tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml').write_text(GOOD)
+    (tmp_path / VERSION.default).write_text(GOOD)
     assert transport.set_up_by_user()
     monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
     assert not transport.set_up_by_user()

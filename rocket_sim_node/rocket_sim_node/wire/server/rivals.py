@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Notice of a second simulator on the same topics."""
+from __future__ import annotations
+
+from typing import ClassVar
+
+from rclpy.node import Node
+from rocket_msgs import msg
+
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
+from rocket_sim_node.wire.node.far_end import FarEnd
+from rocket_sim_node.wire.node.far_end import participant_of
+from rocket_sim_node.wire.node.far_end import writers
+from rocket_sim_node.wire.node.inbox import Letterbox
+
+
+class Rivals:
+    """The other participants that describe a world on this simulator's topics.
+
+    Only a message counts: the graph still lists a simulator that was killed for 20 s.
+    """
+
+    PERIOD: ClassVar[float] = 1.0
+    """Seconds between two looks."""
+
+    def __init__(
+        self, node: Node, far: FarEnd, health: DiagnosticsPublisher, own: bytes,
+    ) -> None:
+        """Begin to listen.
+
+        :param far: names senders.
+        :param own: the participant of this node; empty if it is not known: nothing is noticed.
+        """
+        self._node, self._far, self._health, self._own = node, far, health, own
+        self._letters = Letterbox(node, msg.World, 'world', qos.READ_WORLD)
+        self._known: dict[bytes, bytes] = {}
+
+    def look(self) -> None:
+        """Report an error for each rival that is there."""
+        while (taken := self._letters.take()) is not None:
+            gid = taken[1]
+            if self._own and gid and participant_of(gid) != self._own:
+                self._known[participant_of(gid)] = gid
+        if not self._known:
+            return
+        there = writers(self._node, 'world')
+        self._known = {one: gid for one, gid in self._known.items() if gid in there}
+        for gid in self._known.values():
+            name = self._far.named(gid, there)
+            self._health.fault('second simulator seen', gid, lambda name=name: (  # type: ignore[misc]
+                f'world: {name} also describes a world on this topic; give each simulator a '
+                'namespace of its own'))
