@@ -3,8 +3,23 @@
 # What train, land, evaluate and fly have in common. Sourced after env.sh and attend.sh, not run.
 
 file=$here/${0##*/}.launch.yaml
+# The lock says that the folder is in use: it goes with this script, and with its launch, however they end.
 scratch=$(mktemp -d -t hoverslam-XXXXXX)
 trap 'rm -rf "$scratch"' EXIT
+exec {_lock}> "$scratch/lock"
+flock "$_lock"
+
+# remove_leftovers: removes the scratch folders of this user whose scripts were killed. One that has just been made
+# may not be locked yet.
+remove_leftovers() {
+  local folder lock
+  while IFS= read -r -d '' folder; do
+    { exec {lock}< "$folder/lock"; } 2> /dev/null || continue
+    if flock -n "$lock"; then rm -rf "$folder"; fi
+    exec {lock}<&-
+  done < <(find "$(dirname "$scratch")" -maxdepth 1 -type d -name 'hoverslam-*' -user "$(id -u)" -mmin +1 -print0)
+}
+remove_leftovers
 
 # read_arguments ARGUMENT...: checks them and sets `arguments`, those of the launch, and what else this command
 # needs (ppo_agent_node/commands/launch.py); exits after --help, and with status 2 after an error.
@@ -20,6 +35,19 @@ run_launch() {
   attend ros2 launch "$file" "${arguments[@]}"
 }
 
+# recording_is_whole FILE: fails where a recorder of this start has left it unfinished, and says how to
+# repair it.
+recording_is_whole() {
+  local whole=$1 part=${1%.rrd}.partial.rrd
+  # One that was there before has been repaired by the recorder of this start; an empty one holds nothing.
+  [[ -s $part && " ${arguments[*]} " != *' record:=false '* ]] || return 0
+  [[ ! -e $whole ]] || whole=${1%.rrd}-repaired.rrd
+  printf '%s: the recording is not finished, its recorder was killed or could not write; repair it with:\n' "${0##*/}"
+  printf '  %q rrd merge --continue-on-error %q -o %q && rm %q\n' \
+    "$(command -v rerun || echo rerun)" "$part" "$whole" "$part"
+  return 1
+} >&2
+
 # finish: exits with the status of what was attended, or with that of the signal that stopped it.
 finish() {
   case $status-$stopped in
@@ -32,5 +60,5 @@ finish() {
 
 # tell_recording FILE: says where it is and how to see it, from any shell.
 tell_recording() {
-  echo "recording: $1; watch it with: $(command -v rerun || echo rerun) $1"
+  printf 'recording: %s; watch it with: %q %q\n' "$1" "$(command -v rerun || echo rerun)" "$1"
 }

@@ -1,16 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
 # Puts a shell inside the environment: . launch_scripts/env.sh (bash or zsh). It sets up what is
-# missing first; sourcing it again changes nothing. Returns non-zero when set-up failed.
+# missing first; sourcing it again changes nothing. Returns the status of set-up when that failed.
 
 if [ -n "${ZSH_VERSION:-}" ]; then eval '_hoverslam_here=${(%):-%x}'; else _hoverslam_here=${BASH_SOURCE[0]:-}; fi
 _hoverslam_here=$(CDPATH= cd "$(dirname "$_hoverslam_here")" && pwd -P) || return 1
 
-# _hoverslam_prepend NAME FOLDER: puts it first in a list such as PATH, once.
+# _hoverslam_prepend NAME FOLDER: puts it first in a list such as PATH, once; an empty entry, which stands for the
+# current folder, goes.
 _hoverslam_prepend() {
   eval "_hoverslam_list=:\${$1:-}:"
   while :; do
     case $_hoverslam_list in
+      *::*) _hoverslam_list=${_hoverslam_list%%::*}:${_hoverslam_list#*::} ;;
       *":$2:"*) _hoverslam_list=${_hoverslam_list%%":$2:"*}:${_hoverslam_list#*":$2:"} ;;
       *) break ;;
     esac
@@ -20,13 +22,41 @@ _hoverslam_prepend() {
   eval "export $1=\$2\${_hoverslam_list:+:\$_hoverslam_list}"
 }
 
+# _hoverslam_drop NAME PREFIX: takes what begins with PREFIX out of a list such as PATH.
+_hoverslam_drop() {
+  eval "_hoverslam_list=:\${$1:-}:"
+  while :; do
+    case $_hoverslam_list in
+      *":$2"*)
+        _hoverslam_rest=${_hoverslam_list#*":$2"}
+        _hoverslam_list=${_hoverslam_list%%":$2"*}:${_hoverslam_rest#*:} ;;
+      *) break ;;
+    esac
+  done
+  _hoverslam_list=${_hoverslam_list#:}
+  _hoverslam_list=${_hoverslam_list%:}
+  if [ -n "$_hoverslam_list" ]; then eval "export $1=\$_hoverslam_list"; else unset "$1"; fi
+}
+
 _hoverslam_enter() {
-  "$_hoverslam_here/setup" --quiet || return 1
-  _hoverslam_venv=${_hoverslam_here%/*}/.venv
+  # A user without HOME still has one, where ROS 2 keeps its logs.
+  if [ -z "${HOME:-}" ]; then unset HOME; HOME=~; export HOME; fi
+  # The commands of this folder import nothing from the folder that they are called in. In a shell of your own,
+  # python finds what lies beside your programs, as anywhere.
+  if [ "$0" -ef "$_hoverslam_here/${0##*/}" ]; then export PYTHONSAFEPATH=1; fi
+  "$_hoverslam_here/setup" --quiet || return
+  . "$_hoverslam_here/distribution.sh"
+  _hoverslam_root=${_hoverslam_here%/*}
+  _hoverslam_choose "$_hoverslam_root" || return
+  # A shell may have been in the environment of another distribution.
+  for _hoverslam_name in PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH LD_LIBRARY_PATH; do
+    _hoverslam_drop "$_hoverslam_name" "$_hoverslam_root/.venv"
+    _hoverslam_drop "$_hoverslam_name" "$_hoverslam_root/ros_ws/"
+  done
   unset PYTHONHOME _ROS_WHEELS_BOOTSTRAP_COMPLETE
   . "$_hoverslam_venv/bin/activate" || return 1
   _hoverslam_prepend PATH "$_hoverslam_venv/bin"
-  if [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; then
+  if [ "${_hoverslam_mode%%:*}" = sourced ]; then
     for _hoverslam_list in "$_hoverslam_venv"/lib/python3.*/site-packages; do
       _hoverslam_prepend PYTHONPATH "$_hoverslam_list"
     done
@@ -42,11 +72,8 @@ _hoverslam_enter() {
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
 }
 
-if _hoverslam_enter; then
-  unset -f _hoverslam_enter _hoverslam_prepend
-  unset _hoverslam_here _hoverslam_venv _hoverslam_list
-else
-  unset -f _hoverslam_enter _hoverslam_prepend
-  unset _hoverslam_here _hoverslam_venv _hoverslam_list
-  return 1
-fi
+if _hoverslam_enter; then _hoverslam_status=0; else _hoverslam_status=$?; fi
+unset -f _hoverslam_choose _hoverslam_drop _hoverslam_enter _hoverslam_prepend 2> /dev/null || true
+unset _hoverslam_here _hoverslam_root _hoverslam_default _hoverslam_ros _hoverslam_mode _hoverslam_venv _hoverslam_built \
+  _hoverslam_list _hoverslam_rest _hoverslam_name
+eval "unset _hoverslam_status; return $_hoverslam_status"

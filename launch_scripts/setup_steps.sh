@@ -10,7 +10,7 @@ check_machine() {
   [[ -w $root && -w $root/ros_ws && (! -e $venv || -w $venv) ]] ||
     fail "$root is not writable for $(id -un)." 'Copy the project to a folder of yours, or change its owner.'
   [[ $(uname -s) == Linux ]] || fail "this is $(uname -s); Hoverslam runs on Linux." 'Use a Linux machine, container or WSL 2.'
-  if [[ $mode == wheels ]]; then
+  if [[ $mode == wheels* ]]; then
     [[ $(uname -m) == x86_64 ]] ||
       fail "there are no ROS 2 wheels for $(uname -m), only for x86_64." \
         'Install ROS 2 Kilted or Jazzy for this machine, source its setup.bash, then run this again.'
@@ -40,13 +40,15 @@ take_lock() {
   flock 9
 }
 
-# usable PYTHON: whether it runs and is CPython 3.11 to 3.13 (with rclpy where ROS 2 is sourced).
+# usable PYTHON: whether it runs and is CPython 3.11 to 3.13; a sourced ROS 2 must have its rclpy, and may be newer.
 usable() {
-  "$1" -c '
+  local newest='(3, 13)'
+  [[ $mode == wheels* ]] || newest='(3, 99)'
+  "$1" -c "
 import sys
-ok = sys.implementation.name == "cpython" and (3, 11) <= sys.version_info[:2] <= (3, 13)
-sys.exit(0 if ok else 1)' > /dev/null 2>&1 || return 1
-  [[ $mode == wheels ]] || "$1" -c 'import rclpy' > /dev/null 2>&1
+ok = sys.implementation.name == 'cpython' and (3, 11) <= sys.version_info[:2] <= $newest
+sys.exit(0 if ok else 1)" > /dev/null 2>&1 || return 1
+  [[ $mode == wheels* ]] || "$1" -c 'import rclpy' > /dev/null 2>&1
 }
 
 # find_python: sets $python.
@@ -68,18 +70,15 @@ find_python() {
     'or name one: PYTHON=/path/to/python3.12 ./launch_scripts/setup'
 }
 
-# requirements: the pins that this mode needs, in the file $1.
+# requirements: the pins that this mode needs, in the file $1. NumPy is ours where a ROS 2 is sourced, too: rerun-sdk
+# needs NumPy 2, and messages that were compiled for an older one run with it.
 requirements() {
-  local numpy=
-  if [[ $mode == wheels ]]; then section ros > "$1"; else : > "$1"; fi
-  if [[ $mode == wheels ]] || ! "$python" -c 'import colcon_core, colcon_ros' 2> /dev/null; then
+  if [[ $mode == wheels* ]]; then section ros > "$1"; else : > "$1"; fi
+  if [[ $mode == wheels* ]] || ! "$python" -c 'import colcon_core, colcon_ros' 2> /dev/null; then
     section colcon >> "$1"
   fi
   section run >> "$1"
   section test >> "$1"
-  [[ $mode == wheels ]] && return
-  numpy=$("$python" -c 'import numpy; print(numpy.__version__)' 2> /dev/null) || return 0
-  sed -i "s/^numpy==.*/numpy==$numpy/" "$1"
 }
 
 # venv_was: the state that .venv is in, or was before an update that failed; nothing where nobody knows.
@@ -111,7 +110,7 @@ pip_install() {
 # make_venv: .venv with all packages, anew unless only the pins have changed.
 make_venv() {
   local wanted='' python='' old='' pip kept
-  [[ $mode == wheels ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
+  [[ $mode == wheels* ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
   kept=$(venv_state)
   if in_place; then
     python=$(< "$stamps/python")
@@ -126,7 +125,7 @@ make_venv() {
   section build > "$stamps/build"
   pip_install 'Preparing pip' -r "$stamps/build"
   pip_install 'Installing ROS 2 and libraries' --progress-bar off --no-build-isolation -r "$stamps/requirements"
-  if [[ $mode == wheels ]]; then
+  if [[ $mode == wheels* ]]; then
     step 'Checking packages' "${pip[@]}" check || explain 'Checking packages'
     relocate
     install_ros2
@@ -139,12 +138,12 @@ make_venv() {
 # new_venv: an empty .venv of $python.
 new_venv() {
   local options=()
-  [[ $mode == wheels ]] || options=(--system-site-packages)
+  [[ $mode == wheels* ]] || options=(--system-site-packages)
   [[ -f $("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h ]] ||
     fail "the headers (Python.h) of $python are missing; the ROS messages are built with them." \
       "Install them, on Debian and Ubuntu: sudo apt install $("$python" -c 'import sys; print("python%d.%d-dev" % sys.version_info[:2])')"
   rm -rf "$venv"
-  step "Making .venv with $("$python" -V 2>&1)" "$python" -m venv "${options[@]}" "$venv" || {
+  step "Making $(basename "$venv") with $("$python" -V 2>&1)" "$python" -m venv "${options[@]}" "$venv" || {
     rm -rf "$venv"
     case $(tail -n 20 "$log") in
       *ensurepip* | *'No module named venv'*)
@@ -187,23 +186,45 @@ END
 colcon_build() {
   local text=$1
   shift
-  if [[ $mode == wheels ]]; then export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv; fi
+  if [[ $mode == wheels* ]]; then export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv; fi
   export VIRTUAL_ENV=$venv PATH=$venv/bin:$PATH COLCON_LOG_LEVEL=error COLCON_EXTENSION_BLOCKLIST=colcon_core.event_handler.desktop_notification
   cd "$root/ros_ws" || fail "$root/ros_ws is missing."
-  step "$text" "$venv/bin/python" -m colcon build --event-handlers console_direct+ console_start_end- "$@" || explain "$text"
+  mkdir -p "$built"
+  step "$text" "$venv/bin/python" -m colcon --log-base "$built/log" build \
+    --build-base "$built/build" --install-base "$install" --event-handlers console_direct+ console_start_end- "$@" || explain "$text"
   cd "$root" || exit
 }
 
-# build_messages: rocket_msgs; from nothing unless only its sources have changed.
+# vendored: the packages of ros_ws/vendor that the ROS 2 of this mode lacks; the wheels lack all of them.
+vendored() {
+  local package prefix prefixes=()
+  [[ $mode == wheels* ]] || IFS=: read -r -a prefixes <<< "${AMENT_PREFIX_PATH:-}"
+  for package in "$root"/ros_ws/vendor/*/package.xml; do
+    package=$(basename "${package%/package.xml}")
+    for prefix in "${prefixes[@]}"; do
+      if [[ $prefix != "$root"/* && -f $prefix/share/$package/package.xml ]]; then continue 2; fi
+    done
+    echo "$package"
+  done
+}
+
+# build_messages: rocket_msgs and what is vendored; from nothing unless only their sources have changed. The vendored
+# packages are copied to where colcon looks: in their own folder it ignores them, so that they hide no others.
 build_messages() {
   local old
   old=$(cat "$install/.messages" 2> /dev/null) || old=
   rm -f "$install/.messages"
-  [[ ${old% *} == "1 $(< "$stamps/id")" ]] || rm -rf "$root"/ros_ws/{build,install,log}
-  local state generator=()
+  [[ ${old% *} == "1 $(< "$stamps/id")" ]] || rm -rf "$built"/{build,install,log}
+  local state package packages=(rocket_msgs) generator=() copies=$built/build/vendor
   state=$(messages_state)
+  rm -rf "$copies"
+  mkdir -p "$copies"
+  for package in $(vendored); do
+    cp -r "$root/ros_ws/vendor/$package" "$copies"
+    packages+=("$package")
+  done
   [[ ! -x $venv/bin/ninja ]] || generator=(-GNinja)
-  colcon_build 'Building rocket_msgs' --packages-select rocket_msgs \
+  colcon_build 'Building messages' --base-paths src "$copies" --packages-select "${packages[@]}" \
     --cmake-args "${generator[@]}" -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python"
   printf '%s' "$state" > "$install/.messages"
 }
@@ -211,7 +232,7 @@ build_messages() {
 # build_nodes: the Python packages, linked to their sources, so that edits need no build.
 build_nodes() {
   local state
-  rm -rf "$install/.nodes" "$root"/ros_ws/{build,install}/{rocket_sim_node,ppo_agent_node}
+  rm -rf "$install/.nodes" "$built"/{build,install}/{rocket_sim_node,ppo_agent_node}
   state=$(nodes_state)
   colcon_build 'Linking the nodes' --symlink-install --packages-select rocket_sim_node ppo_agent_node
   printf '%s' "$state" > "$install/.nodes"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-FULL = 'a full ROS 2 knows more'
+FULL = 'a full ROS 2 supports more'
 
 
 class CommandError(Exception):
@@ -13,4 +13,4 @@ class CommandError(Exception):
 
 def unknown(found: str, known: Iterable[str]) -> str:
     """Return the refusal of what the real command may know and this one does not."""
-    return f'{found} is not known here, only {", ".join(known)}; {FULL}'
+    return f'{found} is not supported here, only {", ".join(known)}; {FULL}'

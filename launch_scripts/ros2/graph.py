@@ -14,6 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from ros2.errors import CommandError
@@ -23,16 +24,19 @@ _QUIET_SECONDS = 0.2
 
 
 @contextlib.contextmanager
-def direct_node() -> Iterator[Node]:
+def direct_node(signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> Iterator[Node]:
     """Give a hidden node that lives as long as the command; Ctrl-C ends it quietly.
 
     It is as secure as the nodes are and reaches as far, or the command ends with status 2. It may
     be stopped, or wait for who reads what it prints: it keeps out of their shared memory.
+
+    :param signals: those that rclpy handles; it shuts the node's context down at once.
     """
     try:
         from rocket_sim_node.wire.dds import security
         from rocket_sim_node.wire.dds import transport
         from rocket_sim_node.wire.dds.profile import ProfileError
+        from rocket_sim_node.wire.distributions import initialised
     except ImportError as error:
         raise CommandError(
             f'{error}; enter the environment first: . launch_scripts/env.sh') from None
@@ -41,7 +45,7 @@ def direct_node() -> Iterator[Node]:
             security.require('ros2', [])
             with transport.prepared(
                     get_rmw_implementation_identifier(), transport.SharedMemory.NEVER):
-                stack.enter_context(rclpy.init(args=[]))
+                stack.enter_context(initialised(args=[], signal_handler_options=signals))
                 node = rclpy.create_node(
                     f'_ros2cli_{os.getpid()}', start_parameter_services=False,
                     enable_rosout=False)
@@ -116,5 +120,5 @@ def load_type(name: str, kind: str) -> Any:
             raise ValueError
         return getattr(importlib.import_module(f'{parts[0]}.{kind}'), parts[2])
     except (AttributeError, ImportError, ValueError):
-        words = 'message' if kind == 'msg' else 'service'
-        raise CommandError(f'The passed {words} type is invalid') from None
+        words = {'msg': 'message', 'srv': 'service'}
+        raise CommandError(f'The passed {words.get(kind, kind)} type is invalid') from None

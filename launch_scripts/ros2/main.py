@@ -18,8 +18,10 @@ _COMMANDS = {
     'node': 'Various node related sub-commands',
     'topic': 'Various topic related sub-commands',
     'service': 'Various service related sub-commands',
+    'action': 'Various action related sub-commands',
     'param': 'Various param related sub-commands',
     'interface': 'Show information about ROS interfaces',
+    'bag': 'Various rosbag related sub-commands',
 }
 
 

@@ -22,7 +22,7 @@ from ros2.errors import CommandError
 from ros2.verb import Verb
 
 _WINDOW = 10000
-"""messages that a rate is calculated of, at most"""
+"""maximum number of messages from which a rate is calculated"""
 _PERIOD = 1.0
 """seconds between two lines about a rate"""
 

@@ -3,7 +3,8 @@
 
 Unlike the real command this one gives a process the terminal itself when it is the only one with
 `output: screen` and we have a terminal; it shows the last lines of a process that failed; it
-returns 1 when a process has failed; and it leaves no process behind.
+returns the status of the first that failed, 1 where a signal ended it; and it leaves no process
+behind.
 """
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def locate(args: argparse.Namespace) -> tuple[Path, list[str]]:
     rest = list(args.launch_arguments)
     if path.is_file():
         return path, [args.launch_file_name, *rest] if args.launch_file_name else rest
-    if path.exists() or args.launch_file_name is None or os.sep in args.package_name:
+    if args.launch_file_name is None or os.sep in args.package_name:
         raise CommandError(f"No launch file supplied: '{path}' is no file")
     share = packages.share_of(args.package_name)
     matches = [p for p in share.rglob(args.launch_file_name) if p.is_file()]

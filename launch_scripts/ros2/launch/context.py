@@ -59,6 +59,6 @@ def parse_arguments(texts: list[str]) -> dict[str, str]:
             raise CommandError(
                 f"malformed launch argument '{text}', expected format '<name>:=<value>'")
         if name.startswith('launch-prefix'):
-            raise CommandError(f"launch argument '{name}' is not known here; {FULL}")
+            raise CommandError(f"launch argument '{name}' is not supported here; {FULL}")
         result[name] = value
     return result

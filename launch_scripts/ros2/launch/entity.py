@@ -102,7 +102,7 @@ def load(path: Path) -> list[Entity]:
     :raises LaunchError: when it cannot be read or is not a YAML launch file that we support.
     """
     if path.suffix in ('.py', '.xml'):
-        raise LaunchError(f'{path}: only YAML launch files are known here; {FULL}', True)
+        raise LaunchError(f'{path}: only YAML launch files are supported here; {FULL}', True)
     try:
         data = yaml.safe_load(path.read_text())
     except OSError as error:

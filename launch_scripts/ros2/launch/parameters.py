@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -80,12 +81,14 @@ def arguments(entity: Entity, node: str, context: Context) -> list[str]:
             values[name] = value
             continue
         if set(item) != {'from'}:
-            raise entity.error(f"'from' of a param stands alone here, got {item!r}; {FULL}")
+            raise entity.error(f"'from' must be the only key of a param, got {item!r}; {FULL}")
         if values:
             result += ['--params-file', _write(node, values, context)]
             values = {}
         path = substitute(str(item['from']), context)
         try:
+            if Path(path).exists() and not Path(path).is_file():
+                raise entity.error(f"parameter file '{path}': not a regular file")
             open(path).close()
         except OSError as error:
             raise entity.error(f"parameter file '{path}': {error.strerror}") from None

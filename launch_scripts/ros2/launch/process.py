@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import os
 import signal
+from pathlib import Path
 
 from ros2.launch.actions import ProcessPlan
 from ros2.launch.log import Log
@@ -130,8 +131,25 @@ class Process:
                 f"'{number.name}', escalating to '{following.name}'")
         self._send(signal.SIGKILL)
 
+    def _is_starting(self) -> bool:
+        """Return whether it is a Python whose program does not listen to signals yet.
+
+        Python itself catches SIGINT from its start on; nodes catch SIGTERM, too.
+        """
+        if self._child is None:
+            return False
+        try:
+            text = Path(f'/proc/{self._child.pid}/status').read_text()
+            caught = int(text.partition('SigCgt:')[2].split()[0], 16)
+        except (OSError, ValueError, IndexError):
+            return False
+        return [bool(caught >> number - 1 & 1) for number in (signal.SIGINT, signal.SIGTERM)] == [
+            True, False]
+
     def _send(self, number: signal.Signals) -> None:
         self._asked = number
+        if number == signal.SIGINT and self._is_starting():
+            number = signal.SIGTERM  # of SIGINT it would print a traceback
         if self._child is not None:
             name = self.plan.name
             self._log.message('INFO', name, f"sending signal '{number.name}' to process[{name}]")

@@ -28,11 +28,14 @@ class Service:
             Process(plan, log, own_terminal=direct and plan is screens[0], quiet=direct)
             for plan in plans]
         self._ending = asyncio.Event()
-        self._failed = False
+        self._status = 0
         self._interrupts = 0
 
     async def run(self) -> int:
-        """Run all of them; returns 0, or 1 when one has failed before the end had begun."""
+        """Run all of them; return the status of the first that failed before the end had begun.
+
+        It is 1 for one that a signal ended, and 0 when none has failed.
+        """
         loop = asyncio.get_running_loop()
         loop.add_signal_handler(signal.SIGINT, self._on_interrupt)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
@@ -40,7 +43,7 @@ class Service:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 loop.add_signal_handler(number, self._on_terminate, number)
         await asyncio.gather(*(self._keep(process) for process in self._processes))
-        return 1 if self._failed else 0
+        return self._status
 
     def _on_interrupt(self) -> None:
         again = ' again, ignoring...' if self._interrupts else ''
@@ -51,7 +54,7 @@ class Service:
     def _on_terminate(self, number: signal.Signals) -> None:
         if not self._ending.is_set():
             self._ending.set()
-            self._failed = True
+            self._status = self._status or 1
             self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
 
     async def _keep(self, process: Process) -> None:
@@ -62,7 +65,7 @@ class Service:
         if self._ending.is_set():
             return
         if status != 0:
-            self._failed = True
+            self._status = self._status or max(status, 1)
             self._show_tail(process)
         if process.plan.shutdown_on_exit:
             self._ending.set()

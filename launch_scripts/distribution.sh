@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+# shellcheck shell=bash
+# Which ROS 2 is used, and where what is made for it lies. Sourced by ./setup and env.sh (bash or zsh).
+
+# The one that comes as wheels, into .venv, where HOVERSLAM_ROS does not say otherwise.
+_hoverslam_default=kilted
+
+# _hoverslam_choose ROOT: sets
+#   _hoverslam_ros    the distribution
+#   _hoverslam_mode   where it comes from: sourced:NAME, or wheels (Kilted), or wheels:NAME
+#   _hoverslam_venv   its virtual environment
+#   _hoverslam_built  its folder with build, install and log of the workspace
+# Fails with status 2, after one line, when HOVERSLAM_ROS does not name a distribution that can be had.
+_hoverslam_choose() {
+  _hoverslam_ros=${HOVERSLAM_ROS:-$_hoverslam_default}
+  _hoverslam_venv=$1/.venv
+  _hoverslam_built=$1/ros_ws
+  case $_hoverslam_ros in
+    kilted | jazzy) ;;
+    *)
+      echo "setup: HOVERSLAM_ROS is '$_hoverslam_ros', expected kilted or jazzy" >&2
+      return 2 ;;
+  esac
+  if [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; then
+    if [ -n "${HOVERSLAM_ROS:-}" ] && [ "$HOVERSLAM_ROS" != "$ROS_DISTRO" ]; then
+      echo "setup: HOVERSLAM_ROS is '$HOVERSLAM_ROS', expected '$ROS_DISTRO', which is sourced, or unset" >&2
+      return 2
+    fi
+    _hoverslam_ros=$ROS_DISTRO
+    _hoverslam_mode=sourced:$ROS_DISTRO
+    return
+  fi
+  # What was made before there was a choice has the mark of Kilted.
+  if [ "$_hoverslam_ros" = kilted ]; then _hoverslam_mode=wheels; else _hoverslam_mode=wheels:$_hoverslam_ros; fi
+  if [ "$_hoverslam_ros" != "$_hoverslam_default" ]; then
+    _hoverslam_venv=$1/.venv-$_hoverslam_ros
+    _hoverslam_built=$1/ros_ws/$_hoverslam_ros
+  fi
+}
