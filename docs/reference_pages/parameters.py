@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes reference/parameters.md, the list of all parameters, from the settings' declarations."""
+"""The page of all parameters, from the declarations of the settings."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 from ppo_agent_node.config import training_config
 from ppo_agent_node.config.presets import preset_names
@@ -17,18 +16,15 @@ from ppo_agent_node.nodes.agent import training
 from ppo_agent_node.nodes.flights import connection
 from ppo_agent_node.pilots import keyboard
 from rocket_sim_node import worlds
+from rocket_sim_node.nodes import bag_recorder
 from rocket_sim_node.nodes import rerun_recorder
+from rocket_sim_node.nodes import ros_bridge
 from rocket_sim_node.nodes import simulation
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
 
-FILE = Path(__file__).parent / 'reference' / 'parameters.md'
-
 _HEAD = """# Parameters of all nodes
-
-Written from the code's declarations by `python docs/make_parameters.py`, in a shell of the
-environment (`. launch_scripts/env.sh`). A test says when this page is stale.
 
 Set a parameter with `--ros-args -p name:=value`. All are read-only after start. An unknown name,
 a value of another type or a value out of range ends the node with status 2 and an error that names
@@ -41,10 +37,14 @@ everything else. These tables list the values of the presets that differ from th
 
 def table(title: str, infos: Iterable[SettingInfo]) -> str:
     """Return a heading and a Markdown table of settings."""
-    lines = [f'## {title}', '', '| name | type | default | range | meaning |',
-             '| --- | --- | --- | --- | --- |']
+    return f'## {title}\n\n{rows(infos)}'
+
+
+def rows(infos: Iterable[SettingInfo]) -> str:
+    """Return a Markdown table of settings."""
+    lines = ['| name | type | default | range | meaning |', '| --- | --- | --- | --- | --- |']
     lines += [
-        f'| `{info.name}` | {_kind(info)} | {_value(info.default)} | {_range(info)} '
+        f'| `{info.name}` | {_kind(info)} | {_value(info.default)} | {limits(info)} '
         f'| {_escaped(info.description)}{f", {info.unit}" if info.unit else ""} |'
         for info in infos]
     return '\n'.join([*lines, ''])
@@ -87,16 +87,21 @@ def _value(value: object) -> str:
     return f'`{value:.9g}`' if isinstance(value, float) else f'`{value}`' if value != '' else ''
 
 
-def _range(info: SettingInfo) -> str:
+def limits(info: SettingInfo) -> str:
+    """Return the values that a setting may have; empty: any of its type."""
     if info.choices:
-        return ', '.join(info.choices)
+        return ', '.join(choice or "`''`" for choice in info.choices)
     if isinstance(info.default, bool | str):
         return ''
-    return f'{info.low:.10g} to {info.high:.10g}'
+    return f'{_bound(info.low)} to {_bound(info.high)}'
+
+
+def _bound(value: float) -> str:
+    return '2**62' if value == 2**62 else f'{value:.10g}'
 
 
 def text() -> str:
-    """Return what parameters.md ought to hold."""
+    """Return the page."""
     return '\n'.join([
         _HEAD,
         table('`simulator`', describe(simulation.SimulatorParameters)),
@@ -104,6 +109,8 @@ def text() -> str:
           for name in worlds.names()),
         table('`rerun_recorder`', (
             *describe(rerun_recorder.Destinations), *describe(RecordingFilter))),
+        table('`bag_recorder`', describe(bag_recorder.BagParameters)),
+        table('`ros_bridge`', describe(ros_bridge.BridgeParameters)),
         table('`ppo_agent`', describe(modes.AgentParameters)),
         table('`ppo_agent`, mode `train`', (
             *describe(training.TrainingParameters), *training_config.describe())),
@@ -114,10 +121,7 @@ def text() -> str:
             *describe(keyboard_pilot.KeyboardParameters), *describe(keyboard.KeyboardSettings))),
         table('`evaluate`', describe(evaluate.EvaluationParameters)),
         table(
-            'All nodes of `ppo_agent_node` but `watch`',
+            'All nodes of `ppo_agent_node` but `watch` and `action_server`',
             describe(connection.ConnectionParameters)),
     ])
 
-
-if __name__ == '__main__':
-    FILE.write_text(text(), 'utf-8')
