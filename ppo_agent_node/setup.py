@@ -9,14 +9,24 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
-    package_data={package_name: ['py.typed', 'presets/*/*.yaml', 'policies/*.safetensors']},
+    package_data={package_name: ['py.typed', 'presets/*/*.yaml', 'policies/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        ('share/' + package_name + '/launch', [
+            f'launch/{name}.launch.yaml' for name in ('train', 'land', 'evaluate', 'fly')]),
+        ('share/' + package_name + '/launch/parameters', [
+            'launch/parameters/agent.yaml', 'launch/parameters/simulator.yaml']),
     ],
     install_requires=[
-        'setuptools', 'clarabel', 'matplotlib', 'numpy', 'pillow', 'pyyaml', 'rich', 'safetensors',
-        'scipy', 'torch'],
+        'setuptools', 'rocket_sim_node[recording]', 'clarabel', 'matplotlib', 'numpy', 'pillow',
+        'pyyaml', 'rich', 'safetensors', 'scipy', 'torch'],
+    extras_require={
+        'onnx': ['onnxruntime'],  # flies ONNX files, without torch
+        'tensorboard': ['tensorboard'],
+        'test': ['pytest'],  # for colcon test
+        'export': ['onnx', 'onnxruntime', 'onnxscript'],
+    },
     zip_safe=False,
     maintainer='Hoverslam maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-fcf8f54c.example',
@@ -30,6 +40,7 @@ setup(
             'random_pilot = ppo_agent_node.nodes.random_pilot:main',
             'evaluate = ppo_agent_node.nodes.evaluate:main',
             'watch = ppo_agent_node.nodes.watch:main',
+            'action_server = ppo_agent_node.nodes.action_server:main',
         ],
     },
 )

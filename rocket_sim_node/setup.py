@@ -13,17 +13,31 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
+        ('share/' + package_name + '/launch', ['launch/simulate.launch.yaml']),
+        ('share/' + package_name + '/launch/parameters', ['launch/parameters/simulator.yaml']),
+        ('share/' + package_name + '/views', ['views/hoverslam.rviz', 'views/foxglove.json']),
     ],
-    install_requires=['setuptools', 'lxml', 'numpy', 'pillow', 'pyarrow', 'pymunk', 'rerun-sdk'],
+    install_requires=['setuptools', 'gymnasium>=1.1', 'numpy', 'pillow', 'pymunk'],
+    extras_require={
+        'bags': ['mcap', 'pyyaml'],
+        'recording': ['pyarrow', 'rerun-sdk'],
+        'ros': ['lxml'],  # beside rclpy and rocket_msgs, which come with ROS 2
+        'sb3': ['stable-baselines3'],
+        'test': ['pytest'],  # for colcon test
+    },
     zip_safe=False,
     maintainer='Hoverslam maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-fcf8f54c.example',
     description='Vectorised rocket worlds, their lock-step wire over DDS, and the Rerun recorder.',
     license='Apache-2.0',
     entry_points={
+        # Gymnasium itself has not read this group since 1.0: import rocket_sim_node.gym.
+        'gymnasium.envs': ['hoverslam = rocket_sim_node.gym.registration:register'],
         'console_scripts': [
             'simulator = rocket_sim_node.nodes.simulator:main',
             'rerun_recorder = rocket_sim_node.nodes.rerun_recorder:main',
+            'bag_recorder = rocket_sim_node.nodes.bag_recorder:main',
+            'ros_bridge = rocket_sim_node.nodes.ros_bridge:main',
         ],
     },
 )

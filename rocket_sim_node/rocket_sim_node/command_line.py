@@ -2,12 +2,16 @@
 """Argument parsing of plain commands, with the NAME:=VALUE syntax of launch files."""
 from __future__ import annotations
 
+import difflib
+import shlex
+import shutil
 import signal
 import sys
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
 from rocket_sim_node import settings
@@ -28,6 +32,9 @@ def parse(cls: type[S], arguments: Sequence[str]) -> S:
         name, found, text = argument.partition(':=')
         if not found:
             raise ValueError(f'got {argument!r}, expected NAME:=VALUE')
+        close = difflib.get_close_matches(name, kinds, 1)
+        if name not in kinds and close:
+            raise ValueError(f'unknown argument {name!r}, did you mean {close[0]!r}?')
         values[name] = read_value(text, kinds.get(name))
     return settings.build(cls, values)
 
@@ -65,6 +72,27 @@ def usage(name: str, synopsis: str, what: str, cls: type) -> str:
     return '\n'.join(lines) + '\n'
 
 
+def tell_usage(text: str, arguments: Sequence[str], bare: bool = False) -> bool:
+    """Print the usage where it is asked for; return whether the command goes on.
+
+    Without arguments the process ends with the usage as its error, and status 2.
+
+    :param bare: whether the command runs without arguments.
+    """
+    if {'-h', '--help'} & set(arguments):
+        sys.stdout.write(text)
+        return False
+    if not (arguments or bare):
+        sys.stderr.write(text)
+        sys.exit(2)
+    return True
+
+
+def watch_with(recording: Path) -> str:
+    """Return the command that shows a recording, quoted for a shell."""
+    return shlex.join([shutil.which('rerun') or 'rerun', str(recording)])
+
+
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: with clean-up and without output."""
@@ -86,12 +114,11 @@ def run(
     Expected errors are reported in one line, with status 2.
 
     :param expected: expected errors besides ValueError, TypeError and OSError.
-    :param bare: whether the command runs without arguments; if not, its usage is printed.
+    :param bare: whether the command runs without arguments; if not, its usage is the error.
     """
     arguments = sys.argv[1:]
     caught: tuple[type[Exception], ...] = (ValueError, TypeError, OSError, *expected)
-    if not (arguments or bare) or arguments[:1] in (['-h'], ['--help']):
-        sys.stdout.write(usage(name, synopsis, what, cls))
+    if not tell_usage(usage(name, synopsis, what, cls), arguments, bare):
         return
     try:
         with interruptible():

@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-VECTORS = (
-    'position', 'linear_velocity', 'angular_velocity', 'torque', 'disturbance', 'contact_force')
-"""Quantities of a rocket's state that are vectors."""
-
 
 def vector_to_ros(vector: F64) -> F64:
     """Return y-up vectors `(S, 3)` as z-up vectors."""
@@ -36,3 +32,15 @@ def quaternion_from_ros(quaternion: F64) -> F64:
     """Return z-up attitudes `(S, 4)`, x y z w, as y-up attitudes."""
     x, y, z, w = quaternion.T
     return np.stack((x, z, -y, w), axis=1)
+
+
+def to_body(quaternion: F64, vector: F64) -> F64:
+    """Return world vectors `(n, 3)` in the frame of bodies with attitudes `(n, 4)`."""
+    axis, real = -quaternion[:, :3], quaternion[:, 3:]
+    twice = 2.0 * np.cross(axis, vector)
+    return vector + real * twice + np.cross(axis, twice)
+
+
+def to_world(quaternion: F64, vector: F64) -> F64:
+    """Return body vectors `(n, 3)` in the world, for attitudes `(n, 4)`."""
+    return to_body(quaternion * (-1.0, -1.0, -1.0, 1.0), vector)

@@ -27,6 +27,7 @@ from support.processes import Processes
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.distributions import initialised
 from rocket_sim_node.wire.node.running import make_executor
 
 SIZES = (1, 64, 256, 1024, 4096)
@@ -64,7 +65,7 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
         floor, apart = TcpFloor(num_envs), TcpFloor(num_envs, core=1)
-        with rclpy.init(domain_id=processes.domain):
+        with initialised(domain_id=processes.domain):
             node = rclpy.create_node('bench_exchange')
             executor = make_executor()
             executor.add_node(node)

@@ -31,9 +31,10 @@ def fly(num_envs: int, count: int, output: Path) -> None:
 
     from benchmarks.exchange import microseconds
     from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.distributions import initialised
     from rocket_sim_node.wire.node.running import make_executor
 
-    with rclpy.init():
+    with initialised():
         node = rclpy.create_node('bench_hosts')
         executor = make_executor()
         executor.add_node(node)

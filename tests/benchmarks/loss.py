@@ -52,7 +52,7 @@ def fly(num_envs: int, count: int, output: Path) -> int:
                 theirs = world.step(action)
                 equal &= all(np.array_equal(a, b) for a, b in zip(
                     ours[:4], theirs[:4], strict=True))
-            steps = client.link.step
+            steps = client.connection.step
             equal &= client.snapshot() == world.snapshot()
             write_json(output, {
                 'seconds': seconds, 'steps': steps, 'equal': bool(equal),

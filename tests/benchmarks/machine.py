@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import re
-import subprocess
 import sys
 from datetime import UTC
 from datetime import datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.runs.source_commit import source_commit
 
 PACKAGES = (
     'rclpy', 'numpy', 'torch', 'pymunk', 'rerun-sdk', 'gymnasium', 'envpool', 'stable-baselines3')
@@ -29,9 +29,7 @@ def version(package: str) -> str:
 
 def commit() -> str:
     """Return the commit that is checked out, with a mark when files differ from it."""
-    done = subprocess.run(
-        ['git', 'describe', '--always', '--dirty'], capture_output=True, text=True, check=False)
-    return done.stdout.strip() or 'unknown'
+    return source_commit() or 'unknown'
 
 
 def describe() -> dict[str, Any]:

@@ -151,11 +151,12 @@ def flying(folder: Path, turns: int, seconds: float) -> Speeds:
     from ppo_agent_node.pilots.policy import PolicyPilot
     from ppo_agent_node.pilots.search import find_policy
     from rocket_sim_node.wire.client.client import Client
+    from rocket_sim_node.wire.distributions import initialised
     from rocket_sim_node.wire.node.running import make_executor
 
     processes, speeds = Processes(folder), Speeds()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    with rclpy.init(domain_id=processes.domain):
+    with initialised(domain_id=processes.domain):
         node = rclpy.create_node('bench_recorder')
         executor = make_executor()
         executor.add_node(node)

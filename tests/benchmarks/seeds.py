@@ -153,7 +153,7 @@ def main() -> None:
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
                         help='conditions and level, such as mix:7; lander: nominal')
     parser.add_argument(
-        '--pilots', nargs='+', default=['scripted'],
+        '--pilots', nargs='*', default=['scripted'],
         help='who flies beside clone and policy: scripted, random, expert_estimator, names of '
         'policies that ship, files')
     parser.add_argument('--episodes', type=int, default=10_000, help='for each task')

@@ -32,6 +32,7 @@ class StillWorld:
         """Make it in the shape of `rocket`."""
         shape = worlds.make('rocket', num_envs)
         self.spec = replace(shape.spec, name='still')
+        self.flown_settings = self.spec.settings
         self._observation = shape.observe()
         self._reward = np.zeros(num_envs, np.float32)
         self._flags = np.zeros(num_envs, np.bool_)

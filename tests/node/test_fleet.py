@@ -20,6 +20,8 @@ from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.wire.node.inbox import Caller
+from rocket_sim_node.wire.node.inbox import Letterbox
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import Job
@@ -119,7 +121,11 @@ def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
     def of_the_simulator() -> list[str]:
         names = [
             *(p.topic_name for p in node.publishers), *(s.topic_name for s in node.subscriptions),
-            *(client.srv_name for client in node.clients)]
+            *(client.srv_name for client in node.clients),
+            *(one.topic for one in Letterbox._open if isinstance(one, Letterbox)
+              and one._node is node),
+            *(one.srv_name for one in Caller._open if isinstance(one, Caller)
+              and one._node is node)]
         return [name for name in names if name.startswith('/sim_0')]
 
     with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, '/sim_*') as fleet:
@@ -172,8 +178,8 @@ def test_a_simulator_of_another_world_is_not_flown(
     with make_fleet() as fleet:
         fleet.connect()
         simulator(processes, 1, num_envs=N + 1).wait_for('waiting for an agent', 30.0)
-        text = fly_until('is not flown', fleet, capfd)
-    assert '/sim_1 is not flown: its num_envs is 5, expected 4' in text
+        text = fly_until('is not used', fleet, capfd)
+    assert '/sim_1 is not used: its num_envs is 5, expected 4' in text
 
 
 def test_one_that_comes_back_as_another_world_is_flown_no_more(
@@ -194,9 +200,10 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
     with make_fleet() as fleet:
         assert '/sim_0 has joined' in fly_until('simulators: 2', fleet, capfd)
         result = flown(fleet, seeds, poll)
-        text = fly_until('it is not flown', fleet, capfd)
+        text = fly_until('it is no longer used', fleet, capfd)
     assert_same_flights(result, in_process(seeds))
-    assert '/sim_0 came back as another world: num_envs is 5, expected 4; it is not flown' in text
+    assert ('/sim_0 restarted with another world: num_envs is 5, expected 4; it is no longer used'
+            in text)
 
 
 @pytest.mark.parametrize(('namespace', 'pattern'), [('', ''), ('/sim_0', '/sim_*')])
@@ -240,8 +247,8 @@ def test_one_that_goes_by_the_clock_is_not_flown(
     simulator(processes, 0)
     simulator(processes, 1, mode='realtime').wait_for('waiting for an agent', 30.0)
     with make_fleet() as fleet:
-        text = fly_until('is not flown', fleet, capfd)
-    assert '/sim_1 is not flown: its mode is realtime, expected lockstep' in text
+        text = fly_until('is not used', fleet, capfd)
+    assert '/sim_1 is not used: its mode is realtime, expected lockstep' in text
 
 
 def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:

@@ -39,7 +39,7 @@ def fly_through(client: Client, world: Any, seed: int, steps: int) -> None:
             assert_same(client.step(action), world.step(action))
         except AssertionError as error:
             raise AssertionError(f'seed {seed}, step {number}: {error}') from error
-    assert client.link.step == steps, f'seed {seed}'
+    assert client.connection.step == steps, f'seed {seed}'
     # With all counters and random streams: one step more or less would show.
     assert client.snapshot() == world.snapshot(), f'seed {seed}'
 

@@ -135,7 +135,7 @@ def test_damaged_answers_are_passed_over_or_refused(
         check_answer(answers)
     except ValueError as error:
         assert 'expected' in str(error)
-    assert all('left out: ' in text for text in said)
+    assert all('ignored: ' in text for text in said)
 
 
 @given(st.data())
@@ -165,7 +165,7 @@ def test_any_description_is_a_world_or_refused_by_name(data: st.DataObject) -> N
 
 
 @pytest.fixture
-def link(make_node: Callable[..., Any]) -> Connection:
+def connection(make_node: Callable[..., Any]) -> Connection:
     made = Connection(make_node()[0], ConnectionOptions(patience=0.0), 5)
     made.world = conversion.world_to_message(SPEC, SESSION, 0, msg.World.LOCKSTEP)
     made.adopt_spec()
@@ -176,8 +176,8 @@ def link(make_node: Callable[..., Any]) -> Connection:
        st.one_of(st.just(SESSION), ANY_U64), st.one_of(st.just(0), ANY_U64),
        st.one_of(st.just(N * SPEC.observation_size), st.integers(0, 99)), st.data())
 def test_any_answer_of_a_service_is_taken_or_refused(
-        link: Connection, name: str, code: int, text: str, session: int, step: int, size: int,
-        data: st.DataObject) -> None:
+        connection: Connection, name: str, code: int, text: str, session: int, step: int,
+        size: int, data: st.DataObject) -> None:
     command = {'reset': Reset(1), 'restore': Restore(b''), 'snapshot': Snapshot()}[name]
     response = {'reset': srv.Reset, 'restore': srv.Restore,
                 'snapshot': srv.Snapshot}[name].Response(
@@ -188,10 +188,10 @@ def test_any_answer_of_a_service_is_taken_or_refused(
         value = data.draw(ANY_F32)
         response.session, response.step = session, step
         response.observation = conversion.to_sequence(np.full(size, value), 'f4')
-    link.drop()
-    link._command, link._asked = command, time.monotonic()
+    connection.drop()
+    connection._command, connection._asked = command, time.monotonic()
     try:
-        done = link._judge(command, response, time.monotonic())
+        done = connection._judge(command, response, time.monotonic())
     except (ValueError, EnvironmentRestarted, RuntimeError) as error:
         assert not isinstance(error, WorldChanged)
         assert name in str(error)
@@ -199,7 +199,7 @@ def test_any_answer_of_a_service_is_taken_or_refused(
     if not done:
         assert session != SESSION  # it waits for the description
         return
-    taken = link.take()
+    taken = connection.take()
     if name == 'snapshot':
         assert taken == bytes(response.state)
     else:

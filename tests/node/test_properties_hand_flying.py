@@ -125,7 +125,7 @@ def test_a_person_flies_on_whatever_is_said_of_the_vehicle(world: str, data: Any
         k for k in range(len(first.row)) if not first.row[k] and not first.episode[k])
     for name in ('mass', 'fuel', 'throttle', 'time'):
         assert getattr(tank, name) == getattr(first, name)[last]
-    assert all(text.startswith('state left out: ') for text in hands.said)
+    assert all(text.startswith('state ignored: ') for text in hands.said)
 
 
 @pytest.mark.parametrize(('harm', 'said'), [
@@ -149,7 +149,7 @@ def test_a_state_that_no_vehicle_has_is_left_out_with_a_word(
     hands.fly([world.observe()], [message])
     assert hands.flying._tank == full
     assert len(hands.said) == 1
-    assert f'state left out: {said}' in hands.said[0]
+    assert f'state ignored: {said}' in hands.said[0]
 
 
 @st.composite

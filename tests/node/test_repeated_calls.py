@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.task import Future
 from rocket_msgs import srv
 from support.faults import Moments
 from support.processes import Process
@@ -90,10 +89,10 @@ def test_a_call_that_was_given_up_does_not_fly_into_the_next(
     state = client.snapshot()
     for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
         with stopped(node, moments.random.uniform(0.3, 1.0)):
-            client.link.ask(Reset(number, {}))
-            client.link.poll()
+            client.connection.ask(Reset(number, {}))
+            client.connection.poll()
             client.waiter.until(lambda: False, moments.random.uniform(0.0, 0.2))
-            client.link.drop()
+            client.connection.drop()
             for _ in range(3):
                 try:
                     client.restore(state)
@@ -114,33 +113,35 @@ class Dying:
     srv_name = '/reset'
 
     def __init__(self, busy: int) -> None:
-        self._busy, self.calls = busy, 0
+        self._busy, self.calls, self.settled = busy, 0, 0
+        self._answers: list[tuple[int, srv.Reset.Response]] = []
 
     def service_is_ready(self) -> bool:
         """Return what is believed until the lease of a dead one ends."""
         return True
 
-    def call_async(self, request: srv.Reset.Request) -> Future:
+    def send(self, request: srv.Reset.Request) -> int:
         """Answer that another agent flies it, or nothing."""
         self.calls += 1
-        future: Future = Future()
         if self.calls <= self._busy:
-            future.set_result(srv.Reset.Response(code=srv.Reset.Response.BUSY))
-        return future
+            self._answers.append(
+                (self.calls, srv.Reset.Response(code=srv.Reset.Response.BUSY)))
+        return self.calls
 
-    def remove_pending_request(self, future: Future) -> None:
-        """Forget a call."""
+    def take(self) -> tuple[int, srv.Reset.Response] | None:
+        """Return the next answer, behind the number of its request."""
+        return self._answers.pop() if self._answers else None
 
 
 def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
         processes: Processes, make_client: MakeClient) -> None:
-    link = make_client(patience=4.0).link
-    service = link._clients['reset'] = Dying(busy=4)
-    link.ask(Reset(0))
+    connection = make_client(patience=4.0).connection
+    service = connection._clients['reset'] = Dying(busy=4)  # type: ignore[assignment]
+    connection.ask(Reset(0))
     began = time.monotonic()
     with pytest.raises(WireTimeout):
         while time.monotonic() < began + 20.0:
-            link.poll()
+            connection.poll()
             time.sleep(0.01)
     assert 4.0 < time.monotonic() - began < 15.0  # patience begins anew with the last answer
     assert service.calls >= 4 + len(REPEATED)
@@ -177,5 +178,5 @@ def test_what_no_service_takes_is_refused_as_in_process(
     still = [[-1.0, 0.0, 0.0]] * N
     assert_same(client.step(still), world.step(still))  # type: ignore[arg-type]
     with pytest.raises(TypeError, match='got list, expected Reset, Restore, Snapshot or an array'):
-        client.link.ask(still)  # type: ignore[arg-type]
+        client.connection.ask(still)  # type: ignore[arg-type]
     assert client.snapshot() == world.snapshot()

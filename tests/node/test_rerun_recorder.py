@@ -2,22 +2,23 @@
 """The recorder as a process: it hears a simulator, and leaves whole files however it ends."""
 from __future__ import annotations
 
+import re
 import signal
 import time
 from collections.abc import Callable
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.request import Request
 from urllib.request import urlopen
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
 from rocket_msgs import msg
+from support.falling_rockets import FALL
+from support.falling_rockets import ROCKETS
+from support.falling_rockets import Simulator
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
@@ -34,85 +35,6 @@ from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
-from rocket_sim_node.worlds.base import Telemetry
-
-ROCKETS = 2
-FALL = 317
-"""samples of a fall from the spawn height to the ground"""
-
-
-class Simulator:
-    """Publishes rockets that fall, as a simulator would."""
-
-    def __init__(self, processes: Processes, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=processes.domain)
-        self._node = node = Node('simulator', context=self.context)
-        self._world = make('rocket', ROCKETS, level=1, spawn_angle=1.0)
-        self.description = node.create_publisher(msg.World, 'world', qos.WORLD)
-        self.state = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
-        self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
-        self._session = 0
-
-    def end(self) -> None:
-        """Leave the graph."""
-        if self.context.ok():
-            self._node.destroy_node()  # what it latched would outlive its context
-            rclpy.shutdown(context=self.context)
-
-    def take(self, world: str) -> None:
-        """Go on with another world."""
-        self._world = make(world, ROCKETS)
-
-    def begin(self) -> None:
-        """Begin a session, when somebody listens."""
-        wait_until(
-            lambda: self.state.get_subscription_count() > 0
-            and self.training.get_subscription_count() > 0, 20.0)
-        self._session += 1
-        self.description.publish(
-            conversion.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
-        self._world.reset(self._session)
-        self._step = 0
-        self._parts: list[tuple[int, np.ndarray]] = []
-        self._add()
-
-    def _add(self) -> None:
-        for captured in (self._world.captured_ends, self._world.capture(slice(ROCKETS))):
-            self._parts.append((self._step, captured))
-
-    def telemetry(self) -> Telemetry:
-        """Return the state of all rockets."""
-        return self._world.telemetry(np.arange(ROCKETS))
-
-    def fall(self, steps: int) -> None:
-        """Fly for some steps and publish the states, 25 steps to a message."""
-        spec = self._world.spec
-        idle = (
-            np.tile(np.float32(spec.action_idle), (ROCKETS, 1)) if spec.continuous
-            else np.full(ROCKETS, spec.action_idle[0], np.int32))
-        for _ in range(steps):
-            self._world.step(idle)
-            self._step += 1
-            self._add()
-        for start in range(0, len(self._parts), 25):
-            parts = self._parts[start:start + 25]
-            step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
-            telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
-            self.state.publish(
-                conversion.state_to_message(step, telemetry, self._session))
-        self._parts = []
-
-
-@pytest.fixture
-def simulator(
-    processes: Processes, monkeypatch: pytest.MonkeyPatch,
-) -> Iterator[Simulator]:
-    """Return a simulator in this process."""
-    simulator = Simulator(processes, monkeypatch)
-    yield simulator
-    simulator.end()
 
 
 def start(processes: Processes, path: Path, **parameters: object) -> Process:
@@ -219,7 +141,7 @@ def test_worlds_and_states_that_no_simulator_has_are_left_out(
             make('rocket', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
         setattr(message, name, value)
         simulator.description.publish(message)
-        recorder.wait_for(f'world left out: world: {said}', 10.0)
+        recorder.wait_for(f'world ignored: world: {said}', 10.0)
         time.sleep(1.1)  # it says so once a second
     landers = conversion.world_to_message(
         make('lunar_lander', ROCKETS).spec, 1, 0, msg.World.LOCKSTEP)
@@ -230,6 +152,20 @@ def test_worlds_and_states_that_no_simulator_has_are_left_out(
     recorder.signal(signal.SIGTERM)
     assert recorder.wait(10.0) == 0
     assert 'Traceback' not in recorder.output()
+
+
+def test_steps_that_were_not_received_are_told(
+    processes: Processes, simulator: Simulator, tmp_path: Path,
+) -> None:
+    recorder = start(processes, tmp_path / 'run.rrd')
+    simulator.begin()
+    simulator.fall(100)
+    simulator.skip(30)
+    simulator.fall(2 * FALL)
+    recorder.wait_for('state: 30 steps before step 131 were not received', 20.0)
+    recorder.signal(signal.SIGTERM)
+    assert recorder.wait(30.0) == 0
+    assert '; 30 steps were not received' in recorder.output()
 
 
 def test_killed_and_started_again(
@@ -251,7 +187,7 @@ def test_killed_and_started_again(
     assert 1 <= len(reader.trajectories(path)) <= 4
     again.signal(signal.SIGTERM)
     assert again.wait(30.0) == 0
-    assert 'nothing was heard' in again.output()
+    assert 'nothing was recorded: ' in again.output()
     assert list(tmp_path.glob('*.rrd')) == [path]
 
 
@@ -265,6 +201,14 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
     listening = Path('/proc/net/tcp').read_text().splitlines()[1:]
     mine = [line.split()[1] for line in listening if line.split()[1].endswith(f':{port:04X}')]
     assert '00000000' not in {address.split(':')[0] for address in mine}
+    data = re.search(r'127\.0\.0\.1%3A(\d+)', recorder.output())
+    assert data is not None
+    for origin, allowed in (('http://example.org', None), (f'http://127.0.0.1:{port}',) * 2):
+        request = Request(
+            f'http://127.0.0.1:{data[1]}/', method='OPTIONS',
+            headers={'Origin': origin, 'Access-Control-Request-Method': 'POST'})
+        with urlopen(request, timeout=5.0) as answer:
+            assert answer.headers['Access-Control-Allow-Origin'] == allowed
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     wait_until(lambda: not rerun_program.reachable('127.0.0.1', port), 5.0)

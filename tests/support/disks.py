@@ -78,9 +78,8 @@ class Writers:
     def __init__(self, path: Path) -> None:
         """Prepare; nothing is written yet."""
         self._parent = subprocess.Popen(
-            [sys.executable, '-m', 'support.disks', str(path)], stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, text=True, bufsize=1, start_new_session=True,
-            cwd=Path(__file__).parents[1])
+            [sys.executable, __file__, str(path)], stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, text=True, bufsize=1, start_new_session=True)
         self._writer = 0
 
     def _hear(self) -> str:

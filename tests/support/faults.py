@@ -22,7 +22,7 @@ LONGEST_STOP = 2.5
 """s; longer than a call of a service is waited for before it is repeated"""
 BEGUN = ('waiting for an agent', 'run /', 'recording to')
 """what simulator, agent and recorder say first"""
-ENDS = ('resume:=true', 'everything is in', 'stopped before the run began')
+ENDS = ('resume:=true', 'all files are in', 'stopped before the run began')
 """what an agent says at its end"""
 END = 60.0
 """s in which a process ends that was told to, and is not busy with a step"""

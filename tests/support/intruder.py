@@ -26,8 +26,9 @@ def intrude(seconds: float) -> dict[str, Any]:
     from rocket_msgs import srv
 
     from rocket_sim_node.wire.dds import qos
+    from rocket_sim_node.wire.distributions import initialised
 
-    with rclpy.init():
+    with initialised():
         node = rclpy.create_node('intruder')
         publisher = node.create_publisher(msg.Action, 'action', qos.STREAM)
         heard: list[Any] = []
@@ -79,7 +80,7 @@ def pilot(go: Path) -> int:
                     client.waiter.until(go.exists, 60.0)
                 equal &= np.array_equal(client.step(action)[0], world.step(action)[0])
             equal &= client.snapshot() == world.snapshot()
-            print(json.dumps({'steps': client.link.step, 'equal': bool(equal)}), flush=True)
+            print(json.dumps({'steps': client.connection.step, 'equal': bool(equal)}), flush=True)
 
     return run('pilot', body, args=[])
 

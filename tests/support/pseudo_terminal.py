@@ -80,6 +80,15 @@ class Cabin:
         """Press keys."""
         os.write(self._master, keys)
 
+    def hang_up(self) -> None:
+        """Close the terminal under its programs, as a window that is closed; they get SIGHUP.
+
+        Something has to be shown meanwhile: the kernel waits for the reader.
+        """
+        os.close(self._slave)
+        os.close(self._master)
+        self._slave = self._master = -1
+
     def close(self) -> None:
         """End what still runs in it, kindly at first, and close it."""
         for child in self._children:
@@ -89,5 +98,5 @@ class Cabin:
                         os.killpg(child.pid, number)
                     with suppress(subprocess.TimeoutExpired):
                         child.wait(10.0)
-        os.close(self._slave)
-        os.close(self._master)
+        if self._master != -1:
+            self.hang_up()

@@ -16,11 +16,11 @@ from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.timeline import Settle
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.base import SimulatedWorld
-from rocket_sim_node.worlds.base import Telemetry
 
 Pilot = Callable[[Telemetry, np.ndarray], np.ndarray]
 

@@ -18,7 +18,7 @@ import rclpy
 from rocket_sim_node.wire.dds import shared_memory_cleanup
 
 SHARED_MEMORY = shared_memory_cleanup.SHARED_MEMORY
-PORTS = [SHARED_MEMORY / f'fastdds_port{number}' for number in (7000, 7001, 7002)]
+PORTS = (7000, 7001, 7002)
 """which a participant tries first"""
 CLEANERS = 2
 
@@ -52,7 +52,7 @@ def started(beside: Callable[[], list[int]]) -> float:
     took = time.monotonic() - begin
     for other in others:
         os.waitpid(other, 0)
-    lost = [lock for lock in SHARED_MEMORY.glob('fastdds_port*_el')
+    lost = [lock for lock in SHARED_MEMORY.glob('fast*_port*_el')
             if not lock.with_name(lock.name.removesuffix('_el')).exists()]
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
@@ -72,10 +72,12 @@ def main(rounds: int) -> None:
     """Start participants, one after the other."""
     clear()
     usual = started(list)
-    port = PORTS[0].read_bytes()
+    (first,) = SHARED_MEMORY.glob(f'fast*_port{PORTS[0]}')  # named after DDS or RTPS, by version
+    port = first.read_bytes()
+    ports = [first.with_name(f'{first.name[:-4]}{number}') for number in PORTS]
     for _ in range(rounds):
         clear()
-        for file in PORTS:
+        for file in ports:
             file.write_bytes(port)
             os.utime(file, (0, 0))
 

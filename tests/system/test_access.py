@@ -17,6 +17,8 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 
+from rocket_sim_node.wire.distributions import fast_dds
+
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 ROOT = Path(__file__).parents[2]
 LOOK = 4.0
@@ -24,7 +26,8 @@ LOOK = 4.0
 NODES = [
     ('rocket_sim_node', 'simulator'), ('rocket_sim_node', 'rerun_recorder'),
     *(('ppo_agent_node', name) for name in (
-        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch'))]
+        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch',
+        'action_server'))]
 TERMINAL = (
     'python', '-c', 'import pty, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_DFL); '
     'pty.spawn(sys.argv[1:])')
@@ -79,7 +82,7 @@ def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, set]:
 
     :return: what the intruder found, what the pilot did, and where the simulator's host listens.
     """
-    one = {RANGE: spoken_to, 'FASTDDS_DEFAULT_PROFILES_FILE': None}
+    one = {RANGE: spoken_to, fast_dds()[0].variables[0]: None}
     simulator = hosts.on(0, **one).run_node(
         'rocket_sim_node', 'simulator', num_envs=intruder.N, agent_lease=100.0)
     go = hosts.folder / 'go'
@@ -162,7 +165,7 @@ def test_a_bad_profile_stops_every_node_before_it_starts(
         processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     profile = tmp_path / 'mine.xml'
     profile.write_text('<dds xmlns="http://www.eprosima.com">\n<profile/>\n</dds>\n')
-    monkeypatch.setenv('FASTDDS_DEFAULT_PROFILES_FILE', str(profile))
+    monkeypatch.setenv(fast_dds()[0].variables[0], str(profile))
     started = [processes.run_node(package, executable) for package, executable in NODES]
     if STAND_IN:
         started.append(processes.start('ros2', 'topic', 'list'))

@@ -6,11 +6,13 @@ import dataclasses
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 import torch
 from benchmarks.learner_sides import CASES
@@ -75,6 +77,18 @@ def test_stepping(tmp_path: Path) -> None:
     assert 'x Gymnasium' in text
 
 
+def test_onnx(tmp_path: Path) -> None:
+    pytest.importorskip('onnxscript')
+    text, figures = run(
+        'onnx', tmp_path / 'out.json', '--sizes', '1', '8', '--rounds', '1', '--seconds', '0.01',
+        '--policies', 'lunar_lander')
+    assert [each['batch'] for each in figures['figures']] == [1, 8]
+    for each in figures['figures']:
+        times = each['microseconds']
+        assert each['ratio'] == pytest.approx(times['torch'] / times['onnx'])
+    assert 'torch / onnx' in text
+
+
 def test_recorder(tmp_path: Path) -> None:
     text, figures = run(
         'recorder', tmp_path / 'out.json', '--turns', '2', '--seconds', '0.5', '--parts', 'flying')
@@ -121,7 +135,8 @@ def test_the_learner_loses_what_stable_baselines3_loses(case: Case) -> None:
     before = torch.get_num_threads()
     same = {
         'n_epochs': 4, 'max_grad_norm': 1e9, 'actor_learning_rate': 1e-3, 'log_std_final': 20.0,
-        'critic_learning_rate': 1e-3, 'log_std_learning_rate': 1e-3}
+        'critic_learning_rate': 1e-3, 'log_std_learning_rate': 1e-3, 'features': 'none',
+        'hidden_observations': '', 'start_copies': 1}
     ours, theirs = Ours(options, **same), StableBaselines3(options, **same)
     assert ours.update() == pytest.approx(theirs.update(), rel=1e-5, abs=1e-6)
     for layers, network in zip(
@@ -182,6 +197,25 @@ def test_budget(tmp_path: Path) -> None:
     rows = {row['what']: row['us'] for row in figures['budget']}
     assert {'inference', 'physics', 'whole step'} <= rows.keys()
     assert 'TCP, a core each' in text
+
+
+def test_rollouts_that_are_terminated_leave_no_simulators(processes: Processes) -> None:
+    runs, mark = TESTS.parent / 'runs', f'--rounds {10**7 + os.getpid()}'
+    bench = processes.start(
+        str(TESTS.parent / 'launch_scripts' / 'bench'), 'rollouts', '--sizes', '8', '--steps',
+        '20', *mark.split())
+    try:
+        bench.wait_for('/sim_1 has joined', 60.0)
+        nodes = psutil.Process(bench.pid).children(recursive=True)
+        assert any('lib/rocket_sim_node/simulator' in ' '.join(one.cmdline()) for one in nodes)
+        os.kill(bench.pid, signal.SIGTERM)
+        assert bench.wait(20.0) == 143, bench.output()
+        assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
+        assert 'Traceback' not in bench.output()
+    finally:
+        for told in runs.glob('bench-*/rollouts.command'):
+            if mark in told.read_text():
+                shutil.rmtree(told.parent)
 
 
 def test_soak_that_is_interrupted_ends_its_nodes_and_tells(

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import pwd
 import re
+import shlex
 import signal
+import subprocess
 from pathlib import Path
 
 import psutil
@@ -47,8 +50,11 @@ def test_train_and_resume_in_a_folder_with_an_awkward_name(
     assert len((run / 'train.jsonl').read_text().splitlines()) == 12
     # Refused, it is as finished as before: `land` flies its policy.
     refused = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'gamma:=0.5')
-    assert refused.wait(60.0) != 0
+    assert refused.wait(60.0) == 2
     assert 'gamma of the run is' in refused.output()
+    assert f'train: not resumed, the run is as it was: {run}' in refused.output()
+    assert 'go on with' not in refused.output(), 'that has just failed'
+    assert 'Traceback' not in refused.output()
     assert not (run / '.unfinished').exists()
 
 
@@ -88,7 +94,7 @@ def test_the_vehicle_of_a_run_is_not_replaced(processes: Processes, tmp_path: Pa
     other.write_text('/**:\n  ros__parameters:\n    dry_mass: 20000.0\n')
     refused = command(processes, 'train', f'run_dir:={run}', f'simulator_parameters:={other}')
     assert refused.wait(30.0) == 2
-    assert 'there is a run already' in refused.output()
+    assert 'already holds a run' in refused.output()
     assert (run / 'simulator.yaml').read_text() == 'the vehicle of the run'
     # Nor is anything left of a start that is refused later.
     new = tmp_path / 'new'
@@ -99,17 +105,33 @@ def test_the_vehicle_of_a_run_is_not_replaced(processes: Processes, tmp_path: Pa
     assert not new.exists()
 
 
+@pytest.mark.smoke
 def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) -> None:
-    recording = tmp_path / 'landing.rrd'
+    recording = tmp_path / "a pilot's landing.rrd"
     land = command(
         processes, 'land', 'episodes:=8', f'output:={recording}',
         f'policy:={SCRIPTS.parent}/ppo_agent_node/ppo_agent_node/policies/rocket.safetensors')
     assert land.wait(90.0) == 0, processes.logs()
     assert 'landed 8' in land.output(), land.output()
     assert recording.is_file()
+    told, = re.findall('watch it with: (.*)', land.output())
+    assert shlex.split(told)[1:] == [str(recording)], 'quoted for a shell'
     again = command(processes, 'land', f'output:={recording}')
     assert again.wait(30.0) == 2
-    assert 'exists already' in again.output()
+    refused = command(processes, 'land', 'policy:=lunar_lander', f'output:={tmp_path}/none.rrd')
+    assert refused.wait(60.0) == 2
+    assert 'Traceback' not in refused.output()
+    assert list(tmp_path.glob('*.rrd')) == [recording], 'no recording of 0 flights'
+    assert 'already exists' in again.output()
+
+
+def test_a_refused_recorder_ends_a_launch_of_land(processes: Processes, tmp_path: Path) -> None:
+    land = processes.start(
+        'ros2', 'launch', str(SCRIPTS / 'land.launch.yaml'), f'output:={tmp_path}/landing.rrd',
+        'connect:=nonsense', 'policy:=default', 'episodes:=0')
+    assert land.wait(60.0) != 0, 'it would fly for ever'
+    assert "connect: got 'nonsense'" in land.output()
+    assert not list(tmp_path.glob('*.rrd'))
 
 
 def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
@@ -174,7 +196,8 @@ def test_the_random_pilot_flies_any_world(processes: Processes) -> None:
     listed = processes.start('ros2', 'pkg', 'executables', 'ppo_agent_node')
     assert listed.wait(30.0) == 0
     assert listed.output().split()[1::2] == [
-        'evaluate', 'expert_pilot', 'keyboard_pilot', 'ppo_agent', 'random_pilot', 'watch']
+        'action_server', 'evaluate', 'expert_pilot', 'keyboard_pilot', 'ppo_agent',
+        'random_pilot', 'watch']
     for world in ('rocket', 'lunar_lander'):
         simulator = processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=8)
         pilot = processes.run_node('ppo_agent_node', 'random_pilot', episodes=16, seed=3)
@@ -198,8 +221,10 @@ def test_the_pilot_of_the_tutorial_flies_and_lands(processes: Processes, tmp_pat
 @pytest.mark.parametrize(('name', 'argument', 'words'), [
     ('train', 'seed=3', "got 'seed=3', expected NAME:=VALUE"),
     ('train', 'resume:=true', 'resume:=true needs run_dir:=FOLDER'),
-    ('train', 'mode:=infer', "mode: got 'infer', but this trains"),
+    ('train', 'mode:=infer', "mode: got 'infer', expected none: this command trains"),
     ('train', 'world:=mars', "world: got 'mars', expected one of rocket, rocket_planar"),
+    ('land', 'namespace:=a b', "namespace: got '/a b', expected words of letters"),
+    ('land', 'simulator_parameters:=/dev/zero', 'got a device, expected a regular file'),
     ('train', 'max_trust:=5e5', "unknown argument 'max_trust', did you mean 'max_thrust'?"),
     ('land', 'speed:=3', "unknown argument 'speed'"),
     ('evaluate', 'speed:=3', "unknown argument 'speed'"),
@@ -210,6 +235,32 @@ def test_bad_arguments_are_named(
     assert run.wait(30.0) == 2
     assert words in run.output()
     assert len(run.output().splitlines()) == 1
+
+
+@pytest.mark.parametrize('words', [
+    [str(SCRIPTS / 'land')], ['ros2', 'run', 'rocket_sim_node', 'simulator']])
+def test_a_domain_that_is_no_number_is_named(
+        processes: Processes, monkeypatch: pytest.MonkeyPatch, words: list[str]) -> None:
+    monkeypatch.setattr(processes, 'domain', 'abc')
+    run = processes.start(*words)
+    assert run.wait(30.0) == 2
+    assert "ROS_DOMAIN_ID: got 'abc', expected a whole number" in run.output()
+    assert len(run.output().splitlines()) == 1
+
+
+def test_the_home_of_a_user_without_home_is_found() -> None:
+    env = {name: value for name, value in os.environ.items() if name != 'HOME'}
+    told = subprocess.run(
+        ['bash', '-c', f'. {SCRIPTS}/env.sh && echo "$HOME"'], env=env, capture_output=True,
+        text=True, check=True, timeout=60)
+    assert told.stdout.strip() == pwd.getpwuid(os.getuid()).pw_dir
+
+
+@pytest.mark.parametrize('name', ['report', 'compare', 'failures', 'screenshot', 'secure'])
+def test_without_arguments_the_usage_is_the_error(processes: Processes, name: str) -> None:
+    run = command(processes, name)
+    assert run.wait(30.0) == 2
+    assert run.output().startswith('Usage: ')
 
 
 @pytest.mark.parametrize('name', ['train', 'land', 'evaluate'])

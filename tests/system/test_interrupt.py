@@ -19,7 +19,7 @@ from support.training_runs import train_in_process
 
 TRAIN = str(Path(__file__).parents[2] / 'launch_scripts' / 'train')
 ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in SMALL.items()))
-STAGES = ('cloning 1/', 'PPO 1/', 'working out figures')
+STAGES = ('cloning 1/', 'PPO 1/', 'computing figures')
 """Lines after which a run is interrupted; the first begins anew, having saved nothing."""
 
 pytestmark = pytest.mark.timeout(600)

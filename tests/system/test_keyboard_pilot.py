@@ -246,7 +246,7 @@ def test_another_agent_in_control_is_told_in_a_line(
     child = cabin.fly(processes.env)
     other.reset(1)  # only now: it is heard but this once, and its lease is 10 s
     cabin.press(b'r')
-    cabin.wait_for('flies this simulator')
+    cabin.wait_for('controls this simulator')
     other.close()
     cabin.press(b'q')
     assert child.wait(20.0) == 0
@@ -317,6 +317,21 @@ def test_fly_ends_all_with_ctrl_c(
     assert_restored(cabin)
     cabin.wait_for(f'recording: {recording}', 5.0)
     assert not running(f'/fly_{os.getpid()}')
+
+
+def test_fly_ends_all_when_its_terminal_is_closed(
+        processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+    recording, mine = tmp_path / 'flight.rrd', f'/fly_{os.getpid()}_closed'
+    child = cabin.start(
+        str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', f'output:={recording}',
+        env=processes.env)
+    cabin.wait_for('press r to fly', 60.0)
+    cabin.press(b'r')
+    cabin.wait_for(FLYING)
+    cabin.hang_up()
+    child.wait(40.0)
+    wait_until(lambda: not running(mine), 10.0)
+    assert recording.is_file(), 'complete, under its name'
 
 
 @pytest.mark.parametrize('told', [signal.SIGTERM, signal.SIGHUP], ids=lambda told: told.name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No node runs unsecured when security was asked for; and the policy allows what nodes do."""
+"""No node runs unsecured when security was requested; and the policy allows what nodes do."""
 from __future__ import annotations
 
 import os
@@ -21,9 +21,13 @@ from rocket_sim_node.wire.dds import security
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 NODES = {
-    'rocket_sim_node': ('simulator', 'rerun_recorder'),
+    'rocket_sim_node': ('simulator', 'rerun_recorder', 'bag_recorder', 'ros_bridge'),
     'ppo_agent_node': (
-        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch')}
+        'ppo_agent', 'expert_pilot', 'random_pilot', 'keyboard_pilot', 'evaluate', 'watch',
+        'action_server')}
+ACTION = {
+    'publish': ('feedback', 'status'), 'reply': ('send_goal', 'cancel_goal', 'get_result')}
+"""topics and services of an action, below NAME/_action"""
 Rule = tuple[str, str]
 """what is done, such as publish, and the name or pattern of what it is done to"""
 
@@ -40,6 +44,12 @@ def allowed() -> dict[str, set[Rule]]:
                     name = str(item.text).replace('~', prefix + node)
                     rules.setdefault(node, set()).add(
                         (does, name if name.startswith('/') else prefix + name))
+    for found in rules.values():
+        for action in {name for does, name in found if does == 'execute'}:
+            found.remove(('execute', action))
+            found |= {
+                (does, f'{action}/_action/{name}') for does, names in ACTION.items()
+                for name in names}
     return rules
 
 
@@ -75,8 +85,11 @@ def test_policy_allows_what_nodes_do_and_nothing_else(
     remap = (f'__ns:={namespace}',) if namespace else ()
     processes.run_node('rocket_sim_node', 'simulator', remap, num_envs=1)
     processes.run_node('rocket_sim_node', 'rerun_recorder', remap)
+    processes.run_node('rocket_sim_node', 'bag_recorder', remap, output=tmp_path / 'bag')
+    processes.run_node('rocket_sim_node', 'ros_bridge', remap, clock=True)
     for name in ('expert_pilot', 'random_pilot', 'evaluate'):
         processes.run_node('ppo_agent_node', name, remap, patience=100.0)
+    processes.run_node('ppo_agent_node', 'action_server', remap)
     env = processes.env
     cabins[0].start(
         'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *at, '-p', f'run_dir:={tmp_path}/run',
@@ -142,7 +155,7 @@ def refuses(name: str, process: Process) -> None:
     """See that a process ended in one line that says why it does not run unsecured."""
     assert process.wait(60.0) == 2, process.output()
     said, = process.output().splitlines()
-    assert said.startswith(f'{name}: security was asked for'), said
+    assert said.startswith(f'{name}: security was requested'), said
     assert 'built without DDS-Security' in said
     assert 'launch_scripts/secure, or unset ROS_SECURITY_ENABLE' in said
 

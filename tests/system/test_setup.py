@@ -36,10 +36,11 @@ case "$*" in
     sleep "${PIP_SECONDS:-0}"
     if [[ -n ${PIP_KILLS:-} ]]; then kill -9 "$PPID"; fi
     if [[ -n ${PIP_FAILS:-} ]]; then echo "$PIP_FAILS"; exit 1; fi ;;
-  *colcon*)
+  *'-m colcon'*)
     if [[ -n ${COLCON_FAILS:-} ]]; then echo "$COLCON_FAILS"; exit 1; fi
-    mkdir -p install
-    echo "export AMENT_PREFIX_PATH=$PWD/install/rocket_msgs" > install/local_setup.bash ;;
+    while [[ $1 != --install-base ]]; do shift; done
+    mkdir -p "$2"
+    echo "export AMENT_PREFIX_PATH=$2/rocket_msgs" > "$2/local_setup.bash" ;;
 esac
 """
 
@@ -61,6 +62,7 @@ class Project:
         shutil.copytree(_ROOT / 'launch_scripts', self.root / 'launch_scripts')
         for package in ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node'):
             shutil.copytree(_ROOT / package, self.root / package)
+        shutil.copytree(_ROOT / 'ros_ws/vendor', self.root / 'ros_ws/vendor')
         for name in _TOOLS:
             path = shutil.which(name)
             if path is not None:
@@ -139,6 +141,66 @@ def test_only_what_is_out_of_date_is_done_again(project: Project) -> None:
     project.tool('python3.12', _PYTHON)
     project.run(PYTHON='python3.12')
     assert project.calls() == _ALL
+
+
+def test_distributions_live_side_by_side(project: Project) -> None:
+    project.run()
+    assert project.calls() == _ALL
+    status, output = project.run(HOVERSLAM_ROS='jazzy')
+    assert (status, project.calls()) == (0, _ALL), output
+    for name, wanted in (('.venv', 'ros-rclpy==9.'), ('.venv-jazzy', 'ros-rclpy==7.')):
+        pins = (project.root / name / '.hoverslam/requirements').read_text().splitlines()
+        assert sum(pin.startswith('ros-rclpy==') for pin in pins) == 1
+        assert any(pin.startswith(wanted) for pin in pins), name
+        assert any(pin.startswith('rerun-sdk==') for pin in pins), 'what is not ROS is the same'
+    for name in ('kilted', 'jazzy', ''):
+        assert project.run(HOVERSLAM_ROS=name) == (0, 'Everything is set up.\n')
+    lock = project.root / 'launch_scripts/requirements-jazzy.lock'
+    lock.write_text(lock.read_text().replace('ros-rclpy==', 'ros-rclpy==1.'))
+    assert project.run() == (0, 'Everything is set up.\n')
+    project.run(HOVERSLAM_ROS='jazzy')
+    assert project.calls() == ['pip', 'pip', 'messages', 'nodes']
+
+
+def test_a_shell_goes_from_one_distribution_to_the_other(project: Project) -> None:
+    tell = '; echo "$VIRTUAL_ENV $PATH $AMENT_PREFIX_PATH $LD_LIBRARY_PATH"'
+    status, output = project.run(
+        f'. launch_scripts/env.sh{tell}; LD_LIBRARY_PATH=$VIRTUAL_ENV/lib:/mine; '
+        f'export HOVERSLAM_ROS=jazzy; . launch_scripts/env.sh{tell}', LD_LIBRARY_PATH='/mine')
+    assert status == 0, output
+    kilted, jazzy = (line for line in output.splitlines() if line.startswith('/'))
+    root = project.root
+    assert kilted == (
+        f'{root}/.venv {root}/.venv/bin:{project.tools} '
+        f'{root}/ros_ws/install/rocket_msgs:{root}/.venv /mine')
+    assert jazzy == (
+        f'{root}/.venv-jazzy {root}/.venv-jazzy/bin:{project.tools} '
+        f'{root}/ros_ws/jazzy/install/rocket_msgs:{root}/.venv-jazzy /mine')
+
+
+@pytest.mark.parametrize('command', [
+    'launch_scripts/setup', '. launch_scripts/env.sh', 'launch_scripts/land',
+    'launch_scripts/test'])
+def test_a_distribution_that_cannot_be_had_is_named(command: str, project: Project) -> None:
+    assert project.run(command, HOVERSLAM_ROS='foxy') == (
+        2, "setup: HOVERSLAM_ROS is 'foxy', expected kilted or jazzy\n")
+    assert project.calls() == []
+
+
+def test_a_sourced_ros_2_is_used_whatever_its_age(project: Project) -> None:
+    """With NumPy of ours: rerun-sdk does not run with the one of Ubuntu 24.04."""
+    sourced = {'ROS_DISTRO': 'lyrical', 'AMENT_PREFIX_PATH': '/opt/ros/lyrical'}
+    status, output = project.run(**sourced)
+    assert status == 0, output
+    assert output.count('Note: ROS 2 lyrical has not been tried') == 1
+    pins = (project.root / '.venv/.hoverslam/requirements').read_text()
+    lock = (project.root / 'launch_scripts/requirements.lock').read_text()
+    (numpy,) = (line for line in lock.splitlines() if line.startswith('numpy=='))
+    assert f'\n{numpy}\n' in pins
+    assert 'ros-rclpy' not in pins
+    assert project.run(**sourced) == (0, 'Everything is set up.\n')
+    assert project.run(HOVERSLAM_ROS='jazzy', **sourced) == (
+        2, "setup: HOVERSLAM_ROS is 'jazzy', expected 'lyrical', which is sourced, or unset\n")
 
 
 def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:

@@ -24,6 +24,8 @@ from rocket_sim_node.worlds import make
 TOGETHER = 4
 """simulators killed at once, and the agent of one"""
 BATCHES, NIGHTLY_BATCHES = 1, 13
+KEPT = re.compile(r'sem\.fast(dds|rtps)_port70\d\d_mutex')
+"""the guard of a port that other programs use as well"""
 OLD = 2.5
 """s after which what is left is taken for that of a dead process, and not of one that starts"""
 
@@ -68,15 +70,20 @@ def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
             node.wait(5.0)
         before = shared_memory.files(dead)
         assert len(before) > TOGETHER
-        time.sleep(OLD)
-        following = simulator(processes, namespace='/following')
-        following.wait_for('waiting for an agent', 60.0)
-        after = shared_memory.left(dead)
+        # A living peer that still writes to a dead one may create its port anew just before the
+        # next start, which then leaves it, as it is young; the one after it removes it.
+        for _ in range(2):
+            time.sleep(OLD)
+            following = simulator(processes, namespace='/following')
+            following.wait_for('waiting for an agent', 60.0)
+            after = shared_memory.left(dead)
+            following.signal(signal.SIGINT)
+            assert following.wait(10.0) == 0
+            if all(KEPT.fullmatch(file) for file in after):
+                break
         print(f'{len(nodes)} nodes killed: {len(before)} files, {len(after)} once another started')
         assert len(after) <= 1
-        assert all(re.fullmatch(r'sem\.fastdds_port70\d\d_mutex', file) for file in after), after
-        following.signal(signal.SIGINT)
-        assert following.wait(10.0) == 0
+        assert all(KEPT.fullmatch(file) for file in after), after
     # One that lives keeps its files, and exchanges as before, in the same session.
     assert used <= shared_memory.files(shared_memory.owned(living))
     assert SHARED_MEMORY == shared_memory.FOLDER

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from support.disks import Disk
 from support.disks import read_only
 from support.processes import Process
@@ -126,13 +127,36 @@ def test_evaluation_and_recording_on_a_full_disk(
     assert recorder.wait(30.0) == 0, processes.logs()
     if not recording.exists():
         # The disk was full within a flight: the next one makes of it what can be made.
-        assert 'could not be finished and stays' in recorder.output()
+        assert 'could not be finished and remains at' in recorder.output()
         disk.free()
         processes.run_node('rocket_sim_node', 'rerun_recorder', output=recording).wait_for(
             'its recording is repaired', 60.0)
         check = processes.start('rerun', 'rrd', 'verify', str(recording))
         assert check.wait(30.0) == 0, check.output()
     assert reader.trajectories(recording)
+
+
+def test_a_bag_on_a_full_disk(
+        processes: Processes, make_disk: Callable[[int], Disk]) -> None:
+    disk = make_disk(40)
+    bag = disk.path / 'bag'
+    recorder = processes.run_node('rocket_sim_node', 'bag_recorder', output=bag)
+    simulator(processes)
+    processes.run_node('ppo_agent_node', 'random_pilot', episodes=0)
+    partial = disk.path / 'bag.partial/bag_0.mcap'
+    wait_until(lambda: partial.exists() and partial.stat().st_size > 100_000, 60.0)
+    disk.fill()
+    recorder.wait_for('the bag ends here', 60.0)
+    assert recorder.wait(30.0) == 0, processes.logs()
+    assert 'Traceback' not in recorder.output()
+    if not bag.exists():
+        # The disk was full before the index was written: the next one repairs the bag.
+        assert 'could not be finished and remains at' in recorder.output()
+        disk.free()
+        processes.run_node('rocket_sim_node', 'bag_recorder', output=bag).wait_for(
+            'its bag is repaired', 60.0)
+    with AnyReader([bag]) as found:
+        assert found.message_count > 100
 
 
 def test_a_rocket_by_the_clock_flies_on_when_the_clock_of_the_machine_does_not(

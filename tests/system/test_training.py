@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from support.forger import KINDS
 from support.processes import Process
 from support.processes import Processes
 from support.training_runs import SMALL
 from support.training_runs import agent
 from support.training_runs import assert_same_run
+from support.training_runs import evaluate_in_process
 from support.training_runs import log_without_times
 from support.training_runs import simulator
 from support.training_runs import train_in_process
@@ -40,6 +42,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run')
 
 
+@pytest.mark.smoke
 def test_training_over_dds_equals_training_in_process(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     recording = tmp_path / 'recording.rrd'
@@ -73,6 +76,30 @@ def test_training_over_dds_equals_training_in_process(
     assert all(np.isfinite(flight.position).all() for flight in flights)
     # Fallen from 200 m to the ground, or out of its limits: never a flight of one sample.
     assert max(len(flight.time) for flight in flights) > 100
+
+
+def test_training_among_forgeries_equals_training_in_process(
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
+    """Forged answers come first; what is dropped is counted in each file, and told."""
+    run = tmp_path / 'run'
+    node = simulator(processes)
+    processes.start(
+        'python', '-m', 'support.forger', '--ros-args', '-p', f'kinds:={",".join(KINDS)}',
+        '-p', 'every:=10').wait_for('forging', 30.0)
+    trainer = agent(processes, run)
+    assert trainer.wait(240.0) == 0, processes.logs()
+    lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
+    assert sum(line['messages_dropped'] for line in lines) > 0
+    assert_same_run(run, undisturbed, but=('messages_dropped',))
+    found, expected = (
+        json.loads((folder / 'evaluation.json').read_text())
+        for folder in (run, evaluate_in_process(undisturbed)))
+    assert found.pop('messages_dropped') > 0
+    assert expected.pop('messages_dropped') == 0
+    assert found == expected
+    for process in (node, trainer):
+        assert 'ERROR' in process.output()
+        assert '/forger (GID ' in process.output()
 
 
 def test_expert_pilot_lands(processes: Processes) -> None:
@@ -133,7 +160,7 @@ def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> No
     first.wait_for('episodes:', 60.0)
     second = agent(processes, tmp_path / 'run', patience=5.0)
     assert second.wait(60.0) == 2, processes.logs()
-    assert 'flies this simulator' in second.output()
+    assert 'controls this simulator' in second.output()
     assert first.running
 
 
@@ -144,7 +171,7 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
     first.wait_for('PPO 1/', 90.0)
     second = agent(processes, run, iterations=2000, resume=True)
     assert second.wait(30.0) == 2, processes.logs()
-    assert 'another process trains here' in second.output()
+    assert 'another process is training here' in second.output()
     assert first.running
     assert agent(processes, run).wait(30.0) == 2, processes.logs()
 

@@ -15,7 +15,7 @@ from support.browser import Browser
 from support.browser import BrowserMissing
 from support.processes import Processes
 
-from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node import palette
 from rocket_sim_node.recording.sinks import rerun_program
 
 PATIENCE = 100.0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import runpy
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import make_reference
 from ppo_agent_node.config.presets import preset_names
 
 ROOT = Path(__file__).parents[2]
@@ -19,8 +19,10 @@ PAGES = (
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 FENCED = re.compile(r'^```.*?^```', re.MULTILINE | re.DOTALL)
 SOURCES = (*PACKAGES, 'launch_scripts', 'tests', 'docs')
-ENDINGS = ('.py', '.msg', '.srv', '.xml', '.sh')
-INVENTED = {'my_pilot.py', 'DEFAULT_FASTDDS_PROFILES.xml'}
+ENDINGS = ('.py', '.msg', '.srv', '.action', '.xml', '.sh')
+GENERATED = tuple(make_reference.PAGES)
+INVENTED = {
+    'my_pilot.py', 'DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml'}
 """Files of the reader's."""
 
 
@@ -41,10 +43,10 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf'^```{language}\n(.*?)^```', page.read_text(), re.MULTILINE | re.DOTALL)
 
 
-def test_the_list_of_parameters_is_current() -> None:
-    module = runpy.run_path(str(ROOT / 'docs' / 'make_parameters.py'))
-    assert (ROOT / 'docs' / 'reference' / 'parameters.md').read_text() == module['text'](), (
-        'run: python docs/make_parameters.py')
+@pytest.mark.parametrize('name', GENERATED)
+def test_a_generated_page_is_current(name: str) -> None:
+    assert (ROOT / 'docs' / 'reference' / name).read_text() == make_reference.page(name), (
+        'stale; run: python docs/make_reference.py')
 
 
 @pytest.mark.parametrize('page', PAGES, ids=NAMES)
@@ -87,7 +89,7 @@ def test_the_files_that_a_page_names_exist(page: Path) -> None:
         assert name in INVENTED or any(path.endswith(f'/{name}') for path in known), name
 
 
-@pytest.mark.parametrize('page', PAGES, ids=NAMES)
+@pytest.mark.parametrize('page', [page for page in PAGES if page.name not in GENERATED], ids=str)
 def test_python_of_a_page_compiles(page: Path) -> None:
     for code in blocks(page, 'python'):
         compile(code, str(page), 'exec')
@@ -100,11 +102,28 @@ def test_python_of_the_readme_runs() -> None:
     assert names['observation'].shape == (256, 15)
 
 
+def test_python_of_the_gymnasium_page_runs() -> None:
+    pytest.importorskip('stable_baselines3')
+    names: dict[str, Any] = {}
+    for code in blocks(ROOT / 'docs' / 'tutorials' / 'gymnasium.md', 'python'):
+        exec(compile(code, 'gymnasium.md', 'exec'), names)
+    assert names['picture'].shape == (400, 600, 3)
+    assert names['model'].num_timesteps == 2048
+
+
 def test_the_readme_is_short_and_says_how_to_test() -> None:
     """At most 150 lines; continuous integration reads the section about tests."""
     text = (ROOT / 'README.md').read_text()
     assert len(text.splitlines()) <= 150
     assert '\n## Tests\n\n```sh\n./launch_scripts/test\n```\n' in text
+
+
+def test_the_page_of_commands_lists_all_commands() -> None:
+    page = ROOT / 'docs' / 'reference' / 'commands.md'
+    commands = {
+        path.name for path in (ROOT / 'launch_scripts').iterdir()
+        if path.is_file() and path.stat().st_mode & 0o100}
+    assert commands == headings(page) - {'commands'}
 
 
 def test_the_page_of_nodes_lists_all_nodes_and_messages() -> None:
@@ -115,8 +134,11 @@ def test_the_page_of_nodes_lists_all_nodes_and_messages() -> None:
         assert nodes
         for node in nodes:
             assert f'`{node}`' in page, node
-    interfaces = {path.stem for path in (ROOT / 'rocket_msgs').rglob('*.[ms][sr][gv]')}
-    assert interfaces - {'Setting'} == set(re.findall('`rocket_msgs/([A-Z][A-Za-z]+)`', page))
+    interfaces = {
+        path.stem for path in (ROOT / 'rocket_msgs').rglob('*')
+        if path.suffix in ('.msg', '.srv', '.action')}
+    named = re.findall('`rocket_msgs/[a-z]+/([A-Z][A-Za-z]+)`', page)
+    assert interfaces - {'Setting', 'FlightFigures'} == set(named)
 
 
 def test_every_preset_is_explained() -> None:

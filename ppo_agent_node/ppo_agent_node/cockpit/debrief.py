@@ -59,8 +59,9 @@ class Watch:
             return f'{told}; the engine stayed off'
         late = self.lit - self.last_chance
         if late < 1e-9:
-            return f'{told}: from then on every instant below full was lost'
-        return f'{told}; lit {late:.2f} s later it means {self.hit:.0f} m/s at the ground'
+            return f'{told}; the engine was lit, but needed full throttle from then on'
+        return (f'{told}; the engine was lit {late:.2f} s later: at least {self.hit:.0f} m/s '
+                'at the ground')
 
 
 @dataclass(frozen=True)

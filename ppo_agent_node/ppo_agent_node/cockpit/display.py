@@ -132,7 +132,7 @@ class Cockpit:
                 view.flying, readings, tank, stop, width < _NARROW)),
             _line('', '', _scale(readings.height, stop, view.ceiling, bar)),
             _line('to stop', f'{stop:6.1f} m' if math.isfinite(stop) else '   never',
-                  Text('at full throttle from here' if width >= _NARROW else '', style=_DIM)),
+                  Text('at full throttle from now on' if width >= _NARROW else '', style=_DIM)),
             Text(),
             _line('speed', f'{arrow}{abs(readings.climb):5.1f} m/s', _vector(
                 'drift', readings.drift, 'm/s', width),
@@ -177,11 +177,11 @@ class Cockpit:
             if hit < 0.5:
                 return say(_BAD, 'BURN: now or never', 'BURN NOW')
             return say(
-                _BAD, f'TOO LATE: {hit:.0f} m/s at the ground, even so', f'LATE: {hit:.0f} m/s')
+                _BAD, f'TOO LATE: at least {hit:.0f} m/s at the ground', f'LATE: {hit:.0f} m/s')
         wait = self._brake.wait(readings.height, speed, tank.mass)
         if tank.throttle > 0.0:
             left = f'{readings.height - stop:+.1f} m'
-            return say(_LANDED, f'braking: {left} in hand', f'braking {left}')
+            return say(_LANDED, f'braking: {left} to spare', f'braking {left}')
         style = _WARN if wait < _SOON else ''
         return say(
             style, f'full throttle in {wait:.2f} s at the latest', f'full in {wait:.2f} s')

@@ -11,6 +11,7 @@ from typing import Any
 from ppo_agent_node.commands.arguments import SET_BY_AGENT
 from ppo_agent_node.commands.arguments import Arguments
 from ppo_agent_node.commands.arguments import agent_settings
+from ppo_agent_node.commands.arguments import full_name
 from ppo_agent_node.commands.arguments import unknown
 from ppo_agent_node.commands.launch_file import resolved
 from ppo_agent_node.commands.parameter_file import read_parameters
@@ -21,11 +22,15 @@ from rocket_sim_node.worlds.rocket import conditions
 
 WIDTH = 99
 _COLUMN = 24
-_WHAT = {
-    'train': 'Trains a policy, evaluates it and records its flights.',
-    'land': 'Flies a trained policy and records the flights.',
-    'evaluate': 'Evaluates a policy: a table, evaluation.json and plots.',
-    'fly': 'Lets you fly by the keys of this terminal, with the flight live in Rerun.'}
+PURPOSE = {
+    'train': 'Trains a policy, evaluates it and records its flights: simulator, agent and '
+             'recorder as separate processes over DDS.',
+    'land': 'Flies the policy of the newest finished run, or the shipped policy if there is no '
+            'run, and records the flights.',
+    'evaluate': 'Flies a policy or a pilot for many episodes and prints a table. With an output '
+                'folder it also writes evaluation.json, plots and a report page.',
+    'fly': 'Lets you fly with the keys of this terminal and shows the flight live in Rerun.'}
+"""What each command does."""
 _WHOSE = {'train': 'agent', 'fly': 'pilot'}
 _FILES = ('agent_parameters', 'agent_overrides', 'agent_settings')
 """launch arguments that name parameter files of the agent, each on top of those before it"""
@@ -41,7 +46,8 @@ def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str,
     """
     values = resolved(found.declared, {**decided, **found.launch}, folder)
     root = f'{folder.parent}/'
-    lines = [f'Usage: {script} [NAME:=VALUE ...]', '', _WHAT[found.command], '', 'Arguments:']
+    lines = [f'Usage: {script} [NAME:=VALUE ...]', '']
+    lines += [*textwrap.wrap(PURPOSE[found.command], WIDTH), '', 'Arguments:']
     for name, argument in found.declared.items():
         default = values[name].removeprefix(root)
         lines += _entry(name, argument.description, default)
@@ -112,7 +118,8 @@ def _groups(
     if found.command == 'train':
         told.update(presets.preset_values(found.preset, found.world))
         for name in _FILES:
-            told.update(read_parameters(Path(values[name]), 'ppo_agent'))
+            told.update(read_parameters(
+                Path(values[name]), full_name(values['namespace'], 'ppo_agent')))
     agent = agent_settings(found.command)
     for group, infos in agent.items():
         yield (
@@ -122,7 +129,8 @@ def _groups(
     taken = {info.name for infos in agent.values() for info in infos} | found.declared.keys()
     taken |= SET_BY_AGENT.keys() if found.command == 'train' else set()
     own = [info for info in worlds.settings(found.world) if info.name not in taken]
-    told = {**read_parameters(Path(values['simulator_parameters']), 'simulator'),
+    simulator = full_name(values['namespace'], 'simulator')
+    told = {**read_parameters(Path(values['simulator_parameters']), simulator),
             **found.simulator}
     drawn = values['conditions'] or told.get('conditions', '')
     if drawn in conditions.NAMES and drawn != 'nominal':

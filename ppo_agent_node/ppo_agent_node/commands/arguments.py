@@ -37,6 +37,9 @@ CHOICES = {
     'mode': ('lockstep', 'realtime'),
     'pilot': ('policy', 'expert', 'expert_estimator', 'random')}
 """of launch arguments that nodes declare, which need ROS to be imported"""
+_NAMESPACE = re.compile(r'(/|(/[A-Za-z_][A-Za-z0-9_]*)+)')
+_LONGEST_NAMESPACE = 150
+"""characters; names of topics and services follow it"""
 _ARGUMENT = re.compile(r'([a-z_][a-z0-9_]*):=(.*)', re.DOTALL)
 _KEPT_BY_RUN = ('world', 'num_envs', 'conditions', 'observation')
 SET_BY_AGENT = {
@@ -96,7 +99,8 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
             found.agent[name] = settings.check(agent[name], read_value(text, agent[name].default))
         elif name == 'mode' and command == 'train':
             raise ValueError(
-                f'mode: got {text!r}, but this trains; ./launch_scripts/land flies a policy')
+                f'mode: got {text!r}, expected none: this command trains; ./launch_scripts/land '
+                'flies a policy')
         elif name in simulator:
             found.simulator[name] = settings.check(
                 simulator[name], read_value(text, simulator[name].default))
@@ -119,6 +123,11 @@ def agent_settings(command: str) -> dict[str, tuple[SettingInfo, ...]]:
         return {
             'start': settings.describe(StartSettings), 'keys': settings.describe(KeyboardSettings)}
     return {}
+
+
+def full_name(namespace: str, node: str) -> str:
+    """Return the name of a node in a namespace, which may be empty."""
+    return f'{namespace.rstrip("/")}/{node}'
 
 
 def one_of(name: str, value: str, choices: Sequence[str]) -> None:
@@ -149,6 +158,8 @@ def _plain(name: str, value: str, declared: Mapping[str, LaunchArgument]) -> str
         return _absolute(value)
     if name == 'policy':
         return _absolute_policy(value)
+    if name == 'loggers':
+        return ','.join(_absolute(each) if '.py:' in each else each for each in value.split(','))
     if name == 'pilots':
         return ','.join(_absolute_policy(each) for each in value.split(',') if each)
     return value
@@ -186,8 +197,8 @@ def unknown(name: str, world: str, known: Sequence[str]) -> ValueError:
         if name in {info.name for info in worlds.settings(other)}]
     if others:
         return ValueError(
-            f'unknown argument {name!r}, expected it with world {" or ".join(others)} only, '
-            f'got {world}')
+            f'unknown argument {name!r} for world {world}, expected it only with world '
+            f'{" or ".join(others)}')
     close = difflib.get_close_matches(name, known, 1)
     return ValueError(f'unknown argument {name!r}' + (
         f', did you mean {close[0]!r}?' if close else ', expected one of those in --help'))
@@ -209,6 +220,11 @@ def _check(found: Arguments) -> None:
     if 'observation' in found.declared:
         seen = infos['observation'].choices if 'observation' in infos else ('standard',)
         one_of('observation', found.of_launch('observation'), seen)
+    namespace = found.launch.get('namespace', '/')
+    if not _NAMESPACE.fullmatch(namespace) or len(namespace) > _LONGEST_NAMESPACE:
+        raise ValueError(
+            f'namespace: got {namespace!r}, expected words of letters, digits and _ that do not '
+            f'begin with a digit, separated by /, {_LONGEST_NAMESPACE} characters at most')
     for name, choices in CHOICES.items():
         if name in found.declared:
             one_of(name, found.of_launch(name), choices)

@@ -2,7 +2,6 @@
 """Command `compare`: records a run's expert, clone and policy, side by side."""
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +21,7 @@ class Comparison:
     episodes: int = setting(10, '', 'starts that each pilot flies', 1, 100)
     level: int = setting(0, '', 'curriculum level; 0: the final one of the run', 0, 8)
     seed: int = setting(
-        -1, '', "where the starts begin; -1: where those of the run's evaluation do", -1, 2**62)
+        -1, '', "seed of the starts; -1: that of the run's evaluation", -1, 2**62)
 
 
 def make(wanted: Comparison) -> str:
@@ -48,15 +47,15 @@ def make(wanted: Comparison) -> str:
     size = output.stat().st_size
     return (
         f'{said.text}\ncomparison: {output} ({said.steps} steps, {size / 2**20:.1f} MiB); '
-        f'watch it with: {shutil.which("rerun") or "rerun"} {output}\n')
+        f'watch it with: {command_line.watch_with(output)}\n')
 
 
 def main() -> None:
     """Run the command."""
     command_line.run(
         'compare', 'run_dir:=DIR [NAME:=VALUE ...]',
-        'Flies expert, clone and fine-tuned policy of a run from equal starts, and records '
-        'them side by side.', Comparison, make)
+        'Flies the expert, the clone and the fine-tuned policy of a run from the same starts and '
+        'records them side by side.', Comparison, make)
 
 
 if __name__ == '__main__':

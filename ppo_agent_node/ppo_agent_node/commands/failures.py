@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,9 @@ from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.flying.pilot import tell_begun
 from ppo_agent_node.pilots import choice
 from ppo_agent_node.pilots.choice import POLICY
+from ppo_agent_node.reporting.run_files import LARGEST
 from rocket_sim_node import command_line
+from rocket_sim_node import input_file
 from rocket_sim_node import worlds
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.file_sink import FileSink
@@ -24,10 +25,10 @@ from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
+from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.base import SimulatedWorld
-from rocket_sim_node.worlds.base import Telemetry
 
 Start = tuple[int, int]
 """Row and episode."""
@@ -54,8 +55,9 @@ def make(wanted: Failures) -> str:
     if output.suffix != '.rrd':
         raise ValueError(f'output: got {wanted.output!r}, expected a name that ends with .rrd')
     path = folder / 'evaluation.json'
+    text = input_file.read_text(path, LARGEST)
     try:
-        figures = json.loads(path.read_text('utf-8'))
+        figures = json.loads(text)
         starts = [(int(one['row']), int(one['episode'])) for one in figures['failed_starts']]
         if not starts:
             return f'{path}: all episodes landed, there is nothing to record\n'
@@ -70,8 +72,8 @@ def make(wanted: Failures) -> str:
     told = ', '.join(
         f'{one["outcome"]} (rocket {one["row"]}, episode {one["episode"]})'
         for one in figures['failed_starts'])
-    return (f'{told}\nfailures: {output}; watch it with: '
-            f'{shutil.which("rerun") or "rerun"} {output}\n')
+    return (f'{told}\nfailures: {output}; '
+            f'watch it with: {command_line.watch_with(output)}\n')
 
 
 def _pilot(folder: Path, figures: dict[str, Any], world: SimulatedWorld) -> Pilot:
@@ -89,7 +91,7 @@ def _pilot(folder: Path, figures: dict[str, Any], world: SimulatedWorld) -> Pilo
     chosen = choice.choose(str(path.resolve()), world.spec)
     expected = figures.get('policy_sha256')
     if expected and hashlib.sha256(path.read_bytes()).hexdigest() != expected:
-        raise ValueError(f'{path}: is another policy than the one that was evaluated')
+        raise ValueError(f'{path}: is not the policy that was evaluated')
     return chosen.pilot
 
 
@@ -144,8 +146,8 @@ def main() -> None:
     """Run the command."""
     command_line.run(
         'failures', 'run_dir:=DIR [NAME:=VALUE ...]',
-        'Flies the failed starts that an evaluation names in evaluation.json again, each by how '
-        'it failed, and records them.', Failures, make)
+        'Repeats the failed episodes that evaluation.json lists and records them, sorted by '
+        'outcome.', Failures, make)
 
 
 if __name__ == '__main__':

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,23 +15,40 @@ from dataclasses import field
 from datetime import datetime
 from pathlib import Path
 
+from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.commands.argument_help import explanation
 from ppo_agent_node.commands.argument_help import help_text
 from ppo_agent_node.commands.arguments import ALL
 from ppo_agent_node.commands.arguments import Arguments
+from ppo_agent_node.commands.arguments import full_name
 from ppo_agent_node.commands.arguments import parse
 from ppo_agent_node.commands.launch_file import resolved
+from ppo_agent_node.commands.parameter_file import LARGEST
+from ppo_agent_node.commands.parameter_file import require_parameters
 from ppo_agent_node.commands.parameter_file import write_parameters
 from ppo_agent_node.config import presets
+from ppo_agent_node.runs import run_lock
 from ppo_agent_node.runs.new_paths import PARTIAL
 from ppo_agent_node.runs.new_paths import new_folder
 from ppo_agent_node.runs.new_paths import new_recording
+from rocket_sim_node import input_file
+from rocket_sim_node import ros_environment
 from rocket_sim_node.command_line import interruptible
+from rocket_sim_node.recording.sinks.destinations import check_page
+from rocket_sim_node.recording.sinks.destinations import check_space
+from rocket_sim_node.recording.sinks.destinations import page_address
+from rocket_sim_node.recording.sinks.destinations import viewer_address
+from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 
 PLAN = 'plan.sh'
+_NODES = {
+    'simulator_parameters': 'simulator',
+    **dict.fromkeys(('agent_parameters', 'agent_overrides', 'agent_settings'), 'ppo_agent')}
+"""the node that a file of parameters is for, by the argument that names it"""
 _OF_THE_START = ('run_dir', 'resume')
-_OF_EACH_START = ('record', 'namespace', 'connect', 'serve_web', 'web_port', 'web_host')
+_OF_EACH_START = ('record', 'loggers', 'namespace', 'connect', 'serve_web', 'web_port', 'web_host')
 """arguments that a run does not store"""
+_HIGHEST_PORT = 65535
 
 
 @dataclass
@@ -54,6 +70,10 @@ class Start:
     def folder(self) -> Path:
         """Folder of the scripts and launch files."""
         return Path.cwd() / Path(self.script).parent
+
+    def node(self, name: str) -> str:
+        """Return the full name of a node of the launch."""
+        return full_name(self.launch.get('namespace', ''), name)
 
     @property
     def runs(self) -> Path:
@@ -89,10 +109,14 @@ def prepare(start: Start) -> None:
     :raises ValueError: naming an argument that does not fit.
     :raises OSError: when a file or folder cannot be made or read.
     """
+    ros_environment.check(os.environ)
     start.launch = {**start.arguments.launch, **decided(start)}
+    _check_recorder(start)
+    for name in sorted(start.launch.keys() & _NODES.keys()):
+        require_parameters(name, Path(start.launch[name]), start.node(_NODES[name]))
     output = start.launch.get('output', '')
     if start.arguments.command in ('land', 'fly') and output and Path(output).exists():
-        raise ValueError(f'output: {output} exists already')
+        raise ValueError(f'output: {output} already exists')
     {'train': _train, 'land': _land, 'evaluate': _evaluate, 'fly': _fly}[
         start.arguments.command](start)
     if start.arguments.simulator and start.arguments.command != 'train':
@@ -100,10 +124,51 @@ def prepare(start: Start) -> None:
     start.told['arguments'] = [f'{name}:={value}' for name, value in start.launch.items()]
 
 
+def _check_recorder(start: Start) -> None:
+    """Check that the recorder can have what it is asked for, before anything flies.
+
+    :raises ValueError: naming an argument.
+    """
+    declared = start.arguments.declared
+    given = {
+        name: start.launch.get(name) or (declared[name].default if name in declared else None)
+        for name in ('record', 'connect', 'serve_web', 'web_port', 'web_host')}
+    connect, page = given['connect'], given['serve_web'] == 'true'
+    if given['record'] == 'false':
+        for name, value in (('connect', connect), ('serve_web', page and 'true')):
+            if value:
+                raise ValueError(
+                    f'{name}: got {value!r}, expected none beside record:=false, which starts no '
+                    'recorder')
+    if connect:
+        viewer_address(connect)
+    if given['web_port'] is not None:
+        host, port = given['web_host'] or LOCAL, int(given['web_port'])
+        page_address(host)
+        if not 1 <= port <= _HIGHEST_PORT:
+            raise ValueError(f'web_port: got {port}, expected 1 to {_HIGHEST_PORT}')
+        if page:
+            check_page(port, host)
+
+
+def _check_room(recording: Path) -> None:
+    """Check that a recording can be written where it is wanted.
+
+    :raises ValueError: when its name is not that of a recording.
+    :raises OSError: when its folder is not writable or its disk is nearly full.
+    """
+    if recording.suffix != '.rrd':
+        raise ValueError(f"output: got '{recording}', expected a name that ends with .rrd")
+    folder = next(path for path in recording.parents if path.exists())
+    if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+        raise OSError(f'no recording can be written in {folder}')
+    check_space(folder)
+
+
 def _write_simulator(start: Start, path: Path) -> None:
     """Write a file of simulator parameters: the one that was named, and the world's settings."""
     base = resolved(start.arguments.declared, start.launch, start.folder)['simulator_parameters']
-    write_parameters(path, 'simulator', start.arguments.simulator, Path(base))
+    write_parameters(path, start.node('simulator'), start.arguments.simulator, Path(base))
     start.launch['simulator_parameters'] = str(path)
 
 
@@ -111,12 +176,14 @@ def _train(start: Start) -> None:
     given, launch = start.arguments, start.launch
     resumed = launch.get('resume') == 'true'
     vehicle = launch.get('simulator_parameters')
-    if vehicle and not os.access(vehicle, os.R_OK):
-        raise ValueError(f'simulator_parameters: no file {vehicle}')
+    if 'run_dir' in launch and run_lock.in_use(Path(launch['run_dir'])):
+        raise ValueError(f'run_dir: another process is training in {launch["run_dir"]}')
     if not resumed and (Path(launch.get('run_dir', '')) / 'config.yaml').exists():
         raise ValueError(
-            f'run_dir: there is a run already in {launch["run_dir"]}; go on with resume:=true or '
+            f'run_dir: {launch["run_dir"]} already holds a run; resume it with resume:=true, or '
             'name another folder')
+    if launch.get('record') != 'false':
+        _check_room(Path(launch.get('run_dir') or start.runs) / 'recording.rrd')
     if 'run_dir' not in launch:
         launch['run_dir'] = str(new_folder(start.runs / f'{given.world}-{_now()}'))
     run = Path(launch['run_dir'])
@@ -124,6 +191,7 @@ def _train(start: Start) -> None:
     start.told['made'] = ''
     if resumed:
         if not vehicle and kept.is_file():
+            require_parameters('run_dir', kept, start.node('simulator'))
             launch['simulator_parameters'] = str(kept)
         if given.simulator:
             _write_simulator(start, start.scratch / 'simulator.yaml')
@@ -133,11 +201,12 @@ def _train(start: Start) -> None:
         if given.simulator:
             _write_simulator(start, kept)
         elif vehicle and Path(vehicle).resolve() != kept.resolve():
-            shutil.copyfile(vehicle, kept)
+            write_atomically(kept, input_file.read_bytes(Path(vehicle), LARGEST))
     if given.agent:
         launch['agent_settings'] = str(start.scratch / 'agent.yaml')
-        write_parameters(Path(launch['agent_settings']), 'ppo_agent', given.agent)
-    start.told['run'] = str(run)
+        write_parameters(
+            Path(launch['agent_settings']), start.node('ppo_agent'), given.agent)
+    start.told.update({'run': str(run), 'resumed': str(resumed).lower()})
     # How to resume the run; until it has written its settings they have to be repeated.
     words = [os.environ.get('HOVERSLAM_SECURE', ''), start.script, f'run_dir:={run}']
     words = [word for word in (*words, 'resume:=true') if word]
@@ -150,6 +219,7 @@ def _train(start: Start) -> None:
 
 def _land(start: Start) -> None:
     start.told['partial'] = ''
+    _check_room(Path(start.launch.get('output') or start.runs / 'landing.rrd'))
     if 'output' not in start.launch:
         output = new_recording(start.runs / f'landing-{_now()}.rrd')
         start.launch['output'] = str(output)
@@ -167,8 +237,10 @@ def _evaluate(start: Start) -> None:
 
 def _fly(start: Start) -> None:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise ValueError('standard input: got no terminal, expected one, to fly from')
+        raise ValueError('standard input: got no terminal, expected one to read keys from')
     given, pilot = start.arguments, []
+    if 'output' in start.launch:
+        _check_room(Path(start.launch['output']))
     for name, value in given.agent.items():
         pilot += ['-p', f'{name}:={str(value).lower()}']
     start.told.update({
@@ -206,13 +278,13 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
         prepare(start)
         (scratch / PLAN).write_text(_bash(start.told), 'utf-8')
         return ''
-    told = {**decided(start), **_placeholders(start)}
+    told = {**decided(start), **placeholders(start)}
     if names:
         return explanation(names, start.folder, found, told)
     return help_text(script, start.folder, found, told)
 
 
-def _placeholders(start: Start) -> dict[str, str]:
+def placeholders(start: Start) -> dict[str, str]:
     """Return what the help shows for names that each start makes anew."""
     command, given = start.arguments.command, start.arguments.given
     shown = {

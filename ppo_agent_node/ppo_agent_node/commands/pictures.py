@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from ppo_agent_node.commands import compare
 from ppo_agent_node.commands import recorded_flights
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import world_of
+from ppo_agent_node.reporting.pictures import standard_views as standard_views_picture
 from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.pictures import training_curves
 from ppo_agent_node.reporting.run_files import Lines
@@ -34,7 +34,9 @@ from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.scratch_folder import scratch_folder
 from rocket_sim_node.settings import setting
+from rocket_sim_node.standard_views.motion import MotionViews
 
 SEED = 20_000_000
 """First seed of evaluations."""
@@ -114,6 +116,23 @@ def comparison(run: Path, scratch: Path) -> Image.Image:
     return shot(path, 'burn', flight=0, size=TALL)
 
 
+def standard_views(run: Path, scratch: Path) -> Image.Image:
+    """Return an image of a flight as node `ros_bridge` publishes it."""
+    world = worlds.make('rocket', 1, SEED, conditions='mix', observation='extended')
+    spec = world.spec
+    policies = resources.files('ppo_agent_node') / 'policies'
+    samples = recorded_flights.fly(
+        world, PolicyPilot(Path(str(policies / 'robust.safetensors')), spec), SEED)
+    views = MotionViews([0])
+    views.world = WorldInfo.build(
+        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
+    flown = [moment.rockets[0] for moment in views.add(1, samples)]
+    with style.styled():
+        path = style.save(
+            standard_views_picture.views_figure(flown, views.world), scratch / 'views.png')
+    return Image.open(path).convert('RGB')
+
+
 def cloning(run: Path, scratch: Path) -> Image.Image:
     """Return an image of the loss of a run's clone."""
     return _plot(run, 'clone', training_curves.cloning_figure, scratch)
@@ -135,7 +154,8 @@ def _plot(
 
 MAKERS: Mapping[str, Maker] = {
     'landing': landing, 'landing_animation': landing_animation, 'lunar_lander': lunar_lander,
-    'comparison': comparison, 'cloning': cloning, 'training': training}
+    'standard_views': standard_views, 'comparison': comparison, 'cloning': cloning,
+    'training': training}
 
 
 @dataclass(frozen=True)
@@ -145,8 +165,8 @@ class Pictures:
     run_dir: str = setting(
         '', '', 'run for cloning, training and comparison; empty: the newest complete one of '
         "'rocket'")
-    output: str = setting('docs/images', '', 'folder of the pictures')
-    only: str = setting('', '', 'make this one alone', choices=('', *MAKERS))
+    output: str = setting('docs/images', '', 'folder for the pictures')
+    only: str = setting('', '', 'make only this picture', choices=('', *MAKERS))
 
 
 def newest_run(runs: Path) -> Path:
@@ -160,8 +180,8 @@ def newest_run(runs: Path) -> Path:
         and world_of(config) == 'rocket']
     if not ended:
         raise FileNotFoundError(
-            2, "run_dir: no run of world 'rocket' has ended, with its clone; train one, or name "
-            'one, below', str(runs.resolve()))
+            2, "run_dir: no finished run of world 'rocket' with a clone; train one, or name one; "
+            'looked in', str(runs.resolve()))
     return max(ended, key=lambda run: (run / 'evaluation.json').stat().st_mtime)
 
 
@@ -197,8 +217,8 @@ def make(wanted: Pictures) -> str:
     output = Path(wanted.output)
     output.mkdir(parents=True, exist_ok=True)
     for name in chosen:
-        with tempfile.TemporaryDirectory() as scratch:
-            made = MAKERS[name](run, Path(scratch))
+        with scratch_folder() as scratch:
+            made = MAKERS[name](run, scratch)
         path = save(made, output / name)
         first = made[0] if isinstance(made, list) else made
         sys.stdout.write(f'{path}, {first.width} x {first.height}\n')
@@ -210,7 +230,7 @@ def main() -> None:
     """Run the command."""
     command_line.run(
         'pictures', '[NAME:=VALUE ...]',
-        f'Makes the pictures of the documents anew: {", ".join(MAKERS)}.', Pictures, make,
+        f'Draws the pictures of the documentation: {", ".join(MAKERS)}.', Pictures, make,
         expected=(ViewerError,), bare=True)
 
 

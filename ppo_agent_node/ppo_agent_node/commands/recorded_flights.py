@@ -19,10 +19,10 @@ from rocket_sim_node.recording.comparison.comparison import Side
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.telemetry.capture import joined
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.base import SimulatedWorld
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.rocket import conditions
 
 
@@ -49,7 +49,7 @@ def read_run(path: Path) -> RecordedRun:
     """
     config = path / 'config.yaml'
     if not config.is_file():
-        raise FileNotFoundError(2, 'no run here, expected its config.yaml', str(path))
+        raise FileNotFoundError(2, 'not the folder of a run, expected a config.yaml', str(path))
     values = read_config(config)
     try:
         training = values['training']
@@ -107,7 +107,7 @@ def pilots(
             PolicyPilot(cloned, world.spec)))
     else:
         remarks.append(
-            'This run kept no clone (`cloned.safetensors`): it was made before runs did.')
+            'This run has no `cloned.safetensors`: the version that made it kept no clone.')
     who.append((
         f'{len(who) + 1}_fine_tuned', 'fine-tuned', 'Fine-tuned by PPO',
         PolicyPilot(policy, world.spec)))

@@ -2,6 +2,7 @@
 """Command `report`: pictures and a page of one run, or a comparison of several."""
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -78,24 +79,45 @@ def _report(arguments: Sequence[str]) -> None:
         raise ValueError('got no RUN, expected the folder of a run or an evaluation')
     if options.output and len(folders) < 2:
         raise ValueError(f'output: got {options.output!r}, expected none with one RUN')
-    runs = [load(folder) for folder in folders]  # all of them, before any is drawn
+    # All of them, and the folder of the comparison, before any is drawn: that takes a while.
+    runs = [load(folder) for folder in folders]
+    output = _folder(options.output, runs[0]) if len(runs) > 1 else None
     for run in runs:
         sys.stdout.write(f'{_write(run)}\n')
-    if len(runs) > 1:
-        output = Path(options.output) if options.output else new_folder(
-            runs[0].path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
+    if output is not None:
         sys.stdout.write(f'{write_comparison(runs, output)}\n')
+
+
+def _folder(name: str, first: Run) -> Path:
+    """Make the folder of a comparison and return its path.
+
+    :param name: as given; empty: a new one beside the first run.
+    :raises ValueError: when it cannot be made, or written.
+    """
+    if not name:
+        return new_folder(
+            first.path.resolve().parent / f'report-{datetime.now():%Y%m%d-%H%M%S}')
+    plots = Path(name) / PLOTS
+    try:
+        plots.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f'output: got {name!r}, expected a folder that can be made: {error.strerror}'
+        ) from error
+    if not (os.access(name, os.W_OK | os.X_OK) and os.access(plots, os.W_OK | os.X_OK)):
+        raise ValueError(f'output: got {name!r}, expected a folder that is writable')
+    return Path(name)
 
 
 def main() -> None:
     """Run the command."""
     arguments = sys.argv[1:]
-    if not arguments or {'-h', '--help'} & set(arguments):
-        sys.stdout.write(command_line.usage(
-            'report', 'RUN [RUN ...] [NAME:=VALUE ...]',
-            'Draws the pictures of training runs and evaluations into RUN/plots and writes\n'
-            'RUN/report.html, one page that holds them with figures and settings. Of several\n'
-            'runs it also compares the learning curves over seeds.', Options))
+    usage = command_line.usage(
+        'report', 'RUN [RUN ...] [NAME:=VALUE ...]',
+        'Draws the pictures of training runs and evaluations into RUN/plots and writes\n'
+        'RUN/report.html, one page that holds them with figures and settings. For several\n'
+        'runs it also compares the learning curves over seeds.', Options)
+    if not command_line.tell_usage(usage, arguments):
         return
     try:
         with command_line.interruptible():

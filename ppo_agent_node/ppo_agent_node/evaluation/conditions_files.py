@@ -13,7 +13,10 @@ from typing import Any
 
 from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.evaluation.metrics import write_json
+from rocket_sim_node import input_file
 
+LARGEST = 100_000_000
+"""Maximum bytes of a table."""
 NAME = 'conditions.json'
 _PAIRS = ('landing_rate_interval', 'mean_return_interval')
 _NUMBERS = ('landing_rate', 'mean_return')
@@ -84,9 +87,9 @@ def markdown(table: Table) -> str:
 def facts(table: Table) -> str:
     """Return a sentence on what was flown."""
     return (
-        f'World `{table["world"]}`, {table["episodes"]} episodes a cell on {table["num_envs"]} '
-        f'rockets, seed {table["seed"]}. Landed with its Wilson interval of 95 %; return: the '
-        'mean over all episodes; dry: ended with an empty tank.')
+        f'World `{table["world"]}`, {table["episodes"]} episodes per cell on '
+        f'{table["num_envs"]} rockets, seed {table["seed"]}. Landed: with its 95 % Wilson '
+        'interval; return: mean over all episodes; dry: ended with an empty tank.')
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
@@ -127,10 +130,11 @@ def read(path: Path) -> dict[str, Any] | None:
     :raises ValueError: naming the file and the problem.
     :raises OSError: when it cannot be read.
     """
-    if not path.is_file():
+    if not path.exists():
         return None
+    text = input_file.read_text(path, LARGEST)
     try:
-        table = json.loads(path.read_text('utf-8'))
+        table = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f'{path}: damaged: {error}') from error
     if not isinstance(table, dict):

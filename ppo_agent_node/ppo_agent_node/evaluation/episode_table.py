@@ -20,8 +20,11 @@ from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.evaluation.optimum_sample import OptimumSample
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.starts import initial_conditions
+from rocket_sim_node import input_file
 from rocket_sim_node.worlds.base import F64
 
+LARGEST = 2**30
+"""Maximum bytes; an episode takes one or two hundred."""
 START = 'start_'
 """Name prefix of columns with initial conditions, which depend on the world."""
 OPTIMUM = ('optimum_fuel_kg', 'optimum_steps')
@@ -133,7 +136,8 @@ def read(path: Path) -> EpisodeTable:
     :raises OSError: when there is no such file.
     """
     try:
-        lines = list(csv.reader(io.StringIO(path.read_bytes().decode()), strict=True))
+        text = input_file.read_bytes(path, LARGEST).decode()
+        lines = list(csv.reader(io.StringIO(text), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f'{path}: damaged: {error}') from error
     names = lines[0] if lines else []

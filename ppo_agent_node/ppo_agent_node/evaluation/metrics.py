@@ -166,7 +166,7 @@ def table(summary: Mapping[str, Any]) -> str:
     rows += flying_quality.rows(summary)
     if 'settling' in summary:
         ends = ', '.join(f'{name} {count}' for name, count in summary['settling'].items() if count)
-        rows.append(('after touchdown', ends or 'none came down'))
+        rows.append(('after touchdown', ends or 'none touched down'))
     rows += _fuel_rows(summary)
     ends = ', '.join(f'{name} {count}' for name, count in summary['outcomes'].items() if count)
     rows.append(('outcomes', ends))

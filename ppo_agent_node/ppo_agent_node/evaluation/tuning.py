@@ -69,7 +69,7 @@ class GainSpace:
         unknown = sorted({*names, *start} - set(infos))
         if unknown:
             raise ValueError(
-                f'gains: got {", ".join(map(repr, unknown))}, expected of {", ".join(infos)}')
+                f'gains: got {", ".join(map(repr, unknown))}, expected some of {", ".join(infos)}')
         self.names = tuple(names)
         self._fixed = {name: value for name, value in start.items() if name not in names}
         values = [float(start.get(name, _number(infos[name].default))) for name in names]

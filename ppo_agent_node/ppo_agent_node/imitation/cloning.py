@@ -91,7 +91,8 @@ def clone(
     student = copy.deepcopy(policy)
     if refit:
         student.normaliser.fit(demonstrations.observation[training])
-    optimiser = FlatAdam([list(student.network.parameters())], epsilon=1e-8)
+    optimiser = FlatAdam(
+        [list(student.network.parameters())], epsilon=1e-8, ties=student.network.ties())
     network = Backpropagation(student.network, optimiser.gradient_of, config.clone_batch_size)
     minibatches = Minibatches(
         (student.normaliser(demonstrations.observation[training]),

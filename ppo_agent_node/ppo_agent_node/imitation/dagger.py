@@ -24,7 +24,7 @@ from ppo_agent_node.imitation.cloning import clone
 from ppo_agent_node.imitation.demonstrations import Demonstrations
 from ppo_agent_node.imitation.demonstrations import fly_clone
 from ppo_agent_node.imitation.demonstrations import fly_wave
-from ppo_agent_node.imitation.demonstrations import spawn_settings
+from ppo_agent_node.imitation.demonstrations import start_settings
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.runs import episode_scores
@@ -97,7 +97,8 @@ class Imitation:
         waves = [
             functools.partial(
                 fly_clone, self._spec, without_noise(policy), self._expert, settings,
-                random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave))
+                random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave),
+                self._config.demonstration.demonstration_episodes)
             for wave, settings in enumerate(self.starts(1))]
         samples, episodes = zip(*self._fly(waves), strict=True)
         for flown in episodes:
@@ -107,7 +108,7 @@ class Imitation:
         rate = figures['landing_rate']
         self._metrics.message(
             f'DAgger round {number}: the clone landed {100 * rate:.1f} %, '
-            f'{len(found.episode)} samples more')
+            f'{len(found.episode)} samples added')
         return found, {'dagger_round': number, 'samples': len(found.episode), **figures}
 
     def _clone(
@@ -135,11 +136,10 @@ class Imitation:
 
     def starts(self, waves: int) -> list[dict[str, float]]:
         """Return the reset settings of each wave: as many as planned, then as many wider ones."""
-        curriculum, demonstration = self._config.curriculum, self._config.demonstration
-        final = curriculum.curriculum_final_level
-        plain = {**curriculum.task_settings(final), **spawn_settings(demonstration, final)}
+        curriculum = self._config.curriculum
+        plain = start_settings(curriculum, self._config.demonstration)
         turned = {name: plain[name] for name in ('spawn_heading',) if name in plain}
-        wide = {**curriculum.wide_settings, **turned}
+        wide = {**curriculum.wide_settings, **curriculum.learning_settings, **turned}
         return [plain] * waves + ([wide] * waves if curriculum.curriculum_wide_level else [])
 
     def _count(self, episodes: Episodes) -> None:

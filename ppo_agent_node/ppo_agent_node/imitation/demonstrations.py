@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ppo_agent_node import random_streams
+from ppo_agent_node.config.curriculum_config import CurriculumConfig
 from ppo_agent_node.config.imitation_config import UNSET
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.flying.episodes import Pilot
@@ -67,8 +69,8 @@ def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
         return teacher(spec, **config.teacher_gains())
     except ValueError as error:
         raise ValueError(
-            f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as nobody '
-            f'can demonstrate: {error}') from error
+            f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as no '
+            f'scripted pilot can fly this: {error}') from error
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
@@ -79,6 +81,14 @@ def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
     }
     chosen = {name: value for name, value in wider.items() if value != UNSET}
     return {'level': level, **chosen} if level else {}
+
+
+def start_settings(curriculum: CurriculumConfig, config: DemonstrationConfig) -> dict[str, float]:
+    """Return all reset settings of demonstrations: those of the task, or wider starts."""
+    final = curriculum.curriculum_final_level
+    return {
+        **curriculum.task_settings(final), **curriculum.learning_settings,
+        **spawn_settings(config, final)}
 
 
 def touching(observation: F32, settings: Mapping[str, float]) -> Bools:
@@ -132,6 +142,8 @@ def fly_wave(
 ) -> Job[tuple[Demonstrations, Episodes]]:
     """Fly one episode with each rocket by the expert and keep those that landed.
 
+    Where there are more rockets than `demonstration_episodes`, the first ones count.
+
     Noise on the applied actions shows how the expert recovers (Laskey et al., 'DART: noise
     injection for robust imitation learning', 2017); the labels are the expert's own actions.
 
@@ -156,11 +168,13 @@ def fly_wave(
     episodes = Episodes.concatenate([step.episodes for step in steps])
     landed = np.zeros(spec.num_envs, np.bool_)
     landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
+    landed[config.demonstration_episodes:] = False
     return _samples(spec, steps, landed), episodes
 
 
 def fly_clone(
     spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
+    most: int = sys.maxsize,
 ) -> Job[tuple[Demonstrations, Episodes]]:
     """Fly one episode with each rocket by a clone, labelled with the expert's actions.
 
@@ -168,6 +182,7 @@ def fly_clone(
     steps after its last ignition is used up are dropped.
 
     :param settings: reset settings of the world.
+    :param most: number of rockets that count, the first ones.
     :return: the clone's observations with the expert's actions, and the episodes.
     """
     observation = yield Reset(seed, settings)
@@ -180,7 +195,7 @@ def fly_clone(
         tell_begun(expert, step.ended)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     usable = usable_engine(steps, spec.after_reset(settings).settings)
-    return _samples(spec, labelled, np.ones(spec.num_envs, np.bool_), usable), episodes
+    return _samples(spec, labelled, np.arange(spec.num_envs) < most, usable), episodes
 
 
 def _samples(

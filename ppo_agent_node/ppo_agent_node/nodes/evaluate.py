@@ -39,25 +39,26 @@ _EPISODES = 2000
 class EvaluationParameters:
     """Parameters of the node, beside those of the connection."""
 
-    pilot: str = setting('policy', '', 'who flies', choices=choice.NAMES)
+    pilot: str = setting('policy', '', 'pilot to evaluate', choices=choice.NAMES)
     policy: str = setting(
-        '', '', 'policy file, or the name of one that ships; empty: of the newest finished run, '
-        'else the one that ships for the world')
+        '', '', 'policy file, ONNX file, or name of a shipped policy; empty: the policy of the '
+        'newest finished run, or the shipped policy for the world if there is no run')
     pilots: str = setting(
-        '', '', 'who flies the table, separated by commas: policy, expert, random, names of '
-        'policies that ship, files; empty: pilot, and the expert')
+        '', '', 'pilots of the table, separated by commas: policy, expert, random, names of '
+        'shipped policies, files; empty: that of parameter pilot, and the expert')
     conditions: str = setting(
         '', '', "set of conditions; empty: the simulator's own; all: the whole table of "
         'conditions on levels 7 and 8', choices=('', *conditions.NAMES, ALL))
     episodes: int = setting(
-        0, '', f'shared evenly over the rockets; 0: {_EPISODES}, or of a table '
-        f'{conditions_table.EPISODES} a cell', 0, 10_000_000)
+        0, '', f'number of episodes, shared evenly among the rockets; 0: {_EPISODES}, or '
+        f'{conditions_table.EPISODES} per cell of the table', 0, 10_000_000)
     level: int = setting(
-        0, '', "curriculum level; 0: the simulator's own, of a table 7 and 8", 0, 8)
-    seed: int = setting(conditions_table.SEED, '', 'where the spawns start', 0, 2**62)
+        0, '', "curriculum level; 0: the simulator's own, or 7 and 8 for the table", 0, 8)
+    seed: int = setting(conditions_table.SEED, '', 'seed of the starts', 0, 2**62)
     optimum_sample: int = setting(
-        SAMPLE, '', 'first episodes whose least fuel and time are solved for; 0: none', 0, 100_000)
-    output: str = setting('', '', 'folder for figures and plots; empty: no files')
+        SAMPLE, '', 'number of first episodes for which the optimum of fuel and time is computed; '
+        '0: none', 0, 100_000)
+    output: str = setting('', '', 'folder for figures and plots; empty: no files are written')
 
 
 def evaluation(node: Node, executor: Executor) -> None:
@@ -97,7 +98,7 @@ def _check(options: EvaluationParameters) -> None:
         return
     if options.conditions != ALL:
         raise ParameterError(
-            f'pilots: got {options.pilots!r}, expected none but with conditions {ALL!r}')
+            f'pilots: got {options.pilots!r}, expected none without conditions {ALL!r}')
     if options.policy and choice.POLICY not in _names(options):
         raise ParameterError(
             f"policy: got {options.policy!r}, expected none, as 'policy' is not among pilots, "

@@ -42,7 +42,8 @@ _NOTICE = 3.0
 class KeyboardParameters(StartSettings):
     """Parameters of the node, beside those of the keys and the connection."""
 
-    watch: str = setting('', '', 'where the flights can be watched, to be told on the screen')
+    watch: str = setting('', '', 'address at which the flights can be watched, shown on the '
+        'screen')
 
 
 def _agent(node: Node) -> int:

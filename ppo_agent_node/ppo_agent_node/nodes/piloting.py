@@ -24,9 +24,10 @@ from rocket_sim_node.worlds import WorldSpec
 class PilotParameters:
     """Parameters of a pilot's node, beside those of the connection."""
 
-    seed: int = setting(0, '', 'where the spawns start, and what a pilot draws', 0, 2**62)
+    seed: int = setting(0, '', "seed of the starts and of the pilot's random numbers", 0, 2**62)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
-    episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)
+    episodes: int = setting(
+        0, '', 'number of episodes after which the node ends; 0: never', 0, 2**31)
 
 
 def run_pilot(name: str, make: Callable[[WorldSpec, int], Pilot]) -> int:

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.nodes.agent.rosout import show_warnings
-from ppo_agent_node.runs.status import Status
+from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import Terminal
-from rocket_sim_node.printable import printable
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node import stopping
@@ -23,13 +23,6 @@ from rocket_sim_node.wire.node.running import run
 
 _SPIN_PERIOD = 0.2
 """Seconds per spin."""
-
-
-def status_from_message(message: TrainingStatus) -> Status:
-    """Return the report in a message, with non-printable characters removed."""
-    values = {name: getattr(message, name) for name in Status.__dataclass_fields__}
-    words = {name: printable(value) for name, value in values.items() if isinstance(value, str)}
-    return Status(**{**values, **words, 'stages': tuple(map(printable, message.stages))})
 
 
 def watch(node: Node, executor: Executor) -> None:

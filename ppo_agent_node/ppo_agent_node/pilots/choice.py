@@ -15,12 +15,15 @@ from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from ppo_agent_node.pilots.search import find_policy
+from rocket_sim_node import input_file
 from rocket_sim_node.worlds import WorldSpec
 
 POLICY, EXPERT, RANDOM = 'policy', 'expert', 'random'
 ESTIMATOR = 'expert_estimator'
 NAMES = (POLICY, EXPERT, ESTIMATOR, RANDOM)
 """Reserved names, which are not names of policies."""
+LARGEST_GAINS = 1_000_000
+"""Maximum bytes of a file of tuned gains."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,9 @@ def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
     :raises FileNotFoundError: when there is no such file.
     :raises ValueError: when it has no gains, or the pilot does not fit the world.
     """
+    text = input_file.read_text(path, LARGEST_GAINS)
     try:
-        told = json.loads(path.read_text('utf-8'))
+        told = json.loads(text)
         pilot, gains = ROCKET_PILOTS[told['pilot']], dict(told['gains'])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(

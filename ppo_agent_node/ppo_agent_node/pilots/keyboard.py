@@ -41,9 +41,9 @@ _TURN_WANTED, _TURN_NEEDED = 0.05, 0.15
 class StartSettings:
     """Where flights by hand begin."""
 
-    seed: int = setting(0, '', 'the first start; each next flight has the next one', 0, 2**62)
+    seed: int = setting(0, '', 'seed of the first start; each flight uses the next one', 0, 2**62)
     level: int = setting(
-        1, '', "curriculum level of the starts, rockets only; 0: the simulator's own", 0, 8)
+        1, '', "curriculum level of the starts; rocket worlds only; 0: the simulator's own", 0, 8)
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,20 @@ class KeyboardSettings:
     """Handling of keys."""
 
     assist: bool = setting(
-        True, '', 'arrow keys ask for a lean, which is held for you; false: they fire the '
-        'attitude control, and nobody stops the turn but you')
+        True, '', 'whether arrow keys command a lean, which an autopilot holds; false: they fire '
+        'the attitude control directly')
     lean: float = setting(
-        0.0, 'deg', 'lean that an arrow key asks for; 0: what suits the world', 0.0, 40.0)
+        0.0, 'deg', "lean commanded by an arrow key; 0: the world's default", 0.0, 40.0)
     attitude_share: float = setting(
-        0.25, '', 'share of the attitude control that an arrow key fires without assist, '
-        'rockets only', 0.01, 1.0)
-    throttle_step: int = setting(5, '%', 'throttle for each press of w or s', 1, 50)
+        0.25, '', 'fraction of the attitude control that an arrow key fires without assist; '
+        'rocket worlds only', 0.01, 1.0)
+    throttle_step: int = setting(5, '%', 'change of the throttle per press of w or s', 1, 50)
     repeat_delay: float = setting(
-        0.6, 's', 'how long a press counts as held where the terminal tells no release: longer '
-        "than the keyboard's delay before it repeats", 0.05, 2.0)
+        0.6, 's', "time for which a press counts as held if the terminal reports no release; "
+        "longer than the keyboard's repeat delay", 0.05, 2.0)
     repeat_gap: float = setting(
-        0.12, 's', 'how long a repeat counts as held: longer than the time between two', 0.02, 1.0)
+        0.12, 's', "time for which a repeat counts as held; longer than the keyboard's repeat "
+        'interval', 0.02, 1.0)
 
 
 class KeyboardPilot:

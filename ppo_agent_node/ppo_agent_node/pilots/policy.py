@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pilot that flies a trained policy, deterministically."""
+"""Pilot that flies a trained policy, deterministically: a policy file or an ONNX file."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppo_agent_node.ppo.policies.factory import without_noise
-from ppo_agent_node.ppo.policies.file import load_policy
+from ppo_agent_node.pilots import onnx_file
+from ppo_agent_node.pilots.search import require_torch
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
@@ -22,7 +22,7 @@ class PolicyPilot:
     name = 'policy'
 
     def __init__(self, path: Path | str, spec: WorldSpec) -> None:
-        """Load the policy.
+        """Load the policy; an ONNX file needs onnxruntime, and no PyTorch.
 
         If the world has more observations than the policy uses, the policy receives its own
         columns of them.
@@ -32,8 +32,8 @@ class PolicyPilot:
             other observations or actions than those of `spec`; the message names file and
             difference.
         """
-        policy, self.description = load_policy(Path(path), spec)
-        self._fly = without_noise(policy)
+        load = onnx_file.load if Path(path).suffix == onnx_file.SUFFIX else _load
+        self._fly, self.description = load(Path(path), spec)
         self._columns = columns(self.description['observation_names'], spec.observation_names)
         self.unfamiliar = _unfamiliar(Path(path), self.description, spec)
         """Differences between this world and that of the training; empty if there are none."""
@@ -44,6 +44,17 @@ class PolicyPilot:
             # Contiguous: another memory layout might change the order of summation.
             observation = np.ascontiguousarray(observation[:, self._columns])
         return self._fly(observation)
+
+
+def _load(path: Path, spec: WorldSpec) -> tuple[onnx_file.Fly, dict[str, Any]]:
+    """Return a pilot of the policy in a safetensors file, and its description."""
+    require_torch(path)
+    # Imported here: a machine that flies ONNX files may lack PyTorch.
+    from ppo_agent_node.ppo.policies.factory import without_noise
+    from ppo_agent_node.ppo.policies.file import load_policy
+
+    policy, description = load_policy(path, spec)
+    return without_noise(policy), description
 
 
 def columns(wanted: Sequence[str], given: Sequence[str]) -> slice | list[int] | None:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from ppo_agent_node.ppo.policies.file import POLICY
-from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.config_file import read_config
-from ppo_agent_node.runs.folder import UNFINISHED
 
 RUNS = Path('runs')
 DEFAULT = 'default'
@@ -37,7 +34,7 @@ def find_policy(given: str, world: str, runs: Path = RUNS) -> Path:
     shipped = _shipped(world)
     if not shipped.is_file():
         raise FileNotFoundError(
-            f'policy: none of a finished run below {runs.resolve()} for world {world!r}, and none '
+            f'policy: no finished run of world {world!r} below {runs.resolve()}, and no policy '
             'ships for it; train one, or name a file')
     return shipped
 
@@ -70,7 +67,15 @@ def _shipped(name: str) -> Path:
 
 
 def whole(policy: Path) -> bool:
-    """Return whether the run of a policy has finished and its file can be read."""
+    """Return whether the run of a policy has finished and its file can be read.
+
+    :raises ValueError: where PyTorch, which reads it, is missing.
+    """
+    require_torch(policy)
+    from ppo_agent_node.ppo.policies.file import POLICY
+    from ppo_agent_node.runs import sealed_file
+    from ppo_agent_node.runs.folder import UNFINISHED
+
     if (policy.parent / UNFINISHED).exists():
         return False
     try:
@@ -78,6 +83,19 @@ def whole(policy: Path) -> bool:
     except (ValueError, OSError):
         return False
     return True
+
+
+def require_torch(policy: Path) -> None:
+    """Check that policy files can be read here.
+
+    :raises ValueError: where there is no PyTorch; the message says what can be flown without.
+    """
+    try:
+        import torch  # noqa: F401  (checks that it is installed)
+    except ImportError as error:
+        raise ValueError(
+            f'{policy}: needs PyTorch, which cannot be imported here ({error}); an ONNX file from '
+            './launch_scripts/export needs none') from error
 
 
 def world_of(config: Path) -> str:

@@ -18,10 +18,13 @@ from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.runs.config_file import read_config
 from ppo_agent_node.runs.train_log import read_log
+from rocket_sim_node import input_file
 from rocket_sim_node.worlds.base import F64
 
 CONFIG, LOG, FIGURES, EPISODES = 'config.yaml', 'train.jsonl', 'evaluation.json', 'episodes.csv'
 CONDITIONS = conditions_files.NAME
+LARGEST = 100_000_000
+"""Maximum bytes of an evaluation's figures."""
 Lines = Sequence[Mapping[str, Any]]
 
 _PAIR = 'a pair of numbers'
@@ -103,7 +106,7 @@ def load(path: Path) -> Run:
     """
     if not path.is_dir():
         raise ValueError(f'{path}: no such folder, expected that of a run or an evaluation')
-    if not any((path / name).is_file() for name in (CONFIG, LOG, FIGURES, CONDITIONS)):
+    if not any((path / name).exists() for name in (CONFIG, LOG, FIGURES, CONDITIONS)):
         raise ValueError(
             f'{path}: no run, expected a folder with {CONFIG} and {LOG}, or with {FIGURES} or '
             f'{CONDITIONS}')
@@ -111,7 +114,7 @@ def load(path: Path) -> Run:
     episodes = path / EPISODES
     return Run(
         path, _config(path / CONFIG), _lines(path / LOG), figures,
-        episode_table.read(episodes) if figures and episodes.is_file() else None,
+        episode_table.read(episodes) if figures and episodes.exists() else None,
         conditions_files.read(path / CONDITIONS))
 
 
@@ -148,10 +151,11 @@ def _config(path: Path) -> dict[str, Any]:
 
 def _figures(path: Path) -> dict[str, Any] | None:
     """Return the figures of the evaluation, None if there is none."""
-    if not path.is_file():
+    if not path.exists():
         return None
+    text = input_file.read_text(path, LARGEST)
     try:
-        figures = json.loads(path.read_text('utf-8'))
+        figures = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f'{path}: damaged: {error}') from error
     if not isinstance(figures, dict):

@@ -5,23 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
+from ppo_agent_node import plain_yaml
+from rocket_sim_node import input_file
 
 _LARGEST = 100_000
 """Maximum bytes; all settings take some thousands, and parsing a large invalid file is slow."""
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """Loader without YAML references, a few bytes of which can expand to more than all memory."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """Return the next node.
-
-        :raises yaml.YAMLError: when it is a reference.
-        """
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError('refers to another value, expected plain values')
-        return super().compose_node(parent, index)
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -30,15 +18,12 @@ def read_config(path: Path) -> dict[str, Any]:
     :raises ValueError: naming the file, when it is damaged.
     :raises OSError: when it cannot be read.
     """
-    if not path.is_file():
+    if not path.exists():
         return {}
-    size = path.stat().st_size
-    if size > _LARGEST:
-        raise ValueError(f'{path}: damaged, {size} bytes, expected at most {_LARGEST}')
+    text = input_file.read_text(path, _LARGEST)
     try:
-        # Derived from the safe loader, so it constructs plain values only.
-        values = yaml.load(path.read_text('utf-8'), _PlainLoader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        values = plain_yaml.load(text)
+    except plain_yaml.ERRORS as error:
         raise ValueError(f'{path}: damaged: {" ".join(str(error).split())}') from error
     if not isinstance(values, dict):
         raise ValueError(f'{path}: damaged, expected names and values')

@@ -19,11 +19,13 @@ import yaml
 
 from ppo_agent_node.atomic_file import remove_leftovers
 from ppo_agent_node.atomic_file import write_atomically
+from ppo_agent_node.runs import run_lock
 from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import train_log
 from ppo_agent_node.runs.config_file import read_config
 from ppo_agent_node.runs.sealed_file import Sealed
 from ppo_agent_node.runs.sealed_file import Tensors
-from ppo_agent_node.runs.train_log import read_log
+from rocket_sim_node import input_file
 
 CHECKPOINT = 'checkpoint'
 UNFINISHED = '.unfinished'
@@ -59,7 +61,7 @@ class RunFolder:
         self._made = not self.path.exists()
         if not resume and (self.config.exists() or self.log.exists()):
             raise RunFolderError(
-                f'{self.path}: there is a run already; resume it or name another')
+                f'{self.path}: already holds a run; resume it or name another folder')
         try:
             self.checkpoints.mkdir(parents=True, exist_ok=True)
             self.plots.mkdir(exist_ok=True)
@@ -77,11 +79,11 @@ class RunFolder:
 
         :raises RunFolderError: when another process trains here.
         """
-        with (self.path / '.lock').open('w') as file:
+        with (self.path / run_lock.NAME).open('w') as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
-                raise RunFolderError(f'{self.path}: another process trains here') from error
+                raise RunFolderError(f'{self.path}: another process is training here') from error
             for folder in (self.path, self.checkpoints, self.plots):
                 remove_leftovers(folder)
             yield
@@ -106,7 +108,7 @@ class RunFolder:
         if self.config.exists() or self.log.exists():
             return
         self.mark_finished()
-        (self.path / '.lock').unlink(missing_ok=True)
+        (self.path / run_lock.NAME).unlink(missing_ok=True)
         with suppress(OSError):  # not empty
             self.checkpoints.rmdir()
             self.plots.rmdir()
@@ -134,8 +136,10 @@ class RunFolder:
         """
         return read_config(self.config)
 
-    def append(self, line: dict[str, Any]) -> None:
+    def append(self, line: dict[str, Any]) -> dict[str, Any]:
         """Append a line to the log and flush it to the system; non-finite numbers become null.
+
+        :return: the line as it was written.
 
         :raises OSError: naming the path.
         """
@@ -145,6 +149,7 @@ class RunFolder:
         }
         with self._writing_log('ab') as file:
             file.write((json.dumps(plain) + '\n').encode())
+        return plain
 
     @contextmanager
     def _writing_log(self, mode: str) -> Iterator[IO[bytes]]:
@@ -157,14 +162,15 @@ class RunFolder:
 
     def lines(self) -> list[dict[str, Any]]:
         """Return the log, without a truncated last line."""
-        return read_log(self.log)
+        return train_log.read_log(self.log)
 
     def cut_log(self, count: int) -> None:
         """Truncate the log to its first `count` lines.
 
         :raises ValueError: when there are fewer.
         """
-        lines = self.log.read_bytes().splitlines(keepends=True) if self.log.exists() else []
+        lines = input_file.read_bytes(
+            self.log, train_log.LARGEST).splitlines(keepends=True) if self.log.exists() else []
         whole = [line for line in lines if line.endswith(b'\n')]
         if len(whole) < count:
             raise ValueError(f'{self.log}: has {len(whole)} lines, expected at least {count}')
@@ -204,7 +210,7 @@ class RunFolder:
             try:
                 return path, sealed_file.read(path, CHECKPOINT)
             except (ValueError, OSError) as error:
-                warn(f'checkpoint left out: {error}')
+                warn(f'checkpoint ignored: {error}')
         if saved:
             raise ValueError(f'{self.checkpoints}: all {len(saved)} checkpoints are damaged')
         return None

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 from typing import NamedTuple
 
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.status import Status
+from ppo_agent_node.runs.loggers import MakeLogger
+from ppo_agent_node.runs.loggers import RunLogger
+from rocket_sim_node.telemetry.training_status import Status
 
 TIMES = ('seconds', 'steps_per_second')
 """Entries of a line that depend on the machine; all others follow from the seed."""
@@ -28,15 +31,24 @@ class Progress(NamedTuple):
 class MetricsLogger:
     """Writes the log of a run and reports its status."""
 
-    def __init__(self, folder: RunFolder, report: Callable[[Status], None]) -> None:
-        """Begin without any lines; see `take_up`."""
-        self._folder, self._report = folder, report
+    def __init__(
+        self, folder: RunFolder, report: Callable[[Status], None],
+        dropped: Callable[[], int] = lambda: 0, loggers: Sequence[MakeLogger] = (),
+    ) -> None:
+        """Begin without any lines; see `take_up`.
+
+        :param dropped: returns the number of messages from other participants ignored so far.
+        :param loggers: receive all lines, too.
+        """
+        self._folder, self._report, self._dropped_so_far = folder, report, dropped
+        self._dropped = dropped()
         self._began = self._stage_began = self._last = time.monotonic()
         self._stage, self._iterations, self._first, self._steps = '', 0, 0, 0
         self._iteration, self._unit = 0, ''
         self._progress = Progress(0, 0, '')
         self._kept: dict[str, Any] = {'run': folder.name, 'folder': str(folder.path)}
         self.lines = 0
+        self._loggers: list[RunLogger] = [make(folder.path) for make in loggers]
 
     def take_up(self, lines: int, steps: int) -> None:
         """Continue after the first `lines` lines, at which `steps` rocket steps had been taken.
@@ -45,6 +57,14 @@ class MetricsLogger:
         """
         self._folder.cut_log(lines)
         self.lines, self._steps = lines, steps
+        if self._loggers:
+            log = self._folder.lines()
+            self._each(lambda logger: logger.begin(log))
+
+    def close(self) -> None:
+        """Close the loggers."""
+        self._each(lambda logger: logger.close())
+        self._loggers.clear()
 
     def keep(self, **facts: Any) -> None:
         """Set fields of Status that all further reports contain."""
@@ -80,14 +100,17 @@ class MetricsLogger:
         now = time.monotonic()
         seconds, taken = now - self._last, steps - self._steps
         self._last, self._steps = now, steps
+        before, self._dropped = self._dropped, self._dropped_so_far()
         rate = taken / seconds if taken and seconds > 0 else math.nan
-        self._folder.append({
+        line = self._folder.append({
             'stage': self._stage, 'iteration': iteration, 'steps': steps, **numbers,
             **({'message': message} if message else {}),
+            'messages_dropped': self._dropped - before,
             'seconds': round(seconds, 3),
             'steps_per_second': round(rate) if math.isfinite(rate) else None,
         })
         self.lines += 1
+        self._each(lambda logger: logger.entry(line))
         done = iteration - self._first
         left = self._iterations - iteration if left is None else left
         # Iteration 0 of fine-tuning evaluates the clone: its time does not represent the others'.
@@ -103,6 +126,16 @@ class MetricsLogger:
     def message(self, text: str) -> None:
         """Report an event between two entries; it is not logged."""
         self._tell(text)
+
+    def _each(self, do: Callable[[RunLogger], None]) -> None:
+        """Call each logger; drop one that fails, so that it does not end the training."""
+        for logger in tuple(self._loggers):
+            try:
+                do(logger)
+            except Exception as error:  # noqa: BLE001  (one of the user's may raise anything)
+                self._loggers.remove(logger)
+                self._tell(
+                    f'logger {type(logger).__name__} failed and is no longer used: {error!r:.200}')
 
     def _tell(self, message: str, **numbers: Any) -> None:
         self._report(Status(**{

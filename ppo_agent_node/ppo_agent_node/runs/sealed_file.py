@@ -22,8 +22,11 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from ppo_agent_node.atomic_file import write_atomically
+from rocket_sim_node import input_file
 
 FORMAT_VERSION = '1'
+_LARGEST = 4 * 2**30
+"""Maximum bytes of a file; a checkpoint of the largest networks takes a quarter of it."""
 _LARGEST_HEADER = 100_000_000
 """Bytes; also the limit of the safetensors library."""
 _UNREADABLE = (
@@ -68,7 +71,7 @@ def read(path: Path, kind: str) -> Sealed:
     if metadata.get('version') != FORMAT_VERSION:
         raise ValueError(
             f'{path}: format version {metadata.get("version")!r}, expected {FORMAT_VERSION!r}')
-    data = path.read_bytes()
+    data = input_file.read_bytes(path, _LARGEST)
     try:
         tensors = safetensors.torch.load(data)
         text = metadata['content']
@@ -76,7 +79,7 @@ def read(path: Path, kind: str) -> Sealed:
     except _UNREADABLE as error:
         raise ValueError(f'{path}: damaged, {len(data)} bytes: {error}') from error
     if not isinstance(content, dict):
-        raise ValueError(f'{path}: damaged, its content is no object of JSON')
+        raise ValueError(f'{path}: damaged, its content is not a JSON object')
     digest = _digest(kind, text, tensors)
     if metadata.get('digest') != digest:
         raise ValueError(
@@ -90,8 +93,7 @@ def _metadata(path: Path) -> dict[str, str]:
 
     Nothing else is read, as a foreign file may be larger than the memory.
     """
-    if path.exists() and not path.is_file():
-        raise ValueError(f'{path}: is no file, expected a safetensors file')
+    input_file.check(path, _LARGEST)
     with path.open('rb') as file:
         length = os.fstat(file.fileno()).st_size
         if length < 8:
@@ -105,7 +107,7 @@ def _metadata(path: Path) -> dict[str, str]:
     try:
         return dict(json.loads(text).get('__metadata__', {}))
     except (ValueError, AttributeError, TypeError, RecursionError) as error:
-        raise ValueError(f'{path}: damaged, its header is no JSON: {error}') from error
+        raise ValueError(f'{path}: damaged, its header is not JSON: {error}') from error
 
 
 def _digest(kind: str, content: str, tensors: Mapping[str, Tensor]) -> str:

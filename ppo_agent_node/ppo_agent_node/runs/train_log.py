@@ -6,16 +6,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+from rocket_sim_node import input_file
+
+LARGEST = 2**30
+"""Maximum bytes; an iteration takes one or two thousand."""
+
 
 def read_log(path: Path) -> list[dict[str, Any]]:
     """Return the lines of a `train.jsonl`, without a truncated last one.
 
-    :raises ValueError: naming file and line, when another is damaged.
+    :raises ValueError: naming the file, and the line when another one is damaged.
     """
-    try:
-        text = path.read_text('utf-8') if path.exists() else ''
-    except UnicodeDecodeError as error:
-        raise ValueError(f'{path}: damaged: {error}') from error
+    text = input_file.read_text(path, LARGEST) if path.exists() else ''
     lines = []
     for number, line in enumerate(text.splitlines(keepends=True), 1):
         if not line.endswith('\n'):

@@ -13,11 +13,11 @@ from typing import TextIO
 from rich.console import Console
 from rich.text import Text
 
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
 from ppo_agent_node.terminal.status_lines import StatusLines
 from rocket_sim_node.printable import printable
+from rocket_sim_node.telemetry.training_status import Status
 
 VARIABLE = 'HOVERSLAM_TERMINAL'
 """Environment variable with the terminal to use when standard output is a pipe to a launch."""

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 from rich.text import Text
 
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.sparkline import sparkline
+from rocket_sim_node.telemetry.training_status import Status
 
 NARROW = 60
 """Columns below which the layout has two short lines."""

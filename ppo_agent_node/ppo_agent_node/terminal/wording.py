@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ppo_agent_node.runs.status import Status
+from rocket_sim_node.telemetry.training_status import Status
 
 STAGES = {
     'demonstrate': 'expert flies', 'clone': 'cloning', 'finetune': 'PPO', 'evaluate': 'evaluating',

@@ -12,6 +12,7 @@ from ppo_agent_node.ppo.policies.file import save_policy
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.source_commit import source_commit
 from ppo_agent_node.training import run_state
 from ppo_agent_node.training.run_state import RunState
 from ppo_agent_node.training.selection import Score
@@ -66,4 +67,5 @@ class CheckpointWriter:
     def _save_policy(self, path: Path, policy: Policy, state: RunState, **facts: Any) -> None:
         save_policy(
             path, policy, self._spec, self._config.network, self._config.run.seed,
-            {'run': self._folder.name, 'steps': state.steps, **facts})
+            {'run': self._folder.name, 'commit': source_commit(), 'steps': state.steps,
+             **run_state.drawn_conditions(self._spec, self._config), **facts})

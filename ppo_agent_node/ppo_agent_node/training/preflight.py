@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ppo_agent_node.config.training_config import Config
-from ppo_agent_node.imitation.demonstrations import spawn_settings
+from ppo_agent_node.imitation.demonstrations import start_settings
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import Restore
@@ -34,8 +34,7 @@ def try_starts(fly: Fly, config: Config) -> None:
         starts['curriculum_start_reach'] = {
             **curriculum.reset_settings(first), 'spawn_reach': curriculum.curriculum_start_reach}
     if demonstration.demonstration_episodes:
-        starts['demonstrations'] = {
-            **curriculum.task_settings(final), **spawn_settings(demonstration, final)}
+        starts['demonstrations'] = start_settings(curriculum, demonstration)
     for whose, settings in starts.items():
         try:
             list(fly([functools.partial(_begin, settings)]))

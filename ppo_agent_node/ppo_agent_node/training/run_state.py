@@ -86,6 +86,13 @@ def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
     }
 
 
+def drawn_conditions(spec: WorldSpec, config: Config) -> dict[str, str]:
+    """Return the `conditions` that a run draws, nothing for a world without."""
+    if not spec.condition_names:
+        return {}
+    return {'conditions': config.curriculum.conditions or conditions.name_of(spec.settings)}
+
+
 def _launched(spec: WorldSpec) -> dict[str, str]:
     """Return the simulator's settings that `train` must set again when the run is resumed."""
     if not spec.condition_names:
@@ -160,12 +167,12 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     for name, theirs, ours in pairs:
         if theirs is _NOTHING:
             raise ValueError(
-                f'{path}: {name} of the run is not there, expected {ours}; the run is from before '
-                'there was such a setting of its world, begin another')
+                f'{path}: the run has no {name}, expected {ours}; the run is older than this '
+                'setting of its world; start another run')
         if _plain(theirs) != _plain(ours):
             raise ValueError(
                 f'{path}: {name} of the run is {theirs!s:.200}, expected {ours}; '
-                f'resume with the settings of its config.yaml, or begin another run')
+                f'resume with the settings of its config.yaml, or start another run')
 
 
 def _plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ of simulator restarts, and of whether the run was stopped and resumed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import replace
 from pathlib import Path
@@ -24,11 +25,11 @@ from ppo_agent_node.ppo.rollout_buffer import Rollout
 from ppo_agent_node.ppo.rollout_buffer import in_order
 from ppo_agent_node.runs import episode_scores
 from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.loggers import MakeLogger
 from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.runs.metrics_logger import Progress
 from ppo_agent_node.runs.sealed_file import Sealed
 from ppo_agent_node.runs.sealed_file import Tensors
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.threads import tensor_threads
 from ppo_agent_node.training import preflight
 from ppo_agent_node.training import run_state
@@ -42,6 +43,7 @@ from ppo_agent_node.training.selection import Score
 from ppo_agent_node.training.selection import Selector
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.stop_criterion import StopCriterion
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.jobs import Fleet
 
@@ -58,6 +60,7 @@ class Trainer:
         expert: Pilot | None = None,
         stop_requested: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda line: None,
+        loggers: Sequence[MakeLogger] = (),
     ) -> None:
         """Prepare a run; nothing flies yet.
 
@@ -66,6 +69,7 @@ class Trainer:
             settings.
         :param stop_requested: called before each step and each minibatch.
         :param say: called with a line for each episode, if the settings ask for it.
+        :param loggers: receive the lines of the log; see `runs.loggers`.
         :raises ValueError: when demonstrations are needed and the scripted pilot cannot fly the
             world, or when a setting does not fit the world.
         """
@@ -81,7 +85,7 @@ class Trainer:
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
         self._learner = Learner(spec, config)
-        self._metrics = MetricsLogger(folder, report)
+        self._metrics = MetricsLogger(folder, report, lambda: fleet.messages_dropped, loggers)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._metrics.keep(stages=(*imitation, 'finetune'))
         self._state = RunState(
@@ -119,8 +123,10 @@ class Trainer:
         except EnvironmentClosed:
             begun = any(self._folder.checkpoints.iterdir())
             self._metrics.message(
-                'stopped; a resumed run goes on from here' if begun else
-                'stopped before the first checkpoint; a resumed run begins anew')
+                'stopped; a resumed run continues from here' if begun else
+                'stopped before the first checkpoint; a resumed run starts from the beginning')
+        finally:
+            self._metrics.close()
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
 
     def _take_up(self, path: Path, sealed: Sealed) -> None:

@@ -16,8 +16,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node import free_memory
-from rocket_sim_node.recording.drawing.training_plots import LINES
-from rocket_sim_node.recording.drawing.training_plots import Training
+from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.base import Sink
 from rocket_sim_node.recording.sinks.file_sink import FileSink
@@ -59,15 +58,16 @@ class Destinations:
     """Destinations of recordings; any number, including none."""
 
     output: str = setting(
-        '', '', 'file to write, .rrd; it appears under its name at the end, an existing one is '
-        'never overwritten but the new one numbered (-2, -3, ...); empty: none')
+        '', '', 'file to write, .rrd; it appears under its name at the end. An existing file is '
+        'never overwritten: the new one is numbered (-2, -3, ...). Empty: none')
     connect: str = setting(
-        '', '', 'URL of a running viewer, e.g. rerun+http://127.0.0.1:9876/proxy; empty: none')
-    serve_web: bool = setting(False, '', 'serve a live web page')
+        '', '', 'URL of a running viewer, for example rerun+http://127.0.0.1:9876/proxy; empty: '
+        'none')
+    serve_web: bool = setting(False, '', 'whether to serve a live web page')
     web_port: int = setting(9090, '', 'port of the web page', 1, 65535)
     web_host: str = setting(
-        '127.0.0.1', '', 'address at which the web page is served: this machine only; 0.0.0.0 '
-        'lets everybody who reaches this machine see it')
+        '127.0.0.1', '', 'address at which the web page is served. The default is this machine '
+        'only; with 0.0.0.0 anyone who can reach this machine can see the page')
 
 
 class RecorderNode:
@@ -104,7 +104,7 @@ class RecorderNode:
         self.count += 1
         self._agent_there = time.monotonic()
         with leaving_out(self._node, 'training'):
-            self._recorder.training(training_from_message(message))
+            self._recorder.training(training_of(message))
 
     def tick(self) -> None:
         """Log the data that has waited long enough."""
@@ -127,15 +127,6 @@ class RecorderNode:
         elif now - self._agent_there > _AGENT_GONE:
             with leaving_out(self._node, 'flight'):
                 self._recorder.training_is_over()
-
-
-def training_from_message(message: msg.TrainingStatus) -> Training:
-    """Return an agent's report; without a curriculum (level 0) it has no level curve."""
-    values = {line.value: float(getattr(message, line.value)) for line in LINES}
-    if not message.level:
-        del values['level']
-    return Training(
-        message.stage, message.iteration, values, message.message, message.run)
 
 
 def record(node: Node, executor: Executor) -> None:
@@ -182,7 +173,8 @@ def record(node: Node, executor: Executor) -> None:
             _drain(executor, heard)
         finally:
             heard.close()
-            note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps')
+            lost = f'; {recorder.missed} steps were not received' if recorder.missed else ''
+            note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps{lost}')
 
 
 def _drain(executor: Executor, heard: RecorderNode) -> None:

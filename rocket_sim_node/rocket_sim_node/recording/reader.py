@@ -11,12 +11,15 @@ import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 from numpy.typing import NDArray
 
+from rocket_sim_node import input_file
+from rocket_sim_node.frames import to_world
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.scene.effects import to_world
 from rocket_sim_node.recording.sinks.rrd_file import opened
 from rocket_sim_node.recording.trajectories.trajectory import tilt_of
 
 F32 = NDArray[np.float32]
+LARGEST = 8 * 2**30
+"""Maximum bytes of a recording: 80 million steps, 400 times `max_steps` of the recorder."""
 EMPTY: F32 = np.zeros((0, 0), np.float32)
 ARROW = 0.9
 """m of velocity arrow per m/s, in recordings that do not store it."""
@@ -53,9 +56,11 @@ def trajectories(path: Path | str) -> list[RecordedTrajectory]:
     """Return the flights of a recording in order, even if they are of several worlds.
 
     :raises OSError: when there is no such file, or it is not one of our recordings.
+    :raises ValueError: when it is not a regular file, or too large.
     """
-    if not Path(path).is_file():
+    if not Path(path).exists():
         raise FileNotFoundError(2, 'no such recording', str(path))
+    input_file.check(Path(path), LARGEST)
     rockets: dict[str, list[pa.RecordBatch]] = {}
     landings: dict[str, list[pa.RecordBatch]] = {}
     try:

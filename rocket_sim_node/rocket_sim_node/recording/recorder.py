@@ -2,6 +2,7 @@
 """Recorder: turns samples and training reports into recordings."""
 from __future__ import annotations
 
+import math
 import operator
 import time
 from collections.abc import Callable
@@ -27,7 +28,8 @@ from rocket_sim_node.recording.trajectories.follower import Follower
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
-from rocket_sim_node.telemetry.samples import FLYING
+from rocket_sim_node.telemetry.gaps import GapCounter
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import Samples
 
 EARLY = 200
@@ -36,6 +38,8 @@ MOST_HELD = 16
 """Number of flights after which waiting ones are recorded."""
 HELD = 5.0
 """Seconds that flights wait for others to be recorded together, without live viewers."""
+GAPS_APART = 1.0
+"""Minimum time, s, between two warnings of steps that were not received."""
 
 
 class Recorder:
@@ -63,6 +67,9 @@ class Recorder:
         self._buffers = {row: TrajectoryBuffer() for row in selection.rows}
         self._world: WorldInfo | None = None
         self._session = 0
+        self._gaps = GapCounter()
+        self._note = note
+        self._gap_told = -math.inf
         self._over = False
         self._early: list[tuple[int, Samples]] = []
         self._unusual = False
@@ -83,6 +90,11 @@ class Recorder:
         """Flights recorded."""
         return self._timeline.flights
 
+    @property
+    def missed(self) -> int:
+        """Steps that were published and not received."""
+        return self._gaps.missed
+
     # Input
 
     def world(self, info: WorldInfo) -> None:
@@ -101,13 +113,18 @@ class Recorder:
     def states(self, session: int, samples: Samples) -> None:
         """Add samples in the order in which they were taken.
 
-        A new session ends all flights in progress. Samples may arrive before the description of
-        their world; they are kept until then.
+        A new session ends all flights in progress. So do steps that were not received, of which a
+        warning tells. Samples may arrive before the description of their world; they are kept
+        until then.
 
         :raises ValueError: when their legs or conditions are not those of their world.
         """
         if self._world is None:
-            self._early = [*self._early, (session, samples)][-EARLY:]
+            if len(self._early) == EARLY:
+                del self._early[0]
+                self._warn(f'state: more than {EARLY} messages arrived before the description on '
+                           'topic world: the oldest are ignored')
+            self._early.append((session, samples))
             return
         legs = scenery(self._world.world).legs
         if legs and samples.layout.legs != legs:
@@ -121,6 +138,11 @@ class Recorder:
             self._session = session
             for buffer in self._buffers.values():
                 buffer.clear()
+        if len(samples.step):
+            first, last = int(samples.step[0]), int(samples.step[-1])
+            if missing := self._gaps.note(session, first, last):
+                self._warn(f'state: {missing} steps before step {first} were not received: '
+                           'flights in progress are not recorded')
         ended: list[tuple[int, Trajectory]] = []
         for row, buffer in self._buffers.items():
             index = np.flatnonzero(samples.row == row)
@@ -185,6 +207,12 @@ class Recorder:
         if self._training is not None:
             self._training.flush(self._dt)
 
+    def _warn(self, text: str) -> None:
+        """Warn of lost samples, unless it was done just now."""
+        if (now := self._clock()) - self._gap_told >= GAPS_APART:
+            self._gap_told = now
+            self._note('WARN', text)
+
     # Recording
 
     @property
@@ -209,7 +237,7 @@ class Recorder:
         :return: flights that ended, each with its last step.
         """
         start = 0
-        for end in (np.flatnonzero(samples.outcome != FLYING) + 1).tolist():
+        for end in (np.flatnonzero(samples.outcome != NO_OUTCOME) + 1).tolist():
             if buffer.extend(samples.take(slice(start, end))):
                 name = self._name(int(samples.outcome[end - 1]))
                 yield int(samples.step[end - 1]), buffer.finish(row, name)

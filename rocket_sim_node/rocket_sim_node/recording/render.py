@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,11 +13,12 @@ from rerun.experimental import ViewerClient
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 from rocket_sim_node.recording.sinks.rewrite import rewrite
+from rocket_sim_node.scratch_folder import scratch_folder
 
 BARS = (36, 32)
 """Heights of the viewer's top and bottom bars, pixels."""
 HINT = (
-    'a Vulkan driver is missing; one that needs no graphics card comes with: '
+    'a Vulkan driver is missing; install one that needs no graphics card: '
     'apt-get install --no-install-recommends mesa-vulkan-drivers')
 
 
@@ -40,14 +40,15 @@ def render(
     :raises rerun_program.ViewerError: when the viewer fails, or a view of it reports an error.
     """
     port = rerun_program.free_port()
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         shown = recording
         if tab != 'flight':
-            shown = Path(folder) / 'shown.rrd'
+            shown = folder / 'shown.rrd'
             rewrite(recording, shown, tab)
         program = rerun_program.Program(
             '--headless', '--bind', LOCAL, '--port', str(port), '--hide-welcome-screen',
-            '--window-size', f'{size[0]}x{size[1]}', XDG_RUNTIME_DIR=folder, TMPDIR=folder)
+            '--window-size', f'{size[0]}x{size[1]}', XDG_RUNTIME_DIR=str(folder),
+            TMPDIR=str(folder))
         try:
             try:
                 program.wait_for(

@@ -33,7 +33,7 @@ class ScreenshotSettings:
         'burn', '', "'burn' or 'touchdown' of the flight, 'end' of the recording, or seconds on "
         "the recording's sim_time")
     flight: int = setting(
-        -1, '', 'which flight, from 0; -1: the last that landed', -1, 1e9)
+        -1, '', 'number of the flight, from 0; -1: the last one that landed', -1, 1e9)
     tab: str = setting('flight', '', 'the tab in front', choices=TABS)
     width: int = setting(1600, 'px', 'width of the window', 640, 7680)
     height: int = setting(968, 'px', 'height of the window', 480, 4320)
@@ -79,7 +79,8 @@ def take(picture: ScreenshotSettings) -> str:
     recording = Path(picture.recording)
     flights = trajectories(recording)
     if picture.tab != 'flight' and any(flight.pilot for flight in flights):
-        raise ValueError(f'tab: got {picture.tab!r}, expected flight, as {recording} compares')
+        raise ValueError(
+            f'tab: got {picture.tab!r}, expected flight, as {recording} compares pilots')
     # The timeline of a training counts iterations; the last one is shown.
     when = 2**31 if picture.tab == 'training' else moment(picture, flights)
     image, = render(recording, [when], size=(picture.width, picture.height), tab=picture.tab)
@@ -92,7 +93,7 @@ def main() -> None:
     """Run the command."""
     command_line.run(
         'screenshot', 'recording:=FILE [NAME:=VALUE ...]',
-        'Makes a picture of a recording, without a screen.', ScreenshotSettings, take,
+        'Renders a picture of a recording; needs no screen.', ScreenshotSettings, take,
         expected=(ViewerError,))
 
 

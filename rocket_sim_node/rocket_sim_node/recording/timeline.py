@@ -65,7 +65,8 @@ class Timeline:
             try:
                 settlings = self._settle(flights, info)
             except ValueError as error:
-                self._note('WARN', f'what became of {len(flights)} flights is not shown: {error}')
+                self._note('WARN', f'{len(flights)} flights are shown without their motion after '
+                                   f'touchdown: {error}')
         taken = [
             self._record(flight, info, settling)
             for flight, settling in zip(flights, settlings, strict=True)]
@@ -90,12 +91,12 @@ class Timeline:
         if not fits and learning not in self._full:
             self._full.add(learning)
             self._note('WARN', (
-                f'max_steps: {self.steps} steps are recorded, no more flights'
-                + (' until the agent has learnt' if learning else '')))
+                f'max_steps: {self.steps} steps are recorded; no more flights are recorded'
+                + (' until training ends' if learning else '')))
         if not fits and not self._shown:
             return False
         put = self._put_of(flight, info, settling)
-        taken = [(sink, sink.flight(put)) for sink in self._sinks if fits or sink.live]
+        taken = [(sink, sink.write_trajectory(put)) for sink in self._sinks if fits or sink.live]
         # A file may have been closed early; if there is one, flights seen only live do not count.
         files = [took for sink, took in taken if not sink.live]
         if fits and (any(files) or not files):

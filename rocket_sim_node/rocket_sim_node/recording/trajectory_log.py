@@ -11,10 +11,11 @@ import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import palette
+from rocket_sim_node.frames import to_body
+from rocket_sim_node.palette import words
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import plots
-from rocket_sim_node.recording.drawing.palette import words
 from rocket_sim_node.recording.drawing.plots import Plot
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
@@ -23,7 +24,6 @@ from rocket_sim_node.recording.scene.conditions_log import drawn
 from rocket_sim_node.recording.scene.conditions_log import log_conditions
 from rocket_sim_node.recording.scene.conditions_log import unusual
 from rocket_sim_node.recording.scene.effects import every
-from rocket_sim_node.recording.scene.effects import to_body
 from rocket_sim_node.recording.scene.sceneries import Scenery
 from rocket_sim_node.recording.scene.sceneries import scenery
 from rocket_sim_node.recording.trajectories.trajectory import Settling

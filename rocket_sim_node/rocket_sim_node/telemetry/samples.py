@@ -3,36 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node.telemetry.quantities import QUANTITIES
+
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-FLYING = 255
-"""Outcome of a sample whose episode has not ended."""
-
+LABELS = ('row', 'episode', 'outcome')
+"""Quantities that samples hold as integers, beside their values."""
+_WIDTHS = {
+    quantity.name: quantity.width for quantity in QUANTITIES
+    if quantity.name not in LABELS and isinstance(quantity.width, int)}
+_ENDS = accumulate(_WIDTHS.values())
 FIELDS = {
-    'time': slice(0, 1), 'position': slice(1, 4), 'orientation': slice(4, 8),
-    'linear_velocity': slice(8, 11), 'angular_velocity': slice(11, 14), 'torque': slice(14, 17),
-    'mass': slice(17, 18), 'fuel': slice(18, 19), 'throttle': slice(19, 20),
-    'thrust': slice(20, 21), 'reward': slice(21, 22), 'lateral_thrust': slice(22, 23),
-    'contact_force': slice(23, 26), 'commanded_throttle': slice(26, 27),
-    'disturbance': slice(27, 30),
-}
-"""Columns of the quantities that every world has."""
-
-WIDTH = 30
+    name: slice(end - _WIDTHS[name], end) for name, end in zip(_WIDTHS, _ENDS, strict=True)}
+"""Columns of the quantities that are equally wide in every world."""
+OWN_FIELDS = {
+    quantity.name: str(quantity.width) for quantity in QUANTITIES
+    if not isinstance(quantity.width, int)}
+"""Quantities after those of :data:`FIELDS`, with the letters of their widths."""
+WIDTH = sum(_WIDTHS.values())
 """Number of columns of a world without legs, terrain and conditions."""
 
+_BEYOND_ALL = 1e30
+"""Limit that no valid quantity reaches; recordings hold single precision."""
 _MOST_EACH = 1024
 """Maximum number of legs, terrain heights or conditions; a trajectory stores them for each
 step."""
-
-OWN_FIELDS = ('contact', 'leg_angle', 'terrain', 'conditions')
-"""Quantities after those of :data:`FIELDS`; their widths depend on the world."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,18 @@ class Layout:
     @property
     def width(self) -> int:
         """Number of columns."""
-        return WIDTH + 2 * self.legs + self.heights + self.conditions
+        return WIDTH + sum(self._widths)
+
+    @property
+    def _widths(self) -> list[int]:
+        letters = {'L': self.legs, 'H': self.heights, 'C': self.conditions}
+        return [letters[letter] for letter in OWN_FIELDS.values()]
 
     def place(self, name: str) -> slice:
         """Return the columns of a quantity of :data:`FIELDS` or :data:`OWN_FIELDS`."""
         if name in FIELDS:
             return FIELDS[name]
-        widths = self.legs, self.legs, self.heights, self.conditions
-        index = OWN_FIELDS.index(name)
+        widths, index = self._widths, list(OWN_FIELDS).index(name)
         first = WIDTH + sum(widths[:index])
         return slice(first, first + widths[index])
 
@@ -78,7 +84,7 @@ def _per_sample(name: str, values: NDArray[Any], count: int) -> int:
 
 @dataclass(frozen=True)
 class Samples:
-    """S samples, each of one rocket at one step; RocketState.msg defines the quantities.
+    """S samples, each of one rocket at one step; `quantities` defines what they hold.
 
     World frame with z up (REP 103), SI units. `step`, `row`, `episode`, `outcome` are integer
     arrays `(S,)`, `values` is `(S, layout.width)`.
@@ -130,3 +136,19 @@ class Samples:
         return Samples(
             self.step[index], self.row[index], self.episode[index], self.outcome[index],
             self.values[index], self.layout)
+
+
+def samples_of(message: Any) -> Samples:
+    """Return the samples in a message of type RocketState.
+
+    :param message: as received, or as read from a bag: any object with its fields.
+    :raises ValueError: when a field has the wrong length or a non-finite value, naming it.
+    """
+    samples = Samples.build(np.asarray(message.step), **{
+        quantity.name: np.asarray(getattr(message, quantity.name)) for quantity in QUANTITIES})
+    good = np.abs(samples.values) < _BEYOND_ALL
+    if not good.all():
+        name = next(name for name in (*FIELDS, *OWN_FIELDS)
+                    if not good[:, samples.layout.place(name)].all())
+        raise ValueError(f'{name}: a value is not finite, or beyond {_BEYOND_ALL:g}')
+    return samples

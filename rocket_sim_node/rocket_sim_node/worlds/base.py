@@ -12,12 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node.telemetry.capture import Telemetry
+
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-NO_OUTCOME = 255
-"""Outcome of an episode that has not ended."""
 
 
 @dataclass(frozen=True)
@@ -112,45 +111,6 @@ NO_EPISODES = Episodes(
 )
 
 
-@dataclass(frozen=True)
-class Telemetry:
-    """Physical state of S rockets, world frame with y up; RocketState.msg defines the quantities.
-
-    Vectors are `(S, 3)`, the quaternion `(S, 4)` in the order x y z w; `contact` and `leg_angle`
-    are `(S, L)`, L = 0 in worlds without legs; `terrain` is `(S, H)`, H = 0 for flat ground; the
-    rest is `(S,)`. `commanded_throttle`, 0 to 1, is the command of this step; `disturbance`
-    m/s^2 is side acceleration plus gust; `conditions` `(S, C)` are the values drawn for the
-    episode, in the order of `conditions.DRAWN_NAMES`, C = 0 in worlds without conditions.
-    """
-
-    row: NDArray[np.int64]
-    episode: NDArray[np.int64]
-    time: F64
-    position: F64
-    orientation: F64
-    linear_velocity: F64
-    angular_velocity: F64
-    mass: F64
-    fuel: F64
-    throttle: F64
-    thrust: F64
-    lateral_thrust: F64
-    torque: F64
-    contact_force: F64
-    contact: NDArray[np.bool_]
-    leg_angle: F64
-    terrain: F64
-    reward: F64
-    outcome: NDArray[np.uint8]
-    commanded_throttle: F64
-    disturbance: F64
-    conditions: F64
-
-    def take(self, index: NDArray[Any] | slice) -> Telemetry:
-        """Return the selected samples."""
-        return Telemetry(*(getattr(self, f.name)[index] for f in fields(self)))
-
-
 class VectorEnv(Protocol):
     """N rockets stepped as one batch: a world in this process, or a client of a simulator.
 
@@ -202,6 +162,11 @@ class VectorEnv(Protocol):
 class SimulatedWorld(VectorEnv, Protocol):
     """A world in this process that also exposes its full state; served by a simulator."""
 
+    @property
+    def flown_settings(self) -> dict[str, float]:
+        """The settings of `spec` with those that the last reset or restore gave in their place."""
+        ...
+
     def observe(self) -> F32:
         """Return the observation `(N, D)` of the current state."""
         ...
@@ -218,9 +183,8 @@ class SimulatedWorld(VectorEnv, Protocol):
     def capture(self, rows: NDArray[np.integer] | slice) -> F64:
         """Return a copy of the physical state of the selected rockets, `(K, S)`, a row a quantity.
 
-        The first row is the index of the rocket; each world defines the others. Captures of
-        several steps can be concatenated; `telemetry_of` decodes them. It must be cheap, as it is
-        called in each step, and is cheaper with a slice.
+        Captures of several steps can be concatenated; `telemetry_of` decodes them. It must be
+        cheap, as it is called in each step, and is cheaper with a slice.
         """
         ...
 

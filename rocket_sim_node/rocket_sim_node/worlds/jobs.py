@@ -70,6 +70,11 @@ class Fleet(Protocol):
         """The shape of each environment's world."""
         ...
 
+    @property
+    def messages_dropped(self) -> int:
+        """Number of messages ignored so far because they came from other participants."""
+        ...
+
     def fly(
         self,
         flights: Sequence[Callable[[], Job[T]]],
@@ -123,7 +128,7 @@ class LastSnapshot:
 def no_command(found: object) -> TypeError:
     """Return the error for an object that is not a command."""
     return TypeError(
-        f'a flight: got {type(found).__name__}, expected Reset, Restore, Snapshot or an array')
+        f'job: got {type(found).__name__}, expected Reset, Restore, Snapshot or an array')
 
 
 def execute(env: VectorEnv, command: Command) -> Any:
@@ -184,6 +189,11 @@ class SerialFleet:
         """The shape of each environment's world."""
         return self._envs[0].spec
 
+    @property
+    def messages_dropped(self) -> int:
+        """Number of messages ignored so far: 0 for worlds of this process."""
+        return sum(getattr(env, 'messages_dropped', 0) for env in self._envs)
+
     def fly(
         self,
         flights: Sequence[Callable[[], Job[T]]],
@@ -198,7 +208,7 @@ class SerialFleet:
                     result = fly(self._envs[index], begin(), poll, self._snapshots[index])
                     break
                 except EnvironmentRestarted as error:
-                    report(f'simulator restarted, work begins again: {error}')
+                    report(f'simulator restarted; its job starts again: {error}')
                     if attempt == MAX_ATTEMPTS:
                         raise
             yield result

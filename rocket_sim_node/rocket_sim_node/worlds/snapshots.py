@@ -106,7 +106,7 @@ def _arrays(state: bytes) -> Arrays:
         entries = archive.infolist()
         if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries) or (
                 sum(entry.file_size for entry in entries) > len(state)):
-            raise ValueError('holds more than its bytes, expected nothing compressed')
+            raise ValueError('its entries are compressed or larger than the file')
         for entry in entries:
             name = entry.filename.removesuffix('.npy')
             if name in arrays:
@@ -114,7 +114,7 @@ def _arrays(state: bytes) -> Arrays:
             data = archive.read(entry)
             stream = io.BytesIO(data)
             if np.lib.format.read_magic(stream) != (1, 0):
-                raise ValueError(f'{name!r} is no array of format 1.0')
+                raise ValueError(f'{name!r} is not an array of format 1.0')
             shape, fortran, dtype = np.lib.format.read_array_header_1_0(stream)
             if dtype.hasobject:
                 raise ValueError(f'{name!r} holds objects, expected numbers')

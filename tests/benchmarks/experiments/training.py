@@ -21,9 +21,9 @@ from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.ppo.policies.file import POLICY
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 _NOTE = 'trained.json'

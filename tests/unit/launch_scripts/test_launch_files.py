@@ -77,3 +77,16 @@ def test_files_of_the_agent_lie_on_top_of_each_other(tmp_path: Path) -> None:
     assert (found['gamma'], found['seed'], found['iterations']) == (0.9, 2, 5)
     del files['agent_settings']
     assert told(tmp_path, 'train', 'ppo_agent', **files)['iterations'] == 4
+
+
+@pytest.mark.parametrize(('given', 'recorded'), [
+    ({}, False), ({'record': 'true'}, True), ({'output': '/out.rrd'}, True),
+    ({'connect': 'rerun+http://localhost:9876/proxy'}, True), ({'serve_web': 'true'}, True),
+    ({'output': '/out.rrd', 'record': 'false'}, True), ({'record': 'false'}, False)])
+def test_what_a_recorder_is_needed_for_starts_one(
+    tmp_path: Path, given: dict[str, str], recorded: bool,
+) -> None:
+    path = SCRIPTS.parent / 'rocket_sim_node/launch/simulate.launch.yaml'
+    commands = [plan.command[0] for plan in carry_out(path, Context(given, tmp_path / 'log'))]
+    names = [Path(command).name for command in commands]
+    assert names == ['simulator', *(['rerun_recorder'] if recorded else [])]

@@ -83,17 +83,17 @@ def test_substitutions(text: str, expected: str, context: Context) -> None:
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('$(var missing)', "launch configuration 'missing' does not exist"),
-    ('$(env HOME)', r'substitution \$\(env\) is not known here, only \$\(dirname\), \$\(eval\), '
-                    r'\$\(var\); a full ROS 2 knows more'),
-    ('$(find-pkg-share x)', r'substitution \$\(find-pkg-share\) is not known here'),
-    ('$(var missing default)', r'\$\(var\) with 2 arguments is not known here, only with 1; a f'),
+    ('$(env HOME)', r'substitution \$\(env\) is not supported here, only \$\(dirname\), '
+                    r'\$\(eval\), \$\(var\); a full ROS 2 supports more'),
+    ('$(find-pkg-share x)', r'substitution \$\(find-pkg-share\) is not supported here'),
+    ('$(var missing default)', r'\$\(var\) with 2 arguments is not supported here, only with 1; '),
     ('$(var)', 'with 0 arguments'),
     ('$(var n', 'not a substitution of the form'),
     ("$(var 'n)", 'quote is not closed'),
-    ('$(eval "1 + 1")', r"\$\(eval\) of '1 \+ 1' is not known here, only 'A' if 'B' else 'C'"),
-    ('$(eval "\'a\' == \'b\'")', 'a full ROS 2 knows more'),
-    ('$(eval "\'a\' if 1 else \'b\'")', 'each a text; a full ROS 2 knows more'),
-    ('$(eval "open(1)")', 'is not known here'),
+    ('$(eval "1 + 1")', r"\$\(eval\) of '1 \+ 1' is not supported here, only 'A' if 'B' else 'C'"),
+    ('$(eval "\'a\' == \'b\'")', 'a full ROS 2 supports more'),
+    ('$(eval "\'a\' if 1 else \'b\'")', 'each a text; a full ROS 2 supports more'),
+    ('$(eval "open(1)")', 'is not supported here'),
     ('$(eval "\'a\' if \'it\'s\' else \'b\'")', 'fails: '),
 ])
 def test_wrong_substitutions_say_why(text: str, message: str, context: Context) -> None:
@@ -196,31 +196,33 @@ def node(attributes: str) -> str:
 
 
 @pytest.mark.parametrize(('entry', 'message'), [
-    ('{include: {file: x}}', "entity 'include' is not known here, only arg, group, node, "
-     'push_ros_namespace; a full ROS 2 knows more'),
-    ('{executable: {cmd: ls}}', "entity 'executable' is not known here"),
-    ('{push-ros-namespace: {namespace: x}}', "entity 'push-ros-namespace' is not known here"),
-    ('{group: {scoped: false, children: []}}', 'a group with attributes is not known here'),
-    (node('respawn: true'), r"node 'talker': attribute 'respawn' is not known here, only exec, if,"
-     r' name, .*, sigterm_timeout; a full ROS 2 knows more'),
-    (node('unless: x'), "attribute 'unless' is not known here"),
-    (node('remap: [{from: a, to: b}]'), "attribute 'remap' is not known here"),
-    ('{arg: {name: a, default: b, choice: [{value: b}]}}', "attribute 'choice' is not known here"),
-    ('{arg: {name: a, default: $(env HOME)}}', r"arg 'a': substitution \$\(env\) is not known"),
-    (node('param: [{name: a, param: []}]'), "attribute 'param' of a param is not known here"),
+    ('{include: {file: x}}', "entity 'include' is not supported here, only arg, group, node, "
+     'push_ros_namespace; a full ROS 2 supports more'),
+    ('{executable: {cmd: ls}}', "entity 'executable' is not supported here"),
+    ('{push-ros-namespace: {namespace: x}}', "entity 'push-ros-namespace' is not supported here"),
+    ('{group: {scoped: false, children: []}}', 'a group with attributes is not supported here'),
+    (node('respawn: true'), r"node 'talker': attribute 'respawn' is not supported here, only exec,"
+     r' if, name, .*, sigterm_timeout; a full ROS 2 supports more'),
+    (node('unless: x'), "attribute 'unless' is not supported here"),
+    (node('remap: [{from: a, to: b}]'), "attribute 'remap' is not supported here"),
+    ('{arg: {name: a, default: b, choice: [{value: b}]}}',
+     "attribute 'choice' is not supported here"),
+    ('{arg: {name: a, default: $(env HOME)}}',
+     r"arg 'a': substitution \$\(env\) is not supported"),
+    (node('param: [{name: a, param: []}]'), "attribute 'param' of a param is not supported here"),
     (node('param: [{name: a, value: 1, type: list_of_ints}]'), "type 'list_of_ints' of parameter"
-     " 'a' is not known here, only str, int, float, bool; a full"),
-    (node('param: [{from: x, allow_substs: true}]'), "'from' of a param stands alone here"),
-    (node('param: [{name: a, value: [1, 2]}]'), r'parameter value \[1, 2\] is not known here'),
-    (node('output: both'), "output 'both' is not known here, only screen, log; a full ROS 2"),
-    (node('on_exit: restart'), "on_exit 'restart' is not known here, only shutdown; a full ROS"),
+     " 'a' is not supported here, only str, int, float, bool; a full"),
+    (node('param: [{from: x, allow_substs: true}]'), "'from' must be the only key of a param"),
+    (node('param: [{name: a, value: [1, 2]}]'), r'parameter value \[1, 2\] is not supported here'),
+    (node('output: both'), "output 'both' is not supported here, only screen, log; a full ROS 2"),
+    (node('on_exit: restart'), "on_exit 'restart' is not supported here, only shutdown; a full"),
 ])
 def test_what_only_a_full_ros_2_knows_is_refused_by_name(
         entry: str, message: str, context: Context, index: Path) -> None:
     with pytest.raises(LaunchError, match=message) as caught:
         plan_of(f'launch:\n- {entry}\n', context)
     text = str(caught.value)
-    assert text.startswith(f'{context.file}: ') and text.endswith('a full ROS 2 knows more')
+    assert text.startswith(f'{context.file}: ') and text.endswith('a full ROS 2 supports more')
     assert '\n' not in text
 
 
@@ -265,7 +267,7 @@ def test_launch_arguments() -> None:
     for wrong in ('a', 'a:=', ':=b', 'a=b'):
         with pytest.raises(CommandError, match='malformed launch argument'):
             parse_arguments([wrong])
-    with pytest.raises(CommandError, match=r"'launch-prefix' is not known here; a full ROS 2"):
+    with pytest.raises(CommandError, match=r"'launch-prefix' is not supported here; a full ROS 2"):
         parse_arguments(['launch-prefix:=gdb'])
 
 
@@ -274,8 +276,8 @@ def test_launch_arguments() -> None:
     (['run', 'dummies', 'x'], 'No executable found'),
     (['run', 'dummies', 'notes.txt'], 'No executable found'),
     (['pkg', 'prefix', 'nope'], 'Package not found'),
-    (['bag', 'play'], "invalid choice: 'bag' (choose from 'run', 'launch', "),
-    (['bag', 'play'], '; a full ROS 2 knows more'),
+    (['doctor'], "invalid choice: 'doctor' (choose from 'run', 'launch', "),
+    (['doctor'], '; a full ROS 2 supports more'),
     (['pkg', 'xml'], "invalid choice: 'xml' (choose from 'executables', 'list', 'prefix'); a f"),
     (['launch', 'nope.yaml'], 'No launch file supplied'),
     (['launch', 'dummies', 'nope.yaml'], "file 'nope.yaml' was not found in the share directory"),
@@ -295,10 +297,10 @@ def test_options_of_a_full_ros_2_are_refused_by_name(
         index: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for argv, text in (
         (['pkg', 'prefix', '--share', 'dummies'],
-         "ros2 pkg prefix: error: argument '--share' is not known here, only -h, --help, "
-         'package_name; a full ROS 2 knows more\n'),
+         "ros2 pkg prefix: error: argument '--share' is not supported here, only -h, --help, "
+         'package_name; a full ROS 2 supports more\n'),
         (['launch', '--show-args', 'x'], "ros2 launch: error: argument '--show-args' is not "
-         'known here, only -h, --help, -n, --noninteractive, '),
+         'supported here, only -h, --help, -n, --noninteractive, '),
     ):
         with pytest.raises(SystemExit) as ended:
             main(argv)
@@ -395,7 +397,7 @@ def test_the_end_of_one_process_ends_all(launch: Launch) -> None:
 def test_a_failure_is_returned_and_its_log_shown(launch: Launch, tmp_path: Path) -> None:
     run = launch(bad='|| echo why; exit 3')
     output, _ = run.communicate(timeout=20)
-    assert run.returncode == 1
+    assert run.returncode == 3
     assert 'process has died' in output
     assert 'exit code 3' in output
     assert '[bad-1] why' in output.split('last lines of bad-1')[1]
@@ -425,6 +427,16 @@ def test_interrupt_escalates_to_a_stubborn_process_and_its_children(launch: Laun
     assert "'0.5' seconds after receiving 'SIGTERM', escalating to 'SIGKILL'" in output
     assert not alive(pid)
     assert not alive(int(line.split()[-1]))
+
+
+def test_a_python_that_is_still_starting_prints_no_traceback(launch: Launch) -> None:
+    run = launch(s=f'output: screen || exec {sys.executable} -c '
+                   '"import time; print(1, flush=True); time.sleep(60)"')
+    pid, _ = child_of(run, '[s-1] 1')
+    run.send_signal(signal.SIGINT)
+    output, _ = run.communicate(timeout=20)
+    assert 'Traceback' not in output
+    assert not alive(pid)
 
 
 def test_terminate_is_a_failure(launch: Launch) -> None:
@@ -567,14 +579,21 @@ def test_messages_as_yaml() -> None:
         + ''.join(f'- {number}.0\n' for number in range(128)) + "- '...'\ninner:\n  x: 1.5\n")
 
 
-@pytest.mark.parametrize(('values', 'field'), [
-    ('{agent: abc}', 'agent'), ('{agent: -1}', 'agent'), ('{seed: 1.5}', 'seed'),
-    ('{seed: 9223372036854775808}', 'seed'), ('{settings: [{name: 5}]}', 'settings name')])
-def test_a_value_of_another_type_is_refused_and_no_abort(values: str, field: str) -> None:
+RESET = 'service', 'call', '/reset', 'rocket_msgs/srv/Reset'
+LAND = 'action', 'send_goal', '/land', 'rocket_msgs/action/Land'
+
+
+@pytest.mark.parametrize(('command', 'values', 'field'), [
+    (RESET, '{agent: abc}', 'agent'), (RESET, '{agent: -1}', 'agent'),
+    (RESET, '{seed: 1.5}', 'seed'), (RESET, '{seed: 9223372036854775808}', 'seed'),
+    (RESET, '{settings: [{name: 5}]}', 'settings name'), (LAND, '{policy: 5}', 'policy'),
+    (LAND, '{arguments: [5]}', 'arguments'), (LAND, '{thrust: 5}', 'thrust')])
+def test_a_value_of_another_type_is_refused_and_no_abort(
+        command: tuple[str, ...], values: str, field: str) -> None:
     pytest.importorskip('rocket_msgs', reason='needs the workspace')
     done = subprocess.run(
-        [sys.executable, '-c', _ENTRY, 'service', 'call', '/reset', 'rocket_msgs/srv/Reset',
-         values], text=True, capture_output=True, timeout=60)
+        [sys.executable, '-c', _ENTRY, *command, values], text=True, capture_output=True,
+        timeout=60)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith(f'Failed to populate field: {field}: ')
     assert 'Traceback' not in done.stderr

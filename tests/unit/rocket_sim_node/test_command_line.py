@@ -2,12 +2,15 @@
 """Commands that are no nodes: told to end, they tidy up and say nothing."""
 from __future__ import annotations
 
+import shlex
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from rocket_sim_node import command_line
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -36,3 +39,8 @@ def test_told_to_end_it_tidies_up(number: signal.Signals, tmp_path: Path) -> Non
     _, said = run.communicate(timeout=20)
     assert (run.returncode, said) == (130, '')
     assert not left.exists()
+
+
+@pytest.mark.parametrize('name', ['run.rrd', 'a run #1.rrd', "it's $(x); `y`.rrd"])
+def test_what_shows_a_recording_can_be_pasted_into_a_shell(name: str) -> None:
+    assert shlex.split(command_line.watch_with(Path(name)))[1:] == [name]

@@ -15,11 +15,11 @@ from rich.control import strip_control_codes
 from rocket_msgs import srv
 
 from ppo_agent_node.nodes.agent.rosout import _on_log
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node import worlds
 from rocket_sim_node.printable import printable
 from rocket_sim_node.recording.sinks.web_page import INVITATION
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.messages import conversion
@@ -88,13 +88,13 @@ def test_a_terminal_obeys_nobody_but_the_display(
 def test_what_a_service_answers_is_printable(
         command: Command, text: str, code: int, patience: float) -> None:
     said = list[str]()
-    link: Any = SimpleNamespace(
+    connection: Any = SimpleNamespace(
         name='simulator', adopt_spec=lambda: None, _asked=0.0, _warned=False,
         _options=SimpleNamespace(patience=patience), _begin_call=lambda *_: None,
         _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(warning=said.append)))
     try:
         Connection._judge(
-            link, command, SimpleNamespace(OK=0, BUSY=srv.Reset.Response.BUSY, code=code,
+            connection, command, SimpleNamespace(OK=0, BUSY=srv.Reset.Response.BUSY, code=code,
                                                    message=text), 1.0)
     except (ValueError, SimulatorBusy, EnvironmentRestarted) as error:
         said.append(str(error))

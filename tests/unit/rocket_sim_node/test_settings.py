@@ -17,7 +17,7 @@ INFOS = [info for info in worlds.settings('rocket') if not info.choices]
 UNITLESS = {
     'substeps', 'throttle_cutoff', 'drag_coefficient', 'level', 'observation_limit',
     'reward_step', 'reward_crash', 'reward_landed', 'reward_speed', 'reward_tilt',
-    'reward_distance', 'ignitions', 'spawn_copies',
+    'reward_distance', 'ignitions', 'nominal_share', 'spawn_copies',
     *(name + end for end in ('_low', '_high') for name in (
         'dry_mass_factor', 'thrust_factor', 'isp_factor', 'rcs_factor', 'sensor_noise',
         'gravity_factor', 'fuel_factor', 'air_density_factor', 'throttle_floor')),

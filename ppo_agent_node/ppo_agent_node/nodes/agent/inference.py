@@ -22,11 +22,12 @@ class InferenceParameters:
     """Parameters of mode `infer`, beside those of the connection."""
 
     policy: str = setting(
-        '', '', 'policy file, or the name of one that ships; empty: of the newest finished run, '
-        'else the one that ships for the world')
-    seed: int = setting(0, '', 'where the spawns start', 0, 2**62)
+        '', '', 'policy file, ONNX file, or name of a shipped policy; empty: the policy of the '
+        'newest finished run, or the shipped policy for the world if there is no run')
+    seed: int = setting(0, '', 'seed of the starts', 0, 2**62)
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
-    episodes: int = setting(0, '', 'end after so many episodes; 0: never', 0, 2**31)
+    episodes: int = setting(
+        0, '', 'number of episodes after which the node ends; 0: never', 0, 2**31)
 
 
 def infer(node: Node, executor: Executor, parameters: Parameters) -> int:

@@ -7,22 +7,26 @@ from dataclasses import dataclass
 from rclpy.executors import Executor
 from rclpy.node import Node
 
-from ppo_agent_node.nodes.agent.inference import infer
-from ppo_agent_node.nodes.agent.training import train
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.node.parameters import Parameters
 
-_MODES = {'train': train, 'infer': infer}
+_MODES = ('train', 'infer')
 
 
 @dataclass(frozen=True)
 class AgentParameters:
     """Mode of the node; further parameters depend on it."""
 
-    mode: str = setting('train', '', 'train a policy, or fly one', choices=tuple(_MODES))
+    mode: str = setting(
+        'train', '', 'train: train a policy; infer: fly one', choices=_MODES)
 
 
 def act(node: Node, executor: Executor) -> int:
     """Run the mode that the parameters select."""
     parameters = Parameters(node)
-    return _MODES[parameters.declare(AgentParameters).mode](node, executor, parameters)
+    # Imported here: a training needs PyTorch, and the flight of an ONNX file does not.
+    if parameters.declare(AgentParameters).mode == 'train':
+        from ppo_agent_node.nodes.agent.training import train
+        return train(node, executor, parameters)
+    from ppo_agent_node.nodes.agent.inference import infer
+    return infer(node, executor, parameters)

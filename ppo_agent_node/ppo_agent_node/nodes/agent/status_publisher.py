@@ -13,8 +13,8 @@ from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.nodes.agent.rosout import show_warnings
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.dds import qos
 
 STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
@@ -48,25 +48,28 @@ class StatusPublisher:
             progress=status.iteration, goal=status.iterations, unit='episodes',
             saved=status.saved or self._last.saved))
 
-    def advise(self, simulators: str) -> None:
+    def advise(self, simulators: str, loggers: str = '') -> None:
         """Print how to resume, unless the parent process does; remove a run that never began.
 
         :param simulators: namespaces of the simulators, as given to the agent.
+        :param loggers: of this start, as given to the agent.
         """
         if STARTED_BY_TRAIN in os.environ:
             return
         if not self._folder.config.exists():
             self._folder.withdraw()
-            self._terminal.say('stopped before the run began; start it as before')
+            self._terminal.say('stopped before the run began; start it again the same way')
             return
         words = ['ros2', 'run', 'ppo_agent_node', 'ppo_agent', '--ros-args']
         if self._namespace != '/':
             words += ['-r', f'__ns:={self._namespace}']
         if simulators:
             words += ['-p', f'simulators:={simulators}']
+        if loggers:
+            words += ['-p', f'loggers:={loggers}']
         words += ['-p', f'run_dir:={self._folder.path.resolve()}', '-p', 'resume:=true']
         self._terminal.say(
-            f'stopped; go on, with simulators as they were, by: {shlex.join(words)}')
+            f'stopped; resume, with the same simulators, by: {shlex.join(words)}')
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)

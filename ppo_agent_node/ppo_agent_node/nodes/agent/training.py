@@ -24,11 +24,12 @@ from ppo_agent_node.nodes.flights.connection import require_lockstep
 from ppo_agent_node.nodes.flights.evaluation import fly_and_write
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.status import Status
+from ppo_agent_node.runs.loggers import find as find_loggers
 from ppo_agent_node.terminal import Terminal
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import settings
 from rocket_sim_node.settings import setting
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.client.membership import check_pattern
@@ -44,12 +45,16 @@ from rocket_sim_node.worlds import EnvironmentRestarted
 class TrainingParameters:
     """Parameters of mode `train`, beside the settings of the run."""
 
-    run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001, or the next number')
-    resume: bool = setting(False, '', 'go on with the run in run_dir')
+    run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001 or the next free '
+        'number')
+    resume: bool = setting(False, '', 'whether to resume the run in run_dir')
     simulators: str = simulators_setting()
     preset: str = setting(
-        'default', '', 'where the settings of the run begin',
+        'default', '', "preset on which the run's settings are based",
         choices=presets.preset_names())
+    loggers: str = setting(
+        '', '', 'further logs of the run, separated by commas: tensorboard, package.module:Class '
+        'or file.py:Class')
 
 
 def train(node: Node, executor: Executor, parameters: Parameters) -> int:
@@ -58,6 +63,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
     check_pattern(options.simulators)
+    loggers = find_loggers(options.loggers)
     folder = RunFolder(_run_path(options), options.resume)
     saved = _saved_settings(folder) if options.resume else {}
     with (
@@ -81,21 +87,21 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             require_lockstep(fleet)
             result = Trainer(
                 fleet, config, folder, publisher.report, stop_requested=stop_requested,
-                say=terminal.say).run()
+                say=terminal.say, loggers=loggers).run()
             if result.finished:
                 folder.mark_unfinished()
                 try:
                     _evaluate(fleet, config, folder, publisher, terminal, tick)
                 except EnvironmentClosed:
                     publisher.report_evaluation(Status(
-                        stage='evaluate', message='stopped; a resumed run evaluates anew'))
+                        stage='evaluate', message='stopped; a resumed run repeats the evaluation'))
                     raise
                 folder.mark_finished()
                 return 0
         except EnvironmentClosed:
             pass
         except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
-            publisher.advise(options.simulators)
+            publisher.advise(options.simulators, options.loggers)
             raise
         except NothingLanded:
             folder.mark_finished()  # a resumed run would have the same result
@@ -103,7 +109,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
         except (ValueError, OSError):
             folder.withdraw()
             raise
-        publisher.advise(options.simulators)
+        publisher.advise(options.simulators, options.loggers)
     return 0
 
 
@@ -178,4 +184,4 @@ def _evaluate(
     publisher.report_evaluation(Status(
         stage='done', level=level, landing_rate=summary['landing_rate'], landing_rate_low=low,
         landing_rate_high=high, mean_return=summary['mean_return'], saved='evaluation.json',
-        message=f'everything is in {folder.path}'))
+        message=f'all files are in {folder.path}'))

@@ -12,7 +12,7 @@ from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation.conditions_table import Cell
 from ppo_agent_node.pilots.choice import Chosen
-from ppo_agent_node.runs.status import Status
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
 

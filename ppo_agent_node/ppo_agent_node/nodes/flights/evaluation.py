@@ -16,7 +16,7 @@ from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.flying.pilot import Pilot
-from ppo_agent_node.runs.status import Status
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
 
@@ -41,6 +41,7 @@ def fly_and_write(
     """
     start = time.monotonic()
     told = 0
+    dropped = fleet.messages_dropped
     flown_level = level or int(fleet.spec.settings.get('level', 0))
 
     def progress(done: int, total: int) -> None:
@@ -63,11 +64,13 @@ def fly_and_write(
         poll=poll, report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
-        message='flown; working out figures and plots'))
+        message='all flown; computing figures and plots'))
 
     def write() -> dict[str, Any]:
         optimum = solve_sample(result, optimum_sample)
-        summary = metrics.summarise(result, **optimum.figures(result), **extra)
+        summary = metrics.summarise(
+            result, **optimum.figures(result),
+            messages_dropped=fleet.messages_dropped - dropped, **extra)
         if folder is not None:
             # From an earlier evaluation: its episodes would not match.
             (folder / 'episodes.csv').unlink(missing_ok=True)

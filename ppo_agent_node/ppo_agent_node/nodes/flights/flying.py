@@ -66,7 +66,7 @@ def fly(
             observation, _, _, _, info = client.step(pilot(observation))
             tell_begun(pilot, info['final_rows'])
         except EnvironmentRestarted as error:
-            node.get_logger().warning(f'{error}: starting anew')
+            node.get_logger().warning(f'{error}: starting again')
             observation = None
             seed += 1  # the episodes flown so far are already counted
             continue

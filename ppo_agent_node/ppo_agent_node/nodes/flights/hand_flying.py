@@ -149,7 +149,7 @@ class HandFlying:
         """
         data = self._terminal.read(seconds)
         if data is None:
-            raise EnvironmentClosed('the terminal is gone')
+            raise EnvironmentClosed('the terminal was closed')
         return self._keys.take(data, time.monotonic())
 
     def _take_errors(self) -> bool:
@@ -210,7 +210,7 @@ class HandFlying:
         """Report the end of a flight."""
         rows = np.flatnonzero(info['episodes'].row == 0)
         if not rows.size:
-            self._view.notes = [('', 'how it ended got lost on the way'), ('', ''), _NEXT]
+            self._view.notes = [('', 'the outcome was not received'), ('', ''), _NEXT]
             return
         flight = FlightSummary.of(info['episodes'], int(rows[0]), self._spec)
         self._flights[flight.outcome] += 1

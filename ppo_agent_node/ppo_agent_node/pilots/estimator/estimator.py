@@ -38,38 +38,45 @@ class EstimatorSettings(ExpertSettings):
     """Gains of the expert that identifies its vehicle."""
 
     lateral_time: float = setting(
-        0.5, 's', 'time to go never thought shorter, sideways', 0.02, 10.0)
+        0.5, 's', 'lower bound of the lateral time to go', 0.02, 10.0)
     upright_time: float = setting(
-        0.7, 's', 'burn left from which on the lateral pull fades out, to land upright',
+        0.7, 's', 'remaining burn below which lateral control fades out, so that the rocket lands '
+        'upright',
         1e-3, 10.0)
-    attitude_rate: float = setting(16.0, 'rad/s', 'natural frequency of the attitude', 0.1, 50.0)
+    attitude_rate: float = setting(
+        16.0, 'rad/s', 'natural frequency of the attitude control', 0.1, 50.0)
     expected_strength: float = setting(
-        0.94, '', 'factor of the acceleration of the engine before it has been lit', 0.5, 1.5)
+        0.94, '', "assumed factor of the engine's acceleration before ignition", 0.5, 1.5)
     strength_spread: float = setting(
-        0.04, '', 'standard deviation of that factor among vehicles', 1e-4, 1.0)
+        0.04, '', 'standard deviation of that factor over vehicles', 1e-4, 1.0)
     disturbance: float = setting(
-        0.1, 'm/s^2', 'deviation of accelerations from what is expected, where sights are noisy',
+        0.1, 'm/s^2', 'standard deviation of accelerations from the expected ones, with sensor '
+        'noise',
         1e-3, 100.0)
     side_spread: float = setting(
-        0.6, 'm/s^2', 'standard deviation of the side acceleration along an axis', 1e-3, 100.0)
+        0.6, 'm/s^2', 'standard deviation of the side acceleration per axis', 1e-3, 100.0)
     side_wandering: float = setting(
-        0.05, 'm/s^2', 'by which it changes in a second, where sights are noisy', 1e-6, 100.0)
+        0.05, 'm/s^2', 'standard deviation of the change of the side acceleration in one second, '
+        'with sensor noise', 1e-6, 100.0)
     side_memory: float = setting(
-        5.0, 's', 'in which measurements of the side acceleration are forgotten', 0.02, 1e4)
+        5.0, 's', 'time constant with which measurements of the side acceleration are '
+        'forgotten', 0.02, 1e4)
     side_upright_time: float = setting(
-        0.3, 's', 'burn left from which on it is no longer leant against the side acceleration',
+        0.3, 's', 'remaining burn below which the rocket no longer leans against the side '
+        'acceleration',
         0.01, 10.0)
     lagging_flare: float = setting(
-        2.0, '', 'flare rate at most, as a multiple of 1 / lag', 0.1, 1e3)
+        2.0, '', 'upper bound of the flare rate, as a multiple of 1 / lag', 0.1, 1e3)
     noisy_flare_rate: float = setting(
-        5.0, '1/s', 'flare rate at most where sights are noisy', 0.5, 1e3)
+        5.0, '1/s', 'upper bound of the flare rate, with sensor noise', 0.5, 1e3)
     noisy_lateral_time: float = setting(
-        2.5, 's', 'time to go never thought shorter, sideways, where sights are noisy',
+        2.5, 's', 'lower bound of the lateral time to go, with sensor noise',
         0.02, 10.0)
     noise_margin: float = setting(
-        2.0, '', 'deviations of height and speed that the touchdown is faster by', 0.0, 10.0)
+        2.0, '', 'increase of the touchdown speed, in standard deviations of height and '
+        'speed', 0.0, 10.0)
     lag_inverted: float = setting(
-        1.0, '', 'share of the lag of the engine that commands make up for', 0.0, 1.0)
+        1.0, '', "fraction of the engine's lag that commands compensate", 0.0, 1.0)
 
 
 class ExpertEstimator(StatefulExpert):

@@ -42,34 +42,40 @@ class ExpertSettings:
     """Gains of the scripted pilot."""
 
     braking_share: float = setting(
-        0.93, '', 'planned deceleration, as a share of what full throttle gives at half fuel',
+        0.93, '', 'planned deceleration, as a fraction of that of full throttle at half fuel',
         0.1, 1.0)
-    flare_rate: float = setting(42.0, '1/s', 'speed per height in the flare', 0.5, 1000.0)
-    flare_speed: float = setting(0.0084, 'm/s', 'speed at touchdown the flare aims at', 1e-4, 2.0)
+    flare_rate: float = setting(42.0, '1/s', 'ratio of speed to height in the flare', 0.5, 1000.0)
+    flare_speed: float = setting(
+        0.0084, 'm/s', 'touchdown speed that the flare aims at', 1e-4, 2.0)
     speed_settling: float = setting(
-        0.053, '', 'time in which errors in speed die out, as a share of the burn left', 0.0, 10.0)
+        0.053, '', 'time constant of speed errors, as a fraction of the remaining burn', 0.0, 10.0)
     lateral_power: float = setting(
-        5.2, '', 'the distance to the axis shrinks with this power of the time to go', 1.0, 20.0)
+        5.2, '', 'power of the time to go with which the distance to the axis shrinks', 1.0, 20.0)
     lateral_time: float = setting(
-        0.43, 's', 'time to go never thought shorter, sideways', 0.02, 10.0)
+        0.43, 's', 'lower bound of the lateral time to go', 0.02, 10.0)
     upright_time: float = setting(
-        0.41, 's', 'burn left from which on the lateral pull fades out, to land upright',
+        0.41, 's', 'remaining burn below which lateral control fades out, so that the rocket '
+        'lands upright',
         1e-3, 10.0)
     lateral_reach: float = setting(
-        4.2, 'm/s^2', 'lateral acceleration counted on when the pace is chosen', 0.1, 100.0)
+        4.2, 'm/s^2', 'lateral acceleration assumed when the pace is chosen', 0.1, 100.0)
     lateral_stretch: float = setting(
-        1.8, '', 'time allowed sideways, as a multiple of the shortest possible', 0.1, 10.0)
+        1.8, '', 'time allowed for the lateral motion, as a multiple of the shortest '
+        'possible', 0.1, 10.0)
     lateral_grace: float = setting(
-        0.22, 's', 'time sideways that is not waited for, lest a small miss delay the touchdown',
+        0.22, 's', 'lateral time that does not delay the descent, so that a small miss does not '
+        'delay the touchdown',
         0.0, 10.0)
     tilt_reserve: float = setting(
-        1.4, '', 'part of the first lateral pull that thrust is kept in reserve for', 0.0, 2.0)
-    slowest: float = setting(0.24, '', 'smallest pace of the descent', 0.01, 1.0)
-    tilt_cap: float = setting(31.0, 'deg', 'largest tilt asked for', 0.0, 80.0)
-    attitude_rate: float = setting(27.0, 'rad/s', 'natural frequency of the attitude', 0.1, 50.0)
-    attitude_damping: float = setting(0.96, '', 'damping ratio of the attitude', 0.1, 10.0)
+        1.4, '', 'fraction of the initial lateral acceleration for which thrust is kept in '
+        'reserve', 0.0, 2.0)
+    slowest: float = setting(0.24, '', 'lower bound of the pace of the descent', 0.01, 1.0)
+    tilt_cap: float = setting(31.0, 'deg', 'maximum commanded tilt', 0.0, 80.0)
+    attitude_rate: float = setting(
+        27.0, 'rad/s', 'natural frequency of the attitude control', 0.1, 50.0)
+    attitude_damping: float = setting(0.96, '', 'damping ratio of the attitude control', 0.1, 10.0)
     attitude_brake: float = setting(
-        0.57, '', 'share of the RCS counted on to stop a turn', 0.05, 1.0)
+        0.57, '', 'fraction of the RCS torque assumed available to stop a rotation', 0.05, 1.0)
 
 
 class ExpertPilot:

@@ -33,23 +33,25 @@ class HoverslamSettings(ExpertSettings):
     """Gains of the pilot of an engine that cannot hover."""
 
     braking_share: float = setting(
-        0.8, '', 'planned deceleration, as a share of what full throttle gives at half fuel',
+        0.8, '', 'planned deceleration, as a fraction of that of full throttle at half fuel',
         0.1, 1.0)
     lateral_stretch: float = setting(
-        1.5, '', 'time allowed sideways, as a multiple of the shortest possible', 0.1, 10.0)
-    tilt_cap: float = setting(38.0, 'deg', 'largest tilt asked for', 0.0, 80.0)
-    flare_speed: float = setting(0.02, 'm/s', 'speed at touchdown', 1e-4, 2.0)
+        1.5, '', 'time allowed for the lateral motion, as a multiple of the shortest '
+        'possible', 0.1, 10.0)
+    tilt_cap: float = setting(38.0, 'deg', 'maximum commanded tilt', 0.0, 80.0)
+    flare_speed: float = setting(0.02, 'm/s', 'touchdown speed', 1e-4, 2.0)
     last_speed: float = setting(
-        2.0, 'm/s', 'speed from which on the planned deceleration leaves room on both sides',
+        2.0, 'm/s', 'speed above which the planned deceleration leaves a margin on both sides',
         0.01, 20.0)
     last_share: float = setting(
-        0.5, '', 'deceleration below it, from the least (0) to the most (1) the engine gives',
+        0.5, '', "deceleration below that speed, from the engine's minimum (0) to its maximum (1)",
         0.0, 1.0)
     settled_time: float = setting(
-        4.0, 's', 'burn left from which on the descent is not made slower or faster any more',
+        4.0, 's', 'remaining burn below which the pace of the descent stays fixed',
         0.0, 30.0)
     least_share: float = setting(
-        0.05, '', 'least planned deceleration, from the least (0) to the most (1)', 0.0, 1.0)
+        0.05, '', "lower bound of the planned deceleration, from the engine's minimum (0) to its "
+        'maximum (1)', 0.0, 1.0)
 
 
 class HoverslamPilot(StatefulExpert):

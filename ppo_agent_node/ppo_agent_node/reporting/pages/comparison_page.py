@@ -17,9 +17,9 @@ from ppo_agent_node.reporting.pictures.learning_curves import Group
 from ppo_agent_node.reporting.run_files import Run
 
 CAPTION = (
-    'By environment steps on the left and wall clock on the right: the line is the median over '
-    'the seeds of a group, the band reaches from the lowest to the highest, and each seed is a '
-    'thin line; all where every seed of the group has data.')
+    'Left: by environment steps. Right: by wall clock. The thick line is the median over the '
+    'seeds of a group, the band reaches from the lowest to the highest, and each seed is a thin '
+    'line. Median and band are drawn only where every seed of the group has data.')
 _HEAD = ('run', 'group', 'seed', 'landed', '95 % interval', 'mean return', '95 % interval',
          'touchdown speed, mean', 'fuel / optimum', 'steps', 'time')
 

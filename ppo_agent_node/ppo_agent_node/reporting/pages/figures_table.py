@@ -10,7 +10,7 @@ import numpy as np
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.reporting.pictures.touchdowns import on_ground
 from ppo_agent_node.statistics import mean_interval
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 
 Row = tuple[str, str, str, str]
 HEAD = ('figure', 'value', '95 % interval', 'spread')

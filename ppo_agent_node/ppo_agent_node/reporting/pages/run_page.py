@@ -19,30 +19,29 @@ from ppo_agent_node.reporting.run_files import EPISODES
 from ppo_agent_node.reporting.run_files import FIGURES
 from ppo_agent_node.reporting.run_files import Run
 from ppo_agent_node.statistics import BOOTSTRAPPED
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 
 REPORT = 'report.html'
 _FILES = {
     'config.yaml': 'every setting and the seed',
-    'train.jsonl': 'the log: one line an iteration, an object of JSON',
+    'train.jsonl': 'the log: one line per iteration, each a JSON object',
     'evaluation.json': 'figures of the evaluation',
-    'episodes.csv': 'the episodes of the evaluation, one a line; units stand in the names of the '
-                    'columns',
-    'conditions.json': 'the table of conditions, every cell with its figures',
-    'conditions.md': 'the same as a table to read',
-    'conditions.csv': 'the same, a cell a line',
+    'episodes.csv': 'the episodes of the evaluation, one per line; column names contain the units',
+    'conditions.json': 'the table of conditions: the figures of every cell',
+    'conditions.md': 'the same as a readable table',
+    'conditions.csv': 'the same, one cell per line',
     'policy.safetensors': 'the best policy, with a description of world and training',
-    'cloned.safetensors': 'what cloning made, before fine-tuning',
+    'cloned.safetensors': 'the clone, before fine-tuning',
     'recording.rrd': 'the flights, for Rerun: rerun recording.rrd',
-    'recording.partial.rrd': 'the recording while it is being written; then recording.rrd',
-    'checkpoints': 'the newest two and the best state of training, each complete',
+    'recording.partial.rrd': 'the recording while it is written, recording.rrd afterwards',
+    'checkpoints': 'complete states of the training: the newest two and the best',
     'plots': 'the pictures of this page',
     REPORT: 'this page',
 }
 _FACTS = (
     ('policy', 'pilot'), ('policy_file', 'file of the policy'),
     ('policy_sha256', 'its SHA-256'), ('seed', 'seed of the evaluation'),
-    ('training_seed', 'seed of the training'), ('num_envs', 'flown at a time'),
+    ('training_seed', 'seed of the training'), ('num_envs', 'rockets flown at once'),
 )
 
 
@@ -103,8 +102,8 @@ def _notes(run: Run) -> list[Markup]:
         notes.append(f'No {FIGURES}: this run has not been evaluated yet.')
     elif run.figures is not None and run.episodes is None:
         notes.append(
-            f'No {EPISODES}: this evaluation kept its figures only, so that pictures of single '
-            'episodes cannot be drawn. Evaluate again to have them.')
+            f'No {EPISODES}: this evaluation kept only its figures, so plots of single episodes '
+            'cannot be drawn. Evaluate again to get them.')
     if run.config and not run.stage('finetune'):
         notes.append('No iterations of fine-tuning in the log yet.')
     return [html.tag('div', note, class_='note') for note in notes]
@@ -124,7 +123,7 @@ def _evaluation(run: Run, pictures: Sequence[Picture]) -> list[Markup]:
         html.tag(
             'p', f'Outcomes: {ends}. Intervals: Wilson for rates; for means bootstrap up to '
             f'{BOOTSTRAPPED:,} values, normal beyond.', class_='soft'),
-        html.tag('details', html.tag('summary', 'Who flew, and from which starts'),
+        html.tag('details', html.tag('summary', 'Pilot and starts'),
                  html.table((), facts)),
         *_section(EVALUATION, pictures)[1:]]
 
@@ -156,15 +155,15 @@ def _settings(run: Run) -> list[Markup]:
     if not found:
         return []
     parts = [html.tag('h2', 'Settings'), Markup(
-        '<p class="soft">Marked: what differs from the preset, or from the default.</p>'
+        '<p class="soft">Marked settings differ from the preset, or from the default.</p>'
         '<input class="screen" type="search" aria-label="Search the settings" '
         'placeholder="Search the settings">')]
     for section in found:
         differing = sum(setting.differs for setting in section.settings)
         summary = f'{section.title}: {len(section.settings)} settings' + (
-            f', {differing} not as usual' if differing else '')
+            f', {differing} changed' if differing else '')
         parts.append(html.tag('details', html.tag('summary', summary), html.table(
-            ('name', 'value', 'usually', 'meaning'),
+            ('name', 'value', 'default', 'meaning'),
             [(html.tag('code', one.name), html.tag('code', one.value),
               html.tag('code', one.usual) if one.usual else '', one.meaning)
              for one in section.settings],
@@ -186,7 +185,7 @@ def _files(folder: Path) -> Markup:
         meaning = _FILES.get(name, '') + (f': {", ".join(inner)}' if inner else '')
         link = html.tag('a', name + '/' * path.is_dir(), href=f'./{quote(name)}')
         rows.append((link, size, meaning))
-    return Markup(html.tag('h2', 'Files') + html.table(('file', 'size', 'what it is'), rows))
+    return Markup(html.tag('h2', 'Files') + html.table(('file', 'size', 'content'), rows))
 
 
 def _size(count: int) -> str:

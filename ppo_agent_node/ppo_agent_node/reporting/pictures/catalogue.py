@@ -139,43 +139,43 @@ def _scores(run: Run) -> Figure | None:
 
 CATALOGUE = {
     'outcomes': _Entry('How the episodes ended', EVALUATION, _outcomes, (
-        'All episodes by how they ended, as a pie and as bars with counts: green is landed, every '
-        'other colour a way to fail.')),
+        'All episodes by outcome, as a pie and as bars with counts. Green is landed; every other '
+        'colour is a kind of failure.')),
     'returns': _Entry('Reward per episode', EVALUATION, _returns, (
-        'Each dot is the return of an episode in the colour of its outcome, to the right how many '
-        'there are of each height: landings lie in a thin line at the top, crashes far below.')),
+        'Each dot is the return of one episode, in the colour of its outcome; the histogram on '
+        'the right counts them. Landings form a thin line at the top; crashes lie far below.')),
     'touchdown': _Entry('Touchdowns', EVALUATION, _touchdown, (
-        'How fast, how tilted and how far off the centre they came down: all three count as '
-        'better the further left, and the dashed line has 95 % of them to its left.')),
-    'footprint': _Entry('Where they came down', EVALUATION, _footprint, (
-        'Places of touchdown as seen from above (from the side, where all flights lie in one '
-        'plane), on the whole pad and magnified: a cloud off the cross is a bias, a wide one '
-        'scatter.')),
+        'Speed, tilt and distance from the centre at touchdown. Further left is better; 95 % of '
+        'the touchdowns lie to the left of the dashed line.')),
+    'footprint': _Entry('Touchdown points', EVALUATION, _footprint, (
+        'Touchdown points seen from above (from the side if all flights lie in one plane), on '
+        'the whole pad and magnified. A cloud away from the cross shows a bias; a wide cloud '
+        'shows scatter.')),
     'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
-        'Landings of the starts that were solved, from the nearest to the optimum to the '
-        'farthest: a bar is what one took beyond the least fuel, or the least time, of a soft '
-        'landing from its start with a thrust that may turn at once.')),
+        'Landings of the solved starts, sorted by their distance from the optimum. A bar is the '
+        'fuel, or the time, used beyond the minimum of a soft landing from the same start with a '
+        'thrust vector that can turn instantly.')),
     'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
-        'Fuel of each episode over its speed at the start; the line is the least that a straight '
-        'drop to rest can take, so the gap, and on the right the ratio, is what was wasted or '
-        'went into tilt, drift and offset.')),
+        'Fuel of each episode over its speed at the start. The line is the minimum of a straight '
+        'drop to rest. The gap to it (on the right: the ratio) was wasted, or used for tilt, '
+        'drift and offset.')),
     'initial_conditions': _Entry('Landing rate by initial condition', EVALUATION, _starts, (
-        'Episodes in bins of equal number along each initial condition: where an interval lies '
-        'below the grey band, the policy is weaker there than on the whole.')),
+        'Episodes in bins of equal count along each initial condition. Where an interval lies '
+        'below the grey band, the policy is weaker there than its average.')),
     'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
-        'A row for each condition, a column for each pilot, all from the same starts: how many '
-        'landed, and the mean return with failures counted in, which is also low where rockets '
-        'land late, hard or off the centre.')),
+        'One row per condition, one column per pilot, all from the same starts: the landing rate '
+        'and the mean return, failures included. The return is also low where rockets land late, '
+        'hard or off the centre.')),
     'training': _Entry('Learning curves', TRAINING, _training, (
-        'Mean return raw and smoothed, landing rate with its 95 % interval, and level, by '
-        'iteration; the red dots are flights without noise on the final level, by which the best '
-        'policy was picked.')),
+        'Mean return (raw and smoothed), landing rate with its 95 % interval, and level, by '
+        'iteration. The red dots are flights without noise on the final level, which select the '
+        'best policy.')),
     'cloning': _Entry('Cloning the expert', TRAINING, _cloning, (
-        'Loss of imitation on the demonstrations and on episodes kept apart, by epoch: red rising '
-        'while blue falls would be overfitting; the star is what was kept.')),
+        'Imitation loss on the demonstrations (blue) and on held-out episodes (red), by epoch. '
+        'Red rising while blue falls would be overfitting; the star marks the policy kept.')),
     'diagnostics': _Entry('Losses, entropy, divergence', TRAINING, _diagnostics, (
-        'What each update did: the divergence (KL) should stay near its target or below, entropy '
-        'fall slowly, and explained variance rise towards 1 where returns differ.')),
+        'What each update did. The divergence (KL) should stay near its target or below, entropy '
+        'should fall slowly, and explained variance should rise towards 1 where returns differ.')),
     'score': _Entry('Score, episode by episode', TRAINING, _scores, (
         'The score of each training episode as it ended, and the average of the last 50.')),
 }

@@ -15,7 +15,7 @@ from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.pictures.style import GREEN
 from ppo_agent_node.reporting.pictures.style import GREY
 from ppo_agent_node.reporting.pictures.style import INK
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 
 SOLVED = {'lunar_lander': 200.0}
 """Returns that count as solved, by world (Gymnasium's documentation of LunarLander)."""

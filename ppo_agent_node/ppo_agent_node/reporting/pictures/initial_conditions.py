@@ -17,7 +17,7 @@ from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.pictures.flights import subject
 from ppo_agent_node.reporting.pictures.style import BLUE
 from ppo_agent_node.statistics import wilson
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 from rocket_sim_node.worlds.base import F64
 
 MOST_BINS, LEAST_EPISODES = 10, 25

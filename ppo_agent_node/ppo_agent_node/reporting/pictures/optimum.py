@@ -36,7 +36,7 @@ def optimum_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure
     left = int(solved.sum() - shown.sum())
     figure.suptitle(
         f'{subject(figures)}: {int(shown.sum())} landings against their optimum'
-        + (f' ({left} more starts were not landed)' if left else ''), x=0.01, ha='left')
+        + (f' ({left} other starts ended in a failure)' if left else ''), x=0.01, ha='left')
     return figure
 
 
@@ -50,5 +50,5 @@ def _bars(axes: Axes, excess: F64, what: str, colour: str) -> None:
     axes.set_ylabel(f'{what} beyond the optimum (%)')
     axes.set_xlim(0.3, len(excess) + 0.7)
     axes.set_title(
-        f'{what}: mean {excess.mean():.2f} % (dashed), most {excess.max():.2f} %',
+        f'{what}: mean {excess.mean():.2f} % (dashed), maximum {excess.max():.2f} %',
         fontsize=10, fontweight='normal')

@@ -22,7 +22,7 @@ from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import NDArray
 
 from ppo_agent_node.atomic_file import write_atomically
-from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node import palette
 
 Values = NDArray[np.float64] | NDArray[np.int64]
 Chosen = NDArray[np.bool_]

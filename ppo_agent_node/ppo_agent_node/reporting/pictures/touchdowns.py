@@ -23,7 +23,7 @@ from ppo_agent_node.reporting.pictures.style import GREEN
 from ppo_agent_node.reporting.pictures.style import INK
 from ppo_agent_node.reporting.pictures.style import PALE
 from ppo_agent_node.reporting.pictures.style import VERMILION
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 from rocket_sim_node.worlds.base import F64
 
 Figures = Mapping[str, Any]
@@ -126,7 +126,7 @@ def footprint_figure(
         handles, labels = whole.get_legend_handles_labels()
         figure.legend(handles, labels, loc='outside lower center', ncols=len(handles),
                       markerscale=1.5)
-    figure.suptitle(f'{subject(figures)}: where {int(ground.sum())} came down\n',
+    figure.suptitle(f'{subject(figures)}: {int(ground.sum())} touchdown points\n',
                     x=0.01, ha='left')
     return figure
 
@@ -177,7 +177,7 @@ def fuel_figure(figures: Figures, episodes: EpisodeTable) -> Figure:
         figure.subplots(),)
     dots(left, speed, used, episodes, figures['outcomes'], np.isfinite(used))
     order = np.argsort(speed)
-    left.plot(speed[order], bound[order], '-', color=INK, lw=2, label='least of a straight drop')
+    left.plot(speed[order], bound[order], '-', color=INK, lw=2, label='minimum of a straight drop')
     if np.ptp(speed) < 1e-6:
         left.plot(speed[:1], bound[:1], '_', color=INK, ms=30, mew=2)
         left.set_xlim(speed[0] - 1, speed[0] + 1)
@@ -187,11 +187,11 @@ def fuel_figure(figures: Figures, episodes: EpisodeTable) -> Figure:
         right.hist(ratio, bins=40, color=BLUE)
         right.axvline(1.0, color=INK, lw=2)
         right.axvline(ratio.mean(), color=INK, lw=1.2, ls='--')
-        right.set_xlabel('fuel used / least (no unit)')
+        right.set_xlabel('fuel used / minimum (no unit)')
         right.set_ylabel('landings in a bin')
         right.set_title(f'mean {ratio.mean():.3f} (dashed), median {np.median(ratio):.3f}',
                         fontsize=10, fontweight='normal')
-    note = f'landings took {ratio.mean():.3f} times the least' if ratio.size else 'none landed'
+    note = f'landings used {ratio.mean():.3f} times the minimum' if ratio.size else 'none landed'
     figure.suptitle(f'{subject(figures)}: fuel, {note}', x=0.01, ha='left')
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', markerscale=2.5, ncols=5)

@@ -36,7 +36,7 @@ def cloning_figure(lines: Lines) -> Figure:
     axes.plot(epoch, column(lines, 'clone_loss'), color=BLUE, marker='o', ms=4,
               label='training')
     axes.plot(epoch, validation, color=VERMILION, marker='s', ms=4,
-              label='validation, other episodes')
+              label='validation, held-out episodes')
     rounds = np.flatnonzero(np.isfinite(column(lines, 'dagger_round')))
     landed = column(lines, 'landing_rate')
     for number in rounds:

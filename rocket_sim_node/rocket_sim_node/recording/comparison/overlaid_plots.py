@@ -11,9 +11,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import palette
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
-from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.plots import Plot
 from rocket_sim_node.recording.scene.sceneries import Scenery
 from rocket_sim_node.recording.scene.sceneries import scenery

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rocket_sim_node.recording.drawing.palette import words
+from rocket_sim_node.palette import words
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Building blocks of scenes and plots: colours, meshes, entities, views, curves."""
+"""Building blocks of scenes and plots: meshes, entities, views, curves."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import rerun as rr
 
-from rocket_sim_node.recording.drawing import palette
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 

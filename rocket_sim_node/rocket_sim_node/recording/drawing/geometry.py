@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node.recording.drawing.palette import Colour
+from rocket_sim_node.palette import Colour
 
 F32 = NDArray[np.float32]
 Point = tuple[float, float, float]

@@ -13,10 +13,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from rocket_sim_node import palette
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.geometry import Mesh
-from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.views import histories
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory

@@ -11,10 +11,13 @@ import pyarrow as pa  # type: ignore[import-untyped]  # it has no types
 import rerun as rr
 from numpy.typing import NDArray
 
-from rocket_sim_node.recording.drawing import palette
-from rocket_sim_node.recording.drawing.palette import Colour
+from rocket_sim_node import palette
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.quantities import QUANTITIES
+from rocket_sim_node.telemetry.quantities import Curves
+from rocket_sim_node.telemetry.quantities import Quantity
 from rocket_sim_node.worlds.lunar.vehicle import SIDE_ENGINE_AWAY
 from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 
@@ -42,7 +45,8 @@ class Plot:
 
     `records` is :data:`SAMPLE` or :data:`UNUSUAL`. `lines` gives the values of a flight of n
     samples, one `(n,)` for each line. If `rough`, they are stored with half precision, 0.05 %,
-    enough for drawing values that follow from other components.
+    enough for drawing values that follow from other components. `behind` is the name of the plot
+    in whose view it is drawn, if it has none of its own.
     """
 
     title: str
@@ -52,6 +56,7 @@ class Plot:
     lines: Callable[[Trajectory, WorldInfo], tuple[F64, ...]]
     rough: bool = False
     records: str = SAMPLE
+    behind: str = ''
 
     def table(
         self, flight: Trajectory, info: WorldInfo,
@@ -115,14 +120,24 @@ REWARD = Plot(
     _reward)
 CONTACT = Plot(
     'Force of the ground (weights)', 'contact', ('force',), (palette.VERMILION,), _contact)
-COMMANDED = Plot(
-    'Commanded throttle (%)', 'commanded', ('commanded',), (palette.GREY,),
-    lambda flight, _: (100.0 * flight.commanded_throttle,), rough=True, records=UNUSUAL)
-DISTURBANCE = Plot(
-    'Wind and gusts (m/s²)', 'disturbance', ('along x', 'along y'), (palette.SKY, palette.ORANGE),
-    lambda flight, _: (flight.disturbance[:, 0], flight.disturbance[:, 1]), rough=True,
-    records=UNUSUAL)
-UNUSUALS = (COMMANDED, DISTURBANCE)
+
+
+def _of(quantity: Quantity, curves: Curves) -> Plot:
+    """Return the plot that the table of quantities describes."""
+    def lines(flight: Trajectory, _: WorldInfo) -> tuple[F64, ...]:
+        columns = getattr(flight, quantity.name).reshape(len(flight), -1).T
+        return tuple(curves.factor * columns[:len(curves.lines)])
+
+    return Plot(
+        curves.title, curves.field, tuple(curves.lines), tuple(curves.lines.values()), lines,
+        rough=True, records=UNUSUAL if curves.unusual else SAMPLE, behind=curves.behind)
+
+
+_QUANTITIES = tuple(
+    _of(quantity, quantity.curves) for quantity in QUANTITIES if quantity.curves is not None)
+EVERYWHERE = tuple(plot for plot in _QUANTITIES if plot.records == SAMPLE)
+"""Plots of quantities for every flight, in every world."""
+UNUSUALS = tuple(plot for plot in _QUANTITIES if plot.records == UNUSUAL)
 """Plots of the records of flights under conditions that are not nominal."""
 
 

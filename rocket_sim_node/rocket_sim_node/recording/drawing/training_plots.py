@@ -7,57 +7,23 @@ from array import array
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
-from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import timelines
+from rocket_sim_node.telemetry.training_status import CURVES
 
 LEARNING = ('demonstrate', 'clone', 'finetune')
 """Stages in which the agent learns; in the others it is evaluated."""
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One line of a plot: a number of TrainingStatus.msg, times `factor`."""
-
-    value: str
-    name: str
-    colour: Colour
-    factor: float = 1.0
-
-
-CURVES: Mapping[str, tuple[str, tuple[Curve, ...]]] = {
-    'return': ('Return', (Curve('mean_return', 'mean return', palette.GREEN),)),
-    'landing_rate': ('Landing rate (%)', (
-        Curve('landing_rate_low', '95 % interval, low', palette.GREY, 100.0),
-        Curve('landing_rate_high', '95 % interval, high', palette.GREY, 100.0),
-        Curve('landing_rate', 'landing rate', palette.GREEN, 100.0))),
-    'loss': ('Losses', (
-        Curve('policy_loss', 'policy', palette.SKY),
-        Curve('value_loss', 'value', palette.ORANGE))),
-    'cloning': ('Cloning loss', (
-        Curve('clone_loss', 'training', palette.SKY),
-        Curve('clone_validation_loss', 'held-out flights', palette.ORANGE))),
-    'divergence': ('KL divergence and clipping', (
-        Curve('approx_kl', 'approx. KL', palette.PURPLE),
-        Curve('clipfrac', 'clipped fraction', palette.GREY))),
-    'entropy': ('Entropy (nats)', (
-        Curve('entropy', 'entropy', palette.SKY),
-        Curve('log_std', 'log std', palette.GREY))),
-    'speed': ('Steps per second', (
-        Curve('steps_per_second', 'rocket steps per second', palette.SKY),)),
-    'level': ('Curriculum level', (Curve('level', 'level', palette.ORANGE),)),
-    'reach': ('Height of the highest starts (m)', (
-        Curve('reach', 'above touchdown', palette.ORANGE),)),
-}
-"""Plots by their entity below `/training`: title and lines."""
-LINES = tuple(curve for _, curves in CURVES.values() for curve in curves)
+LINES = tuple(curve for curves in CURVES.values() for curve in curves)
 """The lines of all plots."""
 
 
@@ -76,6 +42,17 @@ class Training:
     def learning(self) -> bool:
         """Whether the agent is still learning."""
         return self.stage in LEARNING
+
+
+def training_of(message: Any) -> Training:
+    """Return the report in a message of type TrainingStatus, or in an object with its fields.
+
+    Without a curriculum (level 0) it has no level curve.
+    """
+    values = {line.value: float(getattr(message, line.value)) for line in LINES}
+    if not message.level:
+        del values['level']
+    return Training(message.stage, message.iteration, values, message.message, message.run)
 
 
 class IterationCounter:
@@ -102,7 +79,7 @@ class IterationCounter:
 
 def log_styles(stream: rr.RecordingStream) -> None:
     """Log names and colours of the curves."""
-    for entity, (_, curves) in CURVES.items():
+    for entity, curves in CURVES.items():
         stream.log(f'{entities.TRAINING}/{entity}', rr.SeriesLines(
             names=[curve.name for curve in curves], colors=[curve.colour for curve in curves],
             widths=[1.0 if curve.colour == palette.GREY else 2.0 for curve in curves],
@@ -151,7 +128,7 @@ def log_training(
     :param values: `(k, lines)`, see :class:`GatheredReports`.
     """
     shown = np.where(np.isfinite(values), values, np.nan)
-    ends = np.cumsum([len(curves) for _, curves in CURVES.values()])
+    ends = np.cumsum([len(curves) for curves in CURVES.values()])
     for entity, table in zip(CURVES, np.split(shown, ends[:-1], axis=1), strict=True):
         kept = np.flatnonzero(np.any(np.isfinite(table), axis=1)).tolist()
         if kept:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import rerun as rr
 import rerun.blueprint as rrb
 
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 
 TRAIL_SECONDS = 5.0
 PATH_SECONDS = 60.0

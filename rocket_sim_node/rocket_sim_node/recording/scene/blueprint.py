@@ -13,13 +13,12 @@ from rerun.blueprint.encodings import ComponentSourceKind
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing.plots import COMMANDED
-from rocket_sim_node.recording.drawing.plots import DISTURBANCE
-from rocket_sim_node.recording.drawing.plots import ENGINE
+from rocket_sim_node.recording.drawing.plots import EVERYWHERE
 from rocket_sim_node.recording.drawing.plots import STYLES
+from rocket_sim_node.recording.drawing.plots import UNUSUALS
 from rocket_sim_node.recording.drawing.plots import Plot
-from rocket_sim_node.recording.drawing.training_plots import CURVES
 from rocket_sim_node.recording.scene.sceneries import scenery
+from rocket_sim_node.telemetry.training_status import PLOTS
 
 PLOT_BEHIND = 12.0
 PLOT_AHEAD = 3.0
@@ -52,7 +51,7 @@ def blueprint(
     """
     look = scenery(world)
     tabs: dict[str, rrb.Container | rrb.View] = {
-        'flight': _flight_tab(look.plots, unusual=unusual), 'log': _log_view()}
+        'flight': _flight_tab(look.plots + EVERYWHERE, unusual=unusual), 'log': _log_view()}
     if training:
         tabs['training'] = _training_tab()
     if unusual:
@@ -87,11 +86,12 @@ def without_origin(view: rrb.View) -> rrb.View:
 def _flight_tab(plots: tuple[Plot, ...], *, unusual: bool) -> rrb.Vertical:
     """Return the plots of a flight, some seconds around the cursor.
 
-    :param unusual: with the commanded throttle below the actual one.
+    :param unusual: with those for conditions that are not nominal, where they lie behind others.
     """
     shares = [3, *[2] * (len(plots) - 1)]
     views = [
-        _plot_view(plot.title, *([COMMANDED] if unusual and plot is ENGINE else []), plot)
+        _plot_view(plot.title, *(
+            other for other in UNUSUALS if unusual and other.behind == plot.name), plot)
         for plot in plots]
     phase = without_origin(rrb.StateTimelineView(name='Phase', contents=[entities.PHASE]))
     # It supports a time axis like the plots, but its constructor has no argument for it.
@@ -109,9 +109,10 @@ def _plot_view(title: str, *plots: Plot) -> rrb.View:
 
 def _conditions_tab() -> rrb.Vertical:
     """Return the view of a flight's drawn conditions and of its disturbances."""
+    views = [_plot_view(plot.title, plot) for plot in UNUSUALS if not plot.behind]
     return rrb.Vertical(
         without_origin(rrb.TextDocumentView(name='Drawn', contents=[entities.CONDITIONS])),
-        _plot_view(DISTURBANCE.title, DISTURBANCE), name='Conditions', row_shares=[3, 2])
+        *views, name='Conditions', row_shares=[3, *[2] * len(views)])
 
 
 def lines(plot: Plot, *, styled: bool = True) -> rrb.Visualizer:
@@ -131,7 +132,7 @@ def _training_tab() -> rrb.Vertical:
     """Return the curves of a training run."""
     views = [
         without_origin(rrb.TimeSeriesView(name=title, contents=[f'{entities.TRAINING}/{entity}']))
-        for entity, (title, _) in CURVES.items()]
+        for entity, title in PLOTS.items()]
     return rrb.Vertical(
         rrb.Grid(*views, grid_columns=2),
         without_origin(rrb.StateTimelineView(name='Stage', contents=[entities.TRAINING_STAGE])),

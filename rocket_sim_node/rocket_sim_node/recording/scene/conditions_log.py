@@ -11,12 +11,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import frames
+from rocket_sim_node import palette
 from rocket_sim_node import settings
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import plots
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
-from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import rocket_model
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
@@ -96,7 +96,7 @@ def text(flight: Trajectory, info: WorldInfo) -> str:
         towards = _towards(name, value, found, info) if name in _DIRECTIONS else ''
         lines.append(
             f'| {palette.words(name)} | {value:.4g}{unit}{towards} | {setting.default:g}{unit} |')
-    return '\n'.join([*lines, '', 'All else is nominal.'])
+    return '\n'.join([*lines, '', 'All other conditions are nominal.'])
 
 
 def _towards(name: str, value: float, found: dict[str, float], info: WorldInfo) -> str:
@@ -129,7 +129,7 @@ def log_conditions(
     if not flight.disturbance.any():
         return
     # In the body frame, with which the entity moves; a last row removes the arrow.
-    vectors = effects.to_body(flight.orientation, ARROW * info.scale * flight.disturbance)
+    vectors = frames.to_body(flight.orientation, ARROW * info.scale * flight.disturbance)
     stream.send_columns(
         entities.DISTURBANCE, at.times(np.arange(n + 1), info.dt),
         rr.Arrows3D.columns(vectors=vectors.astype(np.float32)).partition(

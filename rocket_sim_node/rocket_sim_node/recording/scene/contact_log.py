@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.plots import weights
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed

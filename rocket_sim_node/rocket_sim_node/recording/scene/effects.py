@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node.frames import to_body
 from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
@@ -46,18 +47,6 @@ def log_puff_shape(stream: rr.RecordingStream, mesh: Mesh, height: float, opacit
 def _at(height: float) -> rr.Transform3D:
     """Return the transform of an effect's origin; the flight sets its size and attitude."""
     return rr.Transform3D.from_fields(translation=(0.0, 0.0, height))
-
-
-def to_body(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return world vectors `(n, 3)` in the frame of bodies with attitudes `(n, 4)`."""
-    axis, real = -quaternion[:, :3], quaternion[:, 3:]
-    twice = 2.0 * np.cross(axis, vector)
-    return vector + real * twice + np.cross(axis, twice)
-
-
-def to_world(quaternion: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return body vectors `(n, 3)` in the world, for attitudes `(n, 4)`."""
-    return to_body(quaternion * (-1.0, -1.0, -1.0, 1.0), vector)
 
 
 def every(step: int, n: int) -> NDArray[np.int64]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import ring

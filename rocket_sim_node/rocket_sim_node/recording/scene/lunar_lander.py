@@ -6,13 +6,14 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import frames
+from rocket_sim_node import palette
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import planar_view
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import revolve
-from rocket_sim_node.recording.drawing.palette import Colour
 from rocket_sim_node.recording.drawing.planar_view import polygon
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import changed
@@ -132,8 +133,8 @@ def feet(flight: Trajectory) -> F64:
     ends = []
     for side, angle in zip((-1.0, 1.0), turned(flight).T, strict=True):
         straight = np.tile((side * vehicle.LEG_AWAY, 0.0, -end), (len(flight), 1))
-        in_hull = effects.to_world(planar_view.turn(side * angle), straight)
-        ends.append(flight.position + effects.to_world(flight.orientation, in_hull))
+        in_hull = frames.to_world(planar_view.turn(side * angle), straight)
+        ends.append(flight.position + frames.to_world(flight.orientation, in_hull))
     return np.stack(ends, axis=1)
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import box
 from rocket_sim_node.recording.drawing.geometry import join
 from rocket_sim_node.recording.drawing.geometry import revolve
 from rocket_sim_node.recording.drawing.geometry import strut
 from rocket_sim_node.recording.drawing.geometry import transform
-from rocket_sim_node.recording.drawing.palette import Colour
 
 FEET = -5.2
 NOZZLE_EXIT = -3.6

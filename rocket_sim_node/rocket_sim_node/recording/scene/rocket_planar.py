@@ -6,8 +6,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from rocket_sim_node import frames
+from rocket_sim_node import palette
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import planar_view
 from rocket_sim_node.recording.drawing.geometry import Mesh
 from rocket_sim_node.recording.drawing.geometry import join
@@ -69,7 +70,7 @@ def _ground(info: WorldInfo) -> list[Mesh]:
 def feet(flight: Trajectory, info: WorldInfo) -> NDArray[np.float64]:
     """Return the positions of the feet in the world, `(n, 2, 3)`, left and right."""
     return np.stack([
-        flight.position + effects.to_world(flight.orientation, np.tile(
+        flight.position + frames.to_world(flight.orientation, np.tile(
             (side * info.stance, 0.0, -info.touchdown_height), (len(flight), 1)))
         for side in (-1.0, 1.0)], axis=1)
 

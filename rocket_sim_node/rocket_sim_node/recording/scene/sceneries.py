@@ -61,7 +61,7 @@ class Scenery:
     @property
     def recorded(self) -> tuple[Plot, ...]:
         """The fields of a sample."""
-        return self.plots + self.unseen
+        return self.plots + self.unseen + plots.EVERYWHERE
 
 
 def _log_rocket(stream: rr.RecordingStream, info: WorldInfo) -> None:

@@ -40,7 +40,7 @@ class Sink(Protocol):
         """Log something."""
         ...
 
-    def flight(self, put: Put) -> bool:
+    def write_trajectory(self, put: Put) -> bool:
         """Log an ended flight; return whether it was accepted."""
         ...
 

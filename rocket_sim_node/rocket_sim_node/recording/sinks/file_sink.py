@@ -6,7 +6,6 @@ import errno
 import fcntl
 import itertools
 import os
-import shutil
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +19,8 @@ from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.destinations import RESERVE
+from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.rewrite import add_contents
 from rocket_sim_node.recording.sinks.rewrite import is_empty
 from rocket_sim_node.recording.sinks.rewrite import rewrite
@@ -27,8 +28,6 @@ from rocket_sim_node.recording.sinks.rrd_file import PATIENCE
 from rocket_sim_node.recording.sinks.rrd_file import end
 from rocket_sim_node.recording.sinks.rrd_file import flush
 
-RESERVE = 32 * 2**20
-"""Bytes of disk space to keep free; below it the recording is closed, complete."""
 UNHEARD = 2**18
 """Upper limit, bytes, of a file without any recorded data."""
 JOINED = 32 * 2**20
@@ -69,7 +68,8 @@ class FileSink:
 
     The file gets its name when the sink is closed; until then it is `<name>.partial.rrd`, locked.
     A partial file of a recorder that was killed or could not finish is repaired and published
-    first. An existing file is never overwritten.
+    first. An existing file is never overwritten. A file without flights and
+    without reports of a training is not kept.
     """
 
     live = False
@@ -115,7 +115,7 @@ class FileSink:
             except OSError as error:
                 os.close(lock)
                 raise OSError(
-                    error.errno, 'another recorder writes this file', str(self._partial)
+                    error.errno, 'another recorder is writing this file', str(self._partial)
                 ) from error
             if not _is(lock, self._partial):  # it was published at this moment
                 os.close(lock)
@@ -155,7 +155,7 @@ class FileSink:
             rerun_program.repair(self._partial, self._merged)
             if size < UNHEARD and is_empty(self._merged):
                 self._partial.unlink()
-                self._note('INFO', 'a recorder was killed before it heard anything')
+                self._note('INFO', 'a recorder was killed before it received anything')
                 return
             if size > JOINED:
                 self._become(self._merged)
@@ -170,8 +170,8 @@ class FileSink:
             self._repaired.unlink(missing_ok=True)
             self._check_space()
             kept = publish(self._partial, self._path.with_suffix('.damaged'))
-            self._note('WARN', f'a recorder was killed and its file cannot be repaired, kept as '
-                               f'{kept}: {error}')
+            self._note('WARN', 'a recorder was killed and its file cannot be repaired; it is kept '
+                               f'as {kept}: {error}')
             return
         finally:
             self._merged.unlink(missing_ok=True)
@@ -179,20 +179,16 @@ class FileSink:
         self._note('WARN', f'a recorder was killed: its recording is repaired, {where}')
 
     def _check_space(self, needed: int = RESERVE) -> None:
-        free = shutil.disk_usage(self._path.parent).free
-        if free < needed:
-            raise OSError(
-                28, f'only {free / 2**20:.0f} MiB of disk left, {needed / 2**20:.0f} MiB needed',
-                str(self._path.parent))
+        check_space(self._path.parent, needed)
 
     def begin(self, head: Put, look: Look) -> None:
         """Write the start of a recording, and its layout."""
         if self._stream is not None and look != self._look:
             self._look = look
             self._stream.send_blueprint(_layout(look))
-        self.write(head)
+        self._write(head)
 
-    def flight(self, put: Put) -> bool:
+    def write_trajectory(self, put: Put) -> bool:
         """Write an ended flight; return whether it was certainly written."""
         self.write(put)
         return self._stream is not None
@@ -202,6 +198,10 @@ class FileSink:
 
     def write(self, put: Put) -> None:
         """Write now, or close the file when the disk is nearly full."""
+        self._empty = False
+        self._write(put)
+
+    def _write(self, put: Put) -> None:
         if self._stream is None:
             return
         try:
@@ -210,7 +210,6 @@ class FileSink:
             self._note('ERROR', f'the recording ends here: {error}')
             self.close()
             return
-        self._empty = False
         put(self._stream)
         if time.monotonic() > self._next_look:
             self._look_at(self._stream)
@@ -248,8 +247,8 @@ class FileSink:
         except OSError as error:
             with suppress(OSError):
                 self._whole.unlink(missing_ok=True)
-            self._note('WARN', 'the recording is whole but stays without a table of contents, '
-                               f'which viewers miss when it is large: {error}')
+            self._note('WARN', 'the recording is complete, but has no table of contents; '
+                               f'viewers need one for large files: {error}')
 
     def close(self) -> None:
         """Finish the file and rename it, unless the disk was too full."""
@@ -266,7 +265,7 @@ class FileSink:
             end(stream)
         except RuntimeError as error:
             if not self._empty:
-                self._note('ERROR', f'the recording could not be finished and stays '
+                self._note('ERROR', f'the recording could not be finished and remains at '
                                     f'{self._partial}; the next recorder with this output '
                                     f'repairs it: {error}')
                 return
@@ -275,13 +274,14 @@ class FileSink:
             return
         if self._empty:
             self._partial.unlink()
-            self._note('WARN', f'nothing was heard, nothing is recorded: no {self._path}')
+            self._note('WARN', f'nothing was recorded: {self._path} was not written')
             return
         self._add_contents()
         try:
             where = publish(self._partial, self._path)
         except OSError as error:
-            self._note('ERROR', f'the recording is whole and stays {self._partial}: {error}')
+            self._note('ERROR', f'the recording is complete, but remains at {self._partial}: '
+                                f'{error}')
             return
         self._note('INFO', f'recording saved: {where} ({where.stat().st_size / 2**20:.1f} MiB)')
 

@@ -9,7 +9,6 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import cast
-from urllib.parse import urlsplit
 
 import rerun as rr
 
@@ -20,27 +19,14 @@ from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
 from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.destinations import viewer_address
 from rocket_sim_node.recording.sinks.increments import Increments
 
-DEFAULT_PORT = 9876
 KEPT_FLIGHTS = 64
 KEPT_REPORTS = 2000
 """Number of flights, and of other entries, that are kept for a viewer that connects late."""
 _LOOK_OUT = 1.0
 """Seconds between checks for a viewer or its presence, while nothing is sent."""
-
-
-def parse(url: str) -> tuple[str, int]:
-    """Return host and port of a viewer's URL.
-
-    :raises ValueError: when it is not a valid URL.
-    """
-    parts = urlsplit(url)
-    if parts.scheme not in ('rerun', 'rerun+http', 'rerun+https') or not parts.hostname \
-            or parts.path != '/proxy':
-        raise ValueError(
-            f'connect: got {url!r}, expected a URL like rerun+http://127.0.0.1:9876/proxy')
-    return parts.hostname, parts.port or DEFAULT_PORT
 
 
 @dataclass(frozen=True)
@@ -71,7 +57,7 @@ class LiveSink:
         :param patience: time limit, s, for the viewer to receive one.
         :raises ValueError: when the URL is invalid.
         """
-        self._address = parse(url)
+        self._address = viewer_address(url)
         self._url = url
         self._note = note
         self._patience = patience
@@ -108,7 +94,7 @@ class LiveSink:
         """Queue an entry, or drop it when the queue is full."""
         self._put(_Item(put))
 
-    def flight(self, put: Put) -> bool:
+    def write_trajectory(self, put: Put) -> bool:
         """Send the unsent part of an ended flight; return True."""
         self._put(_Item(put, flight=True))
         return True
@@ -127,8 +113,8 @@ class LiveSink:
             self._queue.put(None, timeout=1.0)
             self._thread.join(1.0)
         if self.dropped:
-            self._note('WARN', f'{self.dropped} flights, or parts of them, were not taken in time '
-                               f'by the viewer at {self._url}')
+            self._note('WARN', f'the viewer at {self._url} was too slow: it did not receive '
+                               f'{self.dropped} flights or parts of them')
 
     def _put(self, item: _Item) -> None:
         try:
@@ -175,8 +161,8 @@ class LiveSink:
         if not rerun_program.reachable(*self._address):
             if not self._told_missing:
                 self._told_missing = True
-                self._note('WARN', f'no viewer at {self._url}: one that comes later gets the '
-                                   f'last {KEPT_FLIGHTS} flights')
+                self._note('WARN', f'no viewer at {self._url}: one that connects later receives '
+                                   f'the last {KEPT_FLIGHTS} flights')
             return
         # A new recording for each connection: a viewer that was only slow has some data already.
         stream = rr.RecordingStream(
@@ -219,7 +205,7 @@ class LiveSink:
         try:
             self._stream.flush(timeout_sec=self._patience)
         except RuntimeError as error:
-            self._note('WARN', f'the viewer at {self._url} is gone: {error}')
+            self._note('WARN', f'the viewer at {self._url} has disconnected: {error}')
             stream, self._stream = self._stream, None
             # It keeps trying as long as the connection of a stopped viewer exists. Nothing waits
             # for that, but no other stream can be opened meanwhile.

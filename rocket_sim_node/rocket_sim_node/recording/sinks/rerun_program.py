@@ -85,7 +85,7 @@ def rrd(*arguments: str | Path) -> None:
             check=False, start_new_session=True,  # Ctrl-C is for this process
             preexec_fn=_LIKE_US)
     except subprocess.TimeoutExpired as error:
-        raise ViewerError(f'rerun rrd {arguments[0]}: no end after {timeout:g} s') from error
+        raise ViewerError(f'rerun rrd {arguments[0]}: did not end within {timeout:g} s') from error
     if -result.returncode in _TOLD:
         raise ViewerEnded(f'rerun rrd {arguments[0]}: ended by signal {-result.returncode}')
     if result.returncode != 0:

@@ -71,7 +71,7 @@ def end(stream: rr.RecordingStream) -> None:
     if thread.is_alive() or errors:
         _leave(stream)
         raise RuntimeError(f'not all could be written: {errors[0]}' if errors
-                           else f'no end after {PATIENCE:g} s')
+                           else f'the file was not finished within {PATIENCE:g} s')
 
 
 def _leave(stream: rr.RecordingStream) -> None:

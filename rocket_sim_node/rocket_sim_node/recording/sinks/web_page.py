@@ -2,11 +2,12 @@
 """Web server for a recording, for browsers on this machine by default."""
 from __future__ import annotations
 
-import ipaddress
 import socket
 from urllib.parse import quote
 
 from rocket_sim_node.recording.sinks import rerun_program
+from rocket_sim_node.recording.sinks.destinations import check_page
+from rocket_sim_node.recording.sinks.destinations import page_address
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 
 INVITATION = 'watch it in a browser: '
@@ -25,18 +26,13 @@ class WebPage:
         :param port: of the page; the data uses another port.
         :param host: address of this machine to listen on; 0.0.0.0 for all.
         :param memory: limit of the data kept for late browsers; the oldest is dropped.
-        :raises ValueError: when `host` is not an address.
-        :raises ViewerError: when it cannot be started, for example because the port is in use.
+        :raises ValueError: when `host` is no address of this machine, or the port is in use.
+        :raises ViewerError: when it cannot be started.
         """
-        try:
-            address = ipaddress.IPv4Address(host)
-        except ValueError:
-            raise ValueError(
-                f'web_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
+        address = page_address(host)
+        check_page(port, host)
         near = LOCAL if address.is_unspecified else host
         far = socket.gethostname() if address.is_unspecified else host
-        if rerun_program.reachable(near, port):
-            raise rerun_program.ViewerError(f'web_port: {port} is taken by another program')
         data = rerun_program.free_port()
         self.url = f'rerun+http://{near}:{data}/proxy'
         seen = quote(f'rerun+http://{far}:{data}/proxy', safe='')

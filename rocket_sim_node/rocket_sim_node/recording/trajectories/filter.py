@@ -16,14 +16,16 @@ class RecordingFilter:
     """
 
     rows: tuple[int, ...] = setting(
-        (0, 1, 2, 3), '', 'rockets recorded, of those that the simulator publishes', 0, 1e9)
+        (0, 1, 2, 3), '', 'number of rockets recorded, of those that the simulator '
+        'publishes', 0, 1e9)
     every_nth_episode: int = setting(
-        5, 'episodes', 'while an agent learns, record every n-th episode of a rocket', 1, 1e9)
+        5, 'episodes', 'interval, in episodes of a rocket, at which episodes are recorded while '
+        'an agent learns', 1, 1e9)
     crashes: bool = setting(
-        False, '', 'while an agent learns, record all crashes of those rockets too')
+        False, '', 'whether to record all crashes of those rockets, too, while an agent learns')
     max_steps: int = setting(
-        200_000, 'steps', 'record no more than this (about 100 KiB per 1000 steps); '
-        'half of it while an agent learns', 0, 1e12)
+        200_000, 'steps', 'maximum size of the recording (about 100 KiB per 1000 steps); half of '
+        'it while an agent learns', 0, 1e12)
 
     def wanted(self, episode: int, *, landed: bool, learning: bool) -> bool:
         """Return whether a flight of a selected rocket is recorded."""

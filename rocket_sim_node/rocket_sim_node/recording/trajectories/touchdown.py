@@ -46,10 +46,10 @@ def follow(flights: Sequence[Trajectory], info: WorldInfo) -> list[Settling | No
     settled = settle(
         frames.vector_from_ros(last.position), frames.quaternion_from_ros(last.orientation),
         frames.vector_from_ros(last.linear_velocity),
-        frames.vector_from_ros(last.angular_velocity), last.mass, info.settings, trajectory=True,
+        frames.vector_from_ros(last.angular_velocity), last.mass, info.settings, motion=True,
         gravity=info.settings['gravity'] * np.array([
             _gravity_factor(flights[index], info) for index in chosen]))
-    course, names = settled.trajectory, settled.names()
+    course, names = settled.motion, settled.names()
     assert course is not None
     for lane, index in enumerate(chosen):
         # The first time is that of touchdown, which the flight already has.

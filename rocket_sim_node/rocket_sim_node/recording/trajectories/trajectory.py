@@ -161,7 +161,7 @@ class TrajectoryBuffer:
         :return: false, with nothing kept, if they neither continue the collected samples nor begin
             an episode: part of its start was missed.
         """
-        begins = samples.values[0, 0] == 0.0
+        begins = samples.values[0, FIELDS['time'].start] == 0.0
         gapless = samples.step[-1] - samples.step[0] == len(samples.step) - 1
         follows = (
             self._count > 0 and samples.layout == self._layout

@@ -65,26 +65,33 @@ class LunarSettings:
 
     dt: float = setting(0.02, 's', 'simulated time per step', 1e-3, 0.05)
     continuous: bool = setting(
-        False, '', 'two numbers as action, main throttle and lateral, instead of one of four')
+        False, '', 'whether an action is two numbers, main throttle and lateral, instead of one '
+        'of four choices')
     gravity: float = setting(10.0, 'm/s^2', 'gravity', 0.0, 12.0)
-    enable_wind: bool = setting(False, '', 'wind and turbulence until a leg touches')
-    wind_power: float = setting(15.0, 'N', 'largest force of the wind', 0.0, 20.0)
-    turbulence_power: float = setting(1.5, 'N m', 'largest torque of the wind', 0.0, 2.0)
+    enable_wind: bool = setting(False, '', 'whether wind and turbulence act until a leg touches')
+    wind_power: float = setting(15.0, 'N', 'maximum force of the wind', 0.0, 20.0)
+    turbulence_power: float = setting(1.5, 'N m', 'maximum torque of the wind', 0.0, 2.0)
     main_engine_power: float = setting(
-        13.0, 'N s/m', 'impulse of a step of main engine, per metre of its offset, 0.13 m',
+        13.0, 'N s/m', 'impulse of the main engine per step and metre of its offset, which is '
+        '0.13 m',
         0.0, 1e3)
     side_engine_power: float = setting(
-        0.6, 'N s/m', 'impulse of a step of side engine, per metre of its offset, 0.4 m', 0.0, 1e3)
+        0.6, 'N s/m', 'impulse of a side engine per step and metre of its offset, which is 0.4 '
+        'm', 0.0, 1e3)
     time_limit: float = setting(
-        20.0, 's', 'a longer episode is cut short (truncated)', 0.02, 1e5)
-    rest_time: float = setting(0.5, 's', 'as long at rest is landed', 0.0, 100.0)
-    rest_speed: float = setting(0.01, 'm/s', 'at rest no part is faster', 0.0, 10.0)
-    rest_spin: float = setting(2.0, 'deg/s', 'at rest no part turns faster', 0.0, 360.0)
-    reward_crash: float = setting(-100.0, '', 'touching ground with the hull, or out of the field',
+        20.0, 's', 'maximum length of an episode; a longer one is truncated', 0.02, 1e5)
+    rest_time: float = setting(
+        0.5, 's', 'time at rest after which the lander counts as landed', 0.0, 100.0)
+    rest_speed: float = setting(0.01, 'm/s', 'maximum speed of any part at rest', 0.0, 10.0)
+    rest_spin: float = setting(
+        2.0, 'deg/s', 'maximum angular velocity of any part at rest', 0.0, 360.0)
+    reward_crash: float = setting(-100.0, '', 'reward for touching the ground with the hull or '
+        'leaving the field',
                                   -1e6, 1e6)
-    reward_landed: float = setting(100.0, '', 'coming to rest', -1e6, 1e6)
-    reward_main_engine: float = setting(-0.3, '', 'a step of main engine', -1e6, 1e6)
-    reward_side_engine: float = setting(-0.03, '', 'a step of side engine', -1e6, 1e6)
+    reward_landed: float = setting(100.0, '', 'reward for coming to rest', -1e6, 1e6)
+    reward_main_engine: float = setting(
+        -0.3, '', 'reward for a step of the main engine', -1e6, 1e6)
+    reward_side_engine: float = setting(-0.03, '', 'reward for a step of a side engine', -1e6, 1e6)
 
 
 _HULL_SHAPE = pymunk.Poly(None, HULL)

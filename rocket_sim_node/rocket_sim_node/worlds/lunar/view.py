@@ -2,13 +2,15 @@
 """Observation, reward-shaping potential and telemetry of the lunar lander."""
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import Bools
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
 from rocket_sim_node.worlds.lunar.engines import Engines
 
@@ -17,8 +19,6 @@ OBSERVATION_NAMES = (
     'right_contact', 'left_contact',
 )
 """In Gymnasium's order; its first leg is the one at positive x."""
-OUTCOME = 20
-"""Row of the outcome in a capture."""
 _FRAMES = 50
 """1/s; Gymnasium scales velocities by it, whatever dt."""
 
@@ -75,33 +75,29 @@ def observe(pose: F64, velocity: F64, touching: Bools) -> tuple[F32, F64]:
     return np.ascontiguousarray(state.T, np.float32), potential
 
 
-def telemetry(captured: F64, engines: Engines) -> Telemetry:
-    """Return a capture as telemetry relative to the pad.
+def telemetry(known: Mapping[str, F64], engines: Engines) -> dict[str, NDArray[Any]]:
+    """Return quantities relative to the pad, `(S,)` or `(k, S)`, of what was captured.
 
-    :param captured: `(35, S)` row, episode, time (s); poses (m, m, rad) of hull, left and right
-        leg; velocity (m/s, m/s, rad/s) of the hull's body; throttle of the main engine, 0 to 1,
-        and of the side engines, -1 (the left one, which pushes to the left) to 1; contact force
-        (2, N); reward; outcome; whether hull, left and right leg touch; terrain (m).
+    :param known: `pose` `(9, S)` m, m, rad of hull, left and right leg; `velocity` `(3, S)` m/s,
+        m/s, rad/s of the hull's body; throttle of the `main` engine, 0 to 1, and of the `side`
+        engines, -1 (the left one, which pushes to the left) to 1; `ground_force` `(2, S)` N;
+        `touching` `(3, S)` whether hull, left and right leg touch; `heights` of the terrain, m.
     """
-    pose, velocity, (main, side) = captured[3:12].T, captured[12:15].T, captured[15:17]
-    flat = np.zeros(len(pose))
-    hull = pose[:, :3]
+    pose, velocity, main = known['pose'], known['velocity'], known['main']
+    hull = pose[:3].T
     x, y = hull_origin(hull)
-    half = hull[:, 2] / 2
-    return Telemetry(
-        row=captured[0].astype(np.int64), episode=captured[1].astype(np.int64), time=captured[2],
-        position=np.stack((x, y - vehicle.PAD_GROUND, flat), axis=1),
-        orientation=np.stack((flat, flat, np.sin(half), np.cos(half)), axis=1),
-        linear_velocity=np.stack((*hull_velocity(hull, velocity), flat), axis=1),
-        angular_velocity=np.stack((flat, flat, velocity[:, 2]), axis=1),
-        mass=np.full(len(flat), vehicle.TOTAL_MASS), fuel=flat,
-        throttle=main, thrust=main * engines.max_thrust,
-        lateral_thrust=side * engines.max_lateral_thrust,
-        torque=np.zeros((len(flat), 3)),
-        contact_force=np.column_stack((*captured[17:19], flat)),
-        contact=captured[22:24].T.astype(np.bool_),
-        leg_angle=np.abs(pose[:, 5::3] - hull[:, 2:]) - vehicle.LEG_INNER,
-        terrain=captured[24:].T - vehicle.PAD_GROUND, reward=captured[19],
-        outcome=captured[OUTCOME].astype(np.uint8), commanded_throttle=main,
-        disturbance=np.zeros((len(flat), 3)), conditions=np.zeros((len(flat), 0)),
-    )
+    half = pose[2] / 2
+    flat = np.zeros_like(half)
+    return {
+        'position': np.stack((x, y - vehicle.PAD_GROUND, flat)),
+        'orientation': np.stack((flat, flat, np.sin(half), np.cos(half))),
+        'linear_velocity': np.stack((*hull_velocity(hull, velocity.T), flat)),
+        'angular_velocity': np.stack((flat, flat, velocity[2])),
+        'mass': np.full_like(flat, vehicle.TOTAL_MASS),
+        'throttle': main, 'commanded_throttle': main, 'thrust': main * engines.max_thrust,
+        'lateral_thrust': known['side'] * engines.max_lateral_thrust,
+        'contact_force': np.stack((*known['ground_force'], flat)),
+        'contact': known['touching'][1:],
+        'leg_angle': np.abs(pose[5::3] - pose[2]) - vehicle.LEG_INNER,
+        'terrain': known['heights'] - vehicle.PAD_GROUND,
+    }

@@ -7,22 +7,24 @@ floor.
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node import settings as settings_module
+from rocket_sim_node.telemetry.capture import StateCapture
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import NO_EPISODES
-from rocket_sim_node.worlds.base import NO_OUTCOME
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.lunar import spawn
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
@@ -38,11 +40,16 @@ LANDED, CRASHED, OUT_OF_BOUNDS, TIMEOUT = range(4)
 _SOLVER = Solver(iterations=15, slop=0.005, bias=(1 - 0.2) ** 50)
 
 
-class LunarLanderWorld:
+class LunarLanderWorld(StateCapture):
     """N landers that fall towards a pad between slopes. A `SimulatedWorld`.
 
     Row k of every array is lander k.
     """
+
+    captured: ClassVar[Mapping[str, str]] = {
+        'age': 'age', 'main': '_main', 'side': '_side', 'pose': '_poses',
+        'velocity': '_hull_motion', 'ground_force': '_contact_force.T',
+        'touching': '_touching.T', 'heights': 'terrain.T'}
 
     def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
         """Create the world and begin the first episodes.
@@ -58,7 +65,7 @@ class LunarLanderWorld:
         self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
         self._engines = Engines(s)
         self._force = np.zeros((num_envs, 3, 3))
-        self._rows = np.arange(num_envs)
+        self.rows = np.arange(num_envs)
         self._all = slice(None)
         self._seed = seed
         self.terrain = np.zeros((num_envs, vehicle.LunarDesign.slopes + 1))
@@ -72,8 +79,8 @@ class LunarLanderWorld:
         self.episode = np.zeros(num_envs, np.int64)
         self.episode_return = np.zeros(num_envs)
         self._main, self._side = np.zeros(num_envs), np.zeros(num_envs)
-        self._reward = np.zeros(num_envs)
-        self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
+        self.reward = np.zeros(num_envs)
+        self.no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
         self.spec = WorldSpec(
             name='lunar_lander', num_envs=num_envs, dt=s.dt,
             observation_names=view.OBSERVATION_NAMES,
@@ -87,7 +94,7 @@ class LunarLanderWorld:
                 **settings_module.as_dict(s), 'field_half_width': vehicle.HALF_WIDTH,
                 'max_thrust': self._engines.max_thrust},
         )
-        self._none_finished = self._finished = self.capture(self._rows[:0])
+        self._none_finished = self._finished = self.capture(self.rows[:0])
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
@@ -95,7 +102,7 @@ class LunarLanderWorld:
         if settings:
             raise ValueError(
                 f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '
-                'resets of lunar_lander change nothing but the seed')
+                'a reset of lunar_lander changes the seed only')
         if seed is None:
             self.episode += 1
         else:
@@ -103,9 +110,14 @@ class LunarLanderWorld:
             self._seed = seed
             self.episode[:] = 0
         self._starts = self._make_starts()
-        self._reward[:] = 0
+        self.reward[:] = 0
         self._finished = self._none_finished
-        return self._begin(self._rows)
+        return self._begin(self.rows)
+
+    @property
+    def flown_settings(self) -> dict[str, float]:
+        """The settings of `spec`: a reset of this world changes none."""
+        return dict(self.spec.settings)
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all landers by `dt`; see :class:`VectorEnv`."""
@@ -132,7 +144,7 @@ class LunarLanderWorld:
         truncated = (self.age >= self._step_limit) & ~terminated
         done = np.flatnonzero(terminated | truncated)
         self.episode_return += reward
-        self._reward = reward
+        self.reward = reward
         self._finished = self._none_finished
         info: dict[str, Any] = {
             'final_rows': done, 'final_observation': observation[:0], 'episodes': NO_EPISODES}
@@ -214,8 +226,7 @@ class LunarLanderWorld:
 
         :param observation: `(N, 8)`; rows that finished get their new first observation.
         """
-        self._finished = self.capture(done)
-        self._finished[view.OUTCOME] = outcome
+        self._capture_ends(done, outcome)
         x, _ = view.hull_origin(self._lanes.pose[done, 0])
         speed_x, speed_y = view.hull_velocity(
             self._lanes.pose[done, 0], self._lanes.velocity[done, 0])
@@ -232,37 +243,22 @@ class LunarLanderWorld:
         }
         self.episode[done] += 1
         observation[done] = self._begin(done)
-        self._reward = self._reward.copy()
-        self._reward[done] = 0.0
+        self.reward = self.reward.copy()
+        self.reward[done] = 0.0
         return info
 
-    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
-        """Return the physical state of the selected landers, `(K, S)`; see `view.telemetry`."""
-        pose = self._lanes.pose[rows]
-        return np.concatenate((
-            self._rows[None, rows], self.episode[None, rows],
-            self.age[None, rows] * self.settings.dt, pose.reshape(len(pose), 9).T,
-            self._lanes.velocity[rows, 0].T, self._main[None, rows], self._side[None, rows],
-            self._contact_force[rows].T, self._reward[None, rows], self._no_outcome[None, rows],
-            self._touching[rows].T, self.terrain[rows].T))
+    @property
+    def _poses(self) -> F64:
+        """Poses of hull, left and right leg, `(9, N)`."""
+        return self._lanes.pose.reshape(-1, 9).T
 
     @property
-    def captured_ends(self) -> F64:
-        """Final states of the landers that finished at the last step, `(K, S)`."""
-        return self._finished
+    def _hull_motion(self) -> F64:
+        """Velocities of the hulls' bodies, `(3, N)`."""
+        return self._lanes.velocity[:, 0].T
 
-    def telemetry_of(self, captured: F64) -> Telemetry:
-        """Return the telemetry that a capture `(K, S)` holds."""
-        return view.telemetry(captured, self._engines)
-
-    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the selected landers, S of them."""
-        return self.telemetry_of(self.capture(rows))
-
-    @property
-    def finished(self) -> Telemetry:
-        """Final states of the landers that finished at the last step."""
-        return self.telemetry_of(self._finished)
+    def _derived(self, known: Mapping[str, F64]) -> dict[str, NDArray[Any]]:
+        return view.telemetry(known, self._engines) | {'time': known['age'] * self.settings.dt}
 
     # Snapshots
 
@@ -286,12 +282,12 @@ class LunarLanderWorld:
         for name, array in arrays.items():
             ours[name][...] = array
         self._starts = self._make_starts()
-        start = self._starts.take(self._rows, self.episode)
+        start = self._starts.take(self.rows, self.episode)
         self.terrain, self._keys = start.terrain, start.key
-        for row in self._rows.tolist():
+        for row in self.rows.tolist():
             spawn.shape_ground(self._lanes, row, self.terrain[row])
         self._main, self._side = np.zeros_like(self._main), np.zeros_like(self._side)
-        self._reward = np.zeros_like(self._reward)
+        self.reward = np.zeros_like(self.reward)
         self._contact_force[:] = 0.0
         self._finished = self._none_finished
         return self.observe()

@@ -185,7 +185,8 @@ class PlanarContact:
         # In the first step of parking, the body is not at the parking height yet.
         there = np.concatenate((lanes['pose'], lanes['velocity']), axis=2)[absent]
         if (there != away).any() or (lanes['bodies'][absent & ~lanes['fresh']] != away).any():
-            raise ValueError('snapshot: contact_lanes has a vehicle in flight where none waits')
+            raise ValueError('snapshot: contact_lanes has a vehicle in flight in a lane that is '
+                'not waiting')
 
     @staticmethod
     def _of_lanes(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -37,11 +37,11 @@ BOUNCE_HEIGHT = 0.01
 SLIDE_LENGTH = 0.1
 """m, distance slid by the foot that touched first from which on it is a slide."""
 BLEND_TIME = 0.5
-"""s, over which the lean across the plane fades out of a trajectory."""
+"""s, over which the lean across the plane fades out of a motion."""
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Motion:
     """K touchdowns at T times, dt apart, the first at first contact; for recordings.
 
     Vectors are `(T, K, 3)`, `orientation` `(T, K, 4)` x y z w, `contact` `(T, K, 2)` left and
@@ -83,7 +83,7 @@ class Settlement:
     """m, greatest height of the lower foot."""
     plane: F64
     """`(K, 2)` x and z of the plane's horizontal direction."""
-    trajectory: Trajectory | None
+    motion: Motion | None
 
     def names(self) -> list[str]:
         """Return the verdicts by name."""
@@ -108,7 +108,7 @@ class _Course(NamedTuple):
 
 def settle(
     position: F64, orientation: F64, velocity: F64, spin: F64, mass: F64,
-    settings: Mapping[str, float], trajectory: bool = False, gravity: F64 | None = None,
+    settings: Mapping[str, float], motion: bool = False, gravity: F64 | None = None,
 ) -> Settlement:
     """Simulate K rockets from touchdown until they are at rest, with engine and RCS off.
 
@@ -120,7 +120,7 @@ def settle(
     :param mass: `(K,)` kg, including remaining fuel.
     :param settings: those of world `rocket`, and non-default settings of the legs; others are
         ignored.
-    :param trajectory: whether to return all times.
+    :param motion: whether to return all times.
     :param gravity: `(K,)` m/s^2; by default from the settings.
     :raises ValueError: for a setting out of range.
     """
@@ -150,7 +150,7 @@ def settle(
         orientation=plane.orientation(last[:, 2]), tilt=tilt,
         time=course.steps.astype(np.float64) * s.dt, moved=moved,
         rebound=course.rebound, plane=plane.direction.T,
-        trajectory=_in_space(course, plane, s.dt) if trajectory else None)
+        motion=_in_space(course, plane, s.dt) if motion else None)
 
 
 def _foot_x(pose: F64, foot: F64) -> F64:
@@ -199,11 +199,11 @@ def _touch_down(
     return course
 
 
-def _in_space(course: _Course, plane: LandingPlane, dt: float) -> Trajectory:
+def _in_space(course: _Course, plane: LandingPlane, dt: float) -> Motion:
     """Convert motion within planes to 3-D."""
     moments = range(len(course.pose))
     left = [max(0.0, 1.0 - moment * dt / BLEND_TIME) for moment in moments]
-    return Trajectory(
+    return Motion(
         position=np.stack([plane.place(pose[:, 0], pose[:, 1]) for pose in course.pose]),
         orientation=np.stack([
             plane.orientation(pose[:, 2], across)

@@ -34,21 +34,24 @@ class LegSettings:
     """Contact properties of the feet, and the criteria for the end of a touchdown."""
 
     stance: float = setting(
-        6.7, 'm', 'feet from the axis in the plane: legs of 9.5 m at 45 deg to it', 0.1, 1e3)
+        6.7, 'm', 'distance of the feet from the axis; the legs are 9.5 m long, at 45 deg to '
+        'it', 0.1, 1e3)
     foot_friction: float = setting(0.6, '', 'coefficient of friction of the feet', 0.0, 10.0)
     # Higher values, with friction, would add energy at oblique impacts: restitution is Newton's.
     foot_restitution: float = setting(
-        0.1, '', 'part of the speed with which feet rebound', 0.0, 0.6)
+        0.1, '', 'coefficient of restitution of the feet', 0.0, 0.6)
     hull_friction: float = setting(0.4, '', 'coefficient of friction of the hull', 0.0, 10.0)
     hull_restitution: float = setting(
-        0.1, '', 'part of the speed with which the hull rebounds', 0.0, 0.6)
+        0.1, '', 'coefficient of restitution of the hull', 0.0, 0.6)
     engine_cutoff: bool = setting(
-        True, '', 'engine and RCS are cut by the contact switch of the first foot that touches')
+        True, '', 'whether the first foot that touches cuts engine and RCS')
     touchdown_limit: float = setting(
-        5.0, 's', 'not at rest so long after the first contact is a crash', 0.0, 1e3)
-    rest_time: float = setting(0.5, 's', 'standing still for so long is rest', 0.0, 100.0)
-    rest_speed: float = setting(0.05, 'm/s', 'standing still is slower than this', 1e-6, 10.0)
-    rest_spin: float = setting(0.5, 'deg/s', 'standing still turns slower than this', 1e-6, 360.0)
+        5.0, 's', 'maximum time from the first contact to rest; a longer one is a crash', 0.0, 1e3)
+    rest_time: float = setting(
+        0.5, 's', 'time standing still after which the rocket is at rest', 0.0, 100.0)
+    rest_speed: float = setting(0.05, 'm/s', 'maximum speed of standing still', 1e-6, 10.0)
+    rest_spin: float = setting(
+        0.5, 'deg/s', 'maximum angular velocity of standing still', 1e-6, 360.0)
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,8 @@ class PlanarSettings(LegSettings, RocketSettings):
     """All settings of world `rocket_planar`."""
 
     spawn_heading: float = setting(
-        0.0, 'deg', "the pilot's axes are turned about the vertical, plus or minus, anew for each "
-        'episode; 0: the plane is x-y', 0.0, 180.0)
+        0.0, 'deg', "rotation of the pilot's axes about the vertical, plus or minus, drawn for "
+        'each episode; 0: the plane is x-y', 0.0, 180.0)
 
 
 def feet(settings: PlanarSettings) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -197,7 +197,7 @@ class RocketPlanarWorld(RocketWorld):
         self.attitude[3, rows] = np.cos(pose[:, 2] / 2)
         self._struck[rows] = self.contact.hull[rows]
         self._touching[rows] = self.contact.feet[rows]
-        self._contact_force[:2, rows] = self.contact.force[rows].T
+        self.contact_force[:2, rows] = self.contact.force[rows].T
 
     # Ends of episodes
 
@@ -264,7 +264,8 @@ class RocketPlanarWorld(RocketWorld):
         if (arrays['age'] > self._max_age + 1 + steps_down).any():
             raise ValueError('snapshot: age has a value beyond time_limit')
         if ((steps_down != _IN_FLIGHT) != arrays['contact_present']).any():
-            raise ValueError('snapshot: steps_down and contact_present differ in who has touched')
+            raise ValueError('snapshot: steps_down and contact_present disagree on which vehicles '
+                'have touched')
         if (arrays['contact_still'] < 0).any():
             raise ValueError('snapshot: contact_still has a value below 0')
         if (arrays['contact_still'] > np.maximum(steps_down, 0)).any():
@@ -295,4 +296,4 @@ class RocketPlanarWorld(RocketWorld):
             {name: array for name, array in arrays.items()
              if name.removeprefix(_PREFIX) not in own}, ours)
         self._struck[:] = False
-        self._turn_axes(self._rows)
+        self._turn_axes(self.rows)

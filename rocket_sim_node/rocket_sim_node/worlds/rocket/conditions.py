@@ -2,7 +2,8 @@
 """Conditions: deviations of a flight from the nominal one, as settings and as named sets.
 
 Each condition is a range, two settings `<name>_low` and `<name>_high`. An episode draws a value
-from it, uniformly and independently of the others; see :func:`drawn_vehicle.draw`.
+from it, uniformly and independently of the others, unless it keeps the nominal value, with
+probability `nominal_share`; see :func:`drawn_vehicle.draw`.
 """
 from __future__ import annotations
 
@@ -11,6 +12,8 @@ from dataclasses import dataclass
 from dataclasses import fields
 from typing import Any
 from typing import cast
+
+import numpy as np
 
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds.base import WorldSpec
@@ -78,7 +81,10 @@ class ConditionSettings:
     throttle_floor_high: float = _high(*_FLOOR)
     wind_speed_low: float = _low(*_WIND)
     wind_speed_high: float = _high(*_WIND)
-    ignitions: int = setting(0, '', 'how often the engine can be lit; 0: any number', 0, 1000)
+    ignitions: int = setting(0, '', 'maximum number of ignitions; 0: any number', 0, 1000)
+    nominal_share: float = setting(
+        0.0, '', 'probability that an episode leaves a condition nominal instead of drawing it, '
+        'independently for each', 0.0, 0.99)
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -94,6 +100,9 @@ class ConditionSettings:
 
 
 _NOMINAL = {field.name: float(cast(float, field.default)) for field in fields(ConditionSettings)}
+NOMINAL = np.array([
+    *(_NOMINAL[name] for name in _NOMINAL if name.endswith(LOW)), 0.0, 0.0])
+"""Nominal values `(C,)` in the order of `DRAWN_NAMES`."""
 FLAT_NAMES = tuple(_NOMINAL)
 """Names of all condition settings."""
 RANGES = tuple(name.removesuffix(LOW) for name in FLAT_NAMES if name.endswith(LOW))

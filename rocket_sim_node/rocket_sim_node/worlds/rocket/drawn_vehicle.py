@@ -16,6 +16,7 @@ from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
 from rocket_sim_node.worlds.rocket.conditions import HIGH
 from rocket_sim_node.worlds.rocket.conditions import LOW
+from rocket_sim_node.worlds.rocket.conditions import NOMINAL
 from rocket_sim_node.worlds.rocket.conditions import RANGES
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
@@ -42,10 +43,16 @@ def draw(seed: int, row: Rows, episode: Rows, settings: RocketSettings) -> F64:
         turn, turn])
     low, high = ranges.T[:, :, None]
     part = (random_streams.uniform(seed, row, episode, len(DRAWN_NAMES), _CONDITIONS) + 1.0) / 2
+    kept = part < settings.nominal_share
+    kept[len(RANGES):] = False
+    if settings.nominal_share:
+        part[:len(RANGES)] -= settings.nominal_share
+        part[:len(RANGES)] /= 1.0 - settings.nominal_share
     drawn: F64 = low + (high - low) * part
     delay = DRAWN_NAMES.index('action_delay')
     drawn[delay] = np.floor(low[delay] + (high[delay] + 1 - low[delay]) * part[delay])
     np.minimum(drawn, high, out=drawn)
+    np.copyto(drawn, NOMINAL[:, None], where=kept)
     return drawn
 
 
@@ -74,8 +81,7 @@ class DrawnVehicles:
         self.disturbed = self.gusty or s.side_acceleration_high > 0
         self.lagged, self.floored = s.engine_lag_high > 0, s.throttle_floor_high > 0
         self._gust_kept = np.exp(-s.dt / GUST_TIME)
-        nominal = np.array([0.0 if '_factor' not in name else 1.0 for name in DRAWN_NAMES])
-        self.drawn = np.tile(nominal[:, None], num_envs)
+        self.drawn = np.tile(NOMINAL[:, None], num_envs)
         self._made = self._make(self.drawn)
         (self.dry_mass, self.fuel, self.max_thrust, self.burn, self.rcs_torque, self.drag,
          self.fall, self.lag_kept, self.floor) = self._made[:9]

@@ -6,13 +6,17 @@ against the velocity; semi-implicit Euler.
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node.telemetry.capture import StateCapture
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.base import NO_OUTCOME
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket.actuators import CommandLine
 from rocket_sim_node.worlds.rocket.actuators import Engines
@@ -33,11 +37,7 @@ STANDARD_SIZE = len(OBSERVATION_NAMES)
 _ACCELERATIONS_FROM = STANDARD_SIZE + _PAST_ACTIONS * len(ACTION_NAMES)
 TURNED = (slice(0, STANDARD_SIZE), slice(_ACCELERATIONS_FROM, None))
 """Columns that are vectors in space, x, y and z of each."""
-OUTCOME = 25
-"""Row of the outcome in a capture."""
-_DRAWN = 30
-_DRY_MASS, _THRUST = (
-    _DRAWN + DRAWN_NAMES.index(name) for name in ('dry_mass_factor', 'thrust_factor'))
+_DRY_MASS, _THRUST = map(DRAWN_NAMES.index, ('dry_mass_factor', 'thrust_factor'))
 
 
 def observation_names(settings: RocketSettings) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def observation_names(settings: RocketSettings) -> tuple[str, ...]:
           for axis in 'xyz'))
 
 
-class RocketDynamics:
+class RocketDynamics(StateCapture):
     """State and motion of N rockets; row k of every array is rocket k.
 
     The state is a structure of arrays: `position`, `velocity`, `spin` (angular velocity)
@@ -64,11 +64,13 @@ class RocketDynamics:
     """Number of feet that can touch the ground."""
     in_plane = False
     """Whether rockets stay within the x-y plane."""
+    captured: ClassVar[Mapping[str, str]] = {
+        'age': 'age', 'commanded': 'log.commanded', 'contact': '_touching.T'}
 
     def __init__(self, num_envs: int, settings: RocketSettings, seed: int) -> None:
         """Allocate the arrays; subclasses set the initial states."""
         self._all = slice(None)
-        self._rows = np.arange(num_envs)
+        self.rows = np.arange(num_envs)
         self.extended = settings.observation == EXTENDED
         self._use(settings, seed)
         self.position = np.zeros((3, num_envs))
@@ -83,19 +85,19 @@ class RocketDynamics:
         self.log = EpisodeCounters(num_envs)
         self.accelerations = np.zeros((_PAST_ACCELERATIONS * self.extended, 3, num_envs))
         # Results of the last step, for telemetry only.
-        self._torque = np.zeros((3, num_envs))
-        self._disturbance = np.zeros((3, num_envs))
-        self._reward = np.zeros(num_envs)
+        self.torque = np.zeros((3, num_envs))
+        self.disturbance = np.zeros((3, num_envs))
+        self.reward = np.zeros(num_envs)
         self._touching = np.zeros((num_envs, self.feet), np.bool_)
-        self._contact_force = np.zeros((3, num_envs))
-        self._no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
+        self.contact_force = np.zeros((3, num_envs))
+        self.no_outcome = np.full(num_envs, NO_OUTCOME, np.uint8)
 
     def _use(self, settings: RocketSettings, seed: int) -> None:
         """Apply settings and a seed; episodes must be started or loaded afterwards."""
         self.settings = settings
         self._seed = seed
-        self.vehicles = DrawnVehicles(len(self._rows), seed, settings, self.in_plane)
-        self.line = CommandLine(len(self._rows), self._line_length(settings))
+        self.vehicles = DrawnVehicles(len(self.rows), seed, settings, self.in_plane)
+        self.line = CommandLine(len(self.rows), self._line_length(settings))
 
     def _line_length(self, settings: RocketSettings) -> int:
         """Return how many commands must be stored."""
@@ -108,12 +110,12 @@ class RocketDynamics:
         dt = s.dt / s.substeps
         throttle = (command[:, 0] + 1.0) * 0.5
         throttle = self.engines.follow(throttle, self.fuel, v, s)
-        self._torque[0] = command[:, 1] * v.rcs_torque
-        self._torque[2] = command[:, 2] * v.rcs_torque
-        spin_gain = self._torque * (dt / s.inertia)
+        self.torque[0] = command[:, 1] * v.rcs_torque
+        self.torque[2] = command[:, 2] * v.rcs_torque
+        spin_gain = self.torque * (dt / s.inertia)
         yaw_kept = (1.0 - s.yaw_damping) ** (1.0 / s.substeps)
         if v.disturbed:
-            self._disturbance[::2] = v.side + self.gust
+            self.disturbance[::2] = v.side + self.gust
         for substep in range(s.substeps):
             if substep:
                 throttle *= self.fuel > 0.0
@@ -130,7 +132,7 @@ class RocketDynamics:
             self.velocity += impulse
             self.velocity[1] -= v.fall
             if v.disturbed:
-                self.velocity += self._disturbance * dt
+                self.velocity += self.disturbance * dt
             self.position += self.velocity * dt
             self.fuel -= throttle * v.burn
             np.maximum(self.fuel, 0.0, out=self.fuel)
@@ -168,35 +170,11 @@ class RocketDynamics:
         np.maximum(observation, -s.observation_limit, out=observation)
         return np.ascontiguousarray(observation.T, dtype=np.float32)
 
-    def capture(self, rows: NDArray[np.integer] | slice) -> F64:
-        """Return the physical state of the selected rockets, `(K, S)`; see `telemetry_of`."""
-        return np.concatenate((
-            self._rows[None, rows], self.episode[None, rows], self.age[None, rows],
-            self.position[:, rows], self.attitude[:, rows], self.velocity[:, rows],
-            self.spin[:, rows], self.fuel[None, rows], self.engines.throttle[None, rows],
-            self._torque[:, rows], self._contact_force[:, rows], self._reward[None, rows],
-            self._no_outcome[None, rows], self.log.commanded[None, rows],
-            self._disturbance[:, rows], self.vehicles.drawn[:, rows], self._touching.T[:, rows]))
-
-    def telemetry_of(self, captured: F64) -> Telemetry:
-        """Return the telemetry that a capture `(K, S)` holds."""
-        count, s = captured.shape[1], self.settings
-        drawn_to = _DRAWN + len(DRAWN_NAMES)
-        row, episode, age = captured[:3].astype(np.int64)
-        fuel, throttle, reward, outcome = captured[[16, 17, 24, OUTCOME]]
-        return Telemetry(
-            row=row, episode=episode, time=age * s.dt, position=captured[3:6].T,
-            orientation=captured[6:10].T, linear_velocity=captured[10:13].T,
-            angular_velocity=captured[13:16].T, fuel=fuel,
-            mass=fuel + s.dry_mass * captured[_DRY_MASS],
-            throttle=throttle, thrust=throttle * (s.max_thrust * captured[_THRUST]),
-            lateral_thrust=np.zeros(count), torque=captured[18:21].T,
-            contact_force=captured[21:24].T, contact=captured[drawn_to:].T.astype(np.bool_),
-            leg_angle=np.zeros((count, self.feet)), terrain=np.zeros((count, 0)), reward=reward,
-            outcome=outcome.astype(np.uint8), commanded_throttle=(captured[26] + 1.0) / 2,
-            disturbance=captured[27:30].T, conditions=captured[_DRAWN:drawn_to].T,
-        )
-
-    def telemetry(self, rows: NDArray[np.integer] | slice) -> Telemetry:
-        """Return the physical state of the selected rockets, S of them."""
-        return self.telemetry_of(self.capture(rows))
+    def _derived(self, known: Mapping[str, F64]) -> dict[str, NDArray[Any]]:
+        s, drawn = self.settings, known['conditions']
+        return {
+            'time': known['age'] * s.dt, 'mass': known['fuel'] + s.dry_mass * drawn[_DRY_MASS],
+            'thrust': known['throttle'] * (s.max_thrust * drawn[_THRUST]),
+            'commanded_throttle': (known['commanded'] + 1.0) / 2,
+            'leg_angle': np.zeros_like(known['contact']),
+        }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rocket_sim_node.worlds.base import NO_OUTCOME
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
 
 F64 = NDArray[np.float64]

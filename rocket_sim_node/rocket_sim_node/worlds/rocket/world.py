@@ -16,7 +16,6 @@ from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 from rocket_sim_node.worlds.rocket import outcome as outcomes
@@ -24,7 +23,6 @@ from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket import spawn
 from rocket_sim_node.worlds.rocket.actuators import IDLE
 from rocket_sim_node.worlds.rocket.dynamics import ACTION_NAMES
-from rocket_sim_node.worlds.rocket.dynamics import OUTCOME
 from rocket_sim_node.worlds.rocket.dynamics import RocketDynamics
 from rocket_sim_node.worlds.rocket.dynamics import observation_names
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
@@ -55,7 +53,7 @@ class RocketWorld(RocketDynamics):
             self.settings_class, conditions.flatten(settings))
         super().__init__(num_envs, self._made_with, seed)
         self.episode_return = np.zeros(num_envs)
-        self._none_finished = self._finished = self.capture(self._rows[:0])
+        self._none_finished = self._finished = self.capture(self.rows[:0])
         self.spec = WorldSpec(
             name=self.name, num_envs=num_envs, dt=self.settings.dt,
             observation_names=observation_names(self.settings), action_names=ACTION_NAMES,
@@ -86,16 +84,21 @@ class RocketWorld(RocketDynamics):
             (self._seed, self.episode + 1) if seed is None
             else (seed, np.zeros_like(self.episode)))
         first = spawn.draw(
-            new_seed, self._rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
+            new_seed, self.rows, episode, spawn.spawn_range(checked), checked, self.in_plane)
         self._use(checked, new_seed)
         self.episode = episode
         # If the new conditions have no gusts, nothing else would clear those of the old ones.
         self.gust[:] = 0.0
-        self._disturbance[:] = 0.0
-        self._begin(self._rows, first)
-        self._reward = np.zeros(self.spec.num_envs)
+        self.disturbance[:] = 0.0
+        self._begin(self.rows, first)
+        self.reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
         return self.observe()
+
+    @property
+    def flown_settings(self) -> dict[str, float]:
+        """The settings of `spec` with those that the last reset or restore gave in their place."""
+        return {**self.spec.settings, **settings_module.as_numbers(self.settings)}
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all rockets by `dt`; see :class:`VectorEnv`."""
@@ -122,7 +125,7 @@ class RocketWorld(RocketDynamics):
             'final_rows': done, 'final_observation': observation[:0],
             'episodes': NO_EPISODES,
         }
-        self._reward = reward
+        self.reward = reward
         if done.size:
             info = self._finish(done, up[:, done], observation, reward)
         else:
@@ -132,16 +135,6 @@ class RocketWorld(RocketDynamics):
         terminated[done] = True
         truncated = np.zeros(self.spec.num_envs, np.bool_)
         return observation, reward.astype(np.float32), terminated, truncated, info
-
-    @property
-    def finished(self) -> Telemetry:
-        """Final states of the rockets that finished at the last step."""
-        return self.telemetry_of(self._finished)
-
-    @property
-    def captured_ends(self) -> F64:
-        """Final states of the rockets that finished at the last step, `(K, S)`."""
-        return self._finished
 
     def snapshot(self) -> bytes:
         """Return the exact state of all rockets."""
@@ -164,12 +157,12 @@ class RocketWorld(RocketDynamics):
         except ValueError as error:
             raise ValueError(f'snapshot: {error}') from error
         self._load_state(arrays, self._state_arrays())
-        self.vehicles.begin(self._rows, self.episode)
-        self._disturbance[::2] = self.vehicles.side + self.gust
-        self._torque[:] = 0
+        self.vehicles.begin(self.rows, self.episode)
+        self.disturbance[::2] = self.vehicles.side + self.gust
+        self.torque[:] = 0
         self._touching[:] = False
-        self._contact_force[:] = 0
-        self._reward = np.zeros(self.spec.num_envs)
+        self.contact_force[:] = 0
+        self.reward = np.zeros(self.spec.num_envs)
         self._finished = self._none_finished
         return self.observe()
 
@@ -219,7 +212,7 @@ class RocketWorld(RocketDynamics):
         spawn_range = spawn.spawn_range(settings)
         super()._use(settings, seed)
         self._spawns = spawn.SpawnStore(
-            seed, len(self._rows), spawn_range, settings, self.in_plane)
+            seed, len(self.rows), spawn_range, settings, self.in_plane)
         self._max_age = outcomes.step_limit(settings, settings.dt)
         self._cos_tilt_limit = np.cos(np.deg2rad(settings.tilt_limit))
 
@@ -236,13 +229,13 @@ class RocketWorld(RocketDynamics):
         self.log.begin(rows)
         self.age[rows] = 0
         self.episode_return[rows] = 0.0
-        self._torque[:, rows] = 0.0
+        self.torque[:, rows] = 0.0
         self._touching[rows] = False
-        self._contact_force[:, rows] = 0.0
+        self.contact_force[:, rows] = 0.0
         if self.vehicles.gusty:
             self.gust[:, rows] = self.vehicles.first_gust(rows)
         if self.vehicles.disturbed:
-            self._disturbance[::2, rows] = self.vehicles.side[:, rows] + self.gust[:, rows]
+            self.disturbance[::2, rows] = self.vehicles.side[:, rows] + self.gust[:, rows]
         if self.extended:
             self.accelerations[:, :, rows] = 0.0
 
@@ -283,8 +276,7 @@ class RocketWorld(RocketDynamics):
         outcome, speed, tilt, distance = self._judge(done, up)
         reward[done] += outcomes.terminal_reward(outcome, speed, tilt, distance, self.settings)
         self.episode_return += reward
-        self._finished = self.capture(done)
-        self._finished[OUTCOME] = outcome
+        self._capture_ends(done, outcome)
         info = {
             'final_rows': done,
             'final_observation': observation[done],
@@ -301,7 +293,7 @@ class RocketWorld(RocketDynamics):
         self.episode[done] += 1
         first = self._spawns.take(done, self.episode[done])
         self._begin(done, first)
-        self._reward = reward.copy()
-        self._reward[done] = 0.0
+        self.reward = reward.copy()
+        self.reward[done] = 0.0
         observation[done] = self._observe(done, rotation.up_vector(first.attitude))
         return info

@@ -36,8 +36,8 @@ def show(shown: View, width: int = 80, height: int = 24) -> list[str]:
     (85.0, -10.0, 0.0, 'full throttle in 2.00 s at the latest'),
     (45.01, -30.0, 0.0, 'full throttle in 0.00 s at the latest'),
     (44.999, -30.0, 0.0, 'BURN: now or never'),
-    (25.0, -30.0, 0.0, 'TOO LATE: 20 m/s at the ground, even so'),
-    (50.0, -30.0, 1.0, 'braking: +5.0 m in hand'),
+    (25.0, -30.0, 0.0, 'TOO LATE: at least 20 m/s at the ground'),
+    (50.0, -30.0, 1.0, 'braking: +5.0 m to spare'),
 ])
 def test_it_says_how_late_it_is(
         height: float, climb: float, throttle: float, advice: str) -> None:

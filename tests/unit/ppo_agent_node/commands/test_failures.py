@@ -90,5 +90,5 @@ def test_what_cannot_be_flown_again_is_named(tmp_path: Path) -> None:
         'ppo_agent_node/ppo_agent_node/policies/rocket.safetensors')
     changed = {**summary, 'policy': 'policy', 'policy_file': str(shipped), 'policy_sha256': '0'}
     (tmp_path / 'evaluation.json').write_text(json.dumps(changed))
-    with pytest.raises(ValueError, match='is another policy than the one that was evaluated'):
+    with pytest.raises(ValueError, match='is not the policy that was evaluated'):
         make(Failures(run_dir=str(tmp_path)))

@@ -2,16 +2,24 @@
 """How commands begin: what their launch is given, which files are made, and what help says."""
 from __future__ import annotations
 
+import fcntl
+import os
+import re
 import shlex
 import shutil
+import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import rerun as rr
 import yaml
 
 from ppo_agent_node.commands import launch
+from rocket_sim_node.recording.sinks import rerun_program
 
 SCRIPTS = Path(__file__).parents[4] / 'launch_scripts'
 
@@ -108,7 +116,7 @@ def test_a_training_keeps_its_vehicle_and_goes_on_with_it(project: Project) -> N
     (run / 'config.yaml').write_text('world: rocket\nnum_envs: 8\n')
     resumed = project.begin('train', f'run_dir:={run}', 'resume:=true')
     assert (resumed['simulator_parameters'], resumed['num_envs']) == (str(kept), '8')
-    with pytest.raises(ValueError, match='run_dir: there is a run already in'):
+    with pytest.raises(ValueError, match=r'run_dir: .* already holds a run'):
         project.begin('train', *texts)
     assert project.variable('made') == [''], 'what was there stays when nothing begins'
 
@@ -126,18 +134,97 @@ def test_a_file_may_speak_to_the_node_by_its_name(project: Project) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text('/ns: {simulator: {ros__parameters: {fuel: 1500, seed: 3}}}\n'
                     'other: {ros__parameters: {fuel: 1}}\n')
-    begun = project.begin('land', f'simulator_parameters:={mine}', 'fuel:=1200')
+    begun = project.begin(
+        'land', f'simulator_parameters:={mine}', 'fuel:=1200', 'namespace:=ns')
     told = yaml.safe_load(Path(begun['simulator_parameters']).read_text())
     assert told == {
         '/ns': {'simulator': {'ros__parameters': {'fuel': 1200.0, 'seed': 3}}},
         'other': {'ros__parameters': {'fuel': 1}}}
 
 
+@pytest.mark.parametrize(('text', 'named'), [
+    ('simulater: {ros__parameters: {fuel: 1}}', '/simulater'),
+    ('/other/simulator: {ros__parameters: {fuel: 1}}', '/other/simulator'),
+    ('simulator: {ros__parameters: {fuel: 1}}', '/simulator'),
+    ('/**: {ros__parameters: {}}', 'no node'), ('', 'no node'), ('# a remark', 'no node'),
+    ('hello world', 'hello world'), ('#!/bin/sh\necho "$@"', 'echo'), ('{', 'expected'),
+    ('/**: {ros__parameters: {fuel: &a 1, seed: *a}}', 'refers to another value'),
+    ('/**: {ros__parameters: {fuel: 1, fuel: 2}}', "names 'fuel' twice")])
+@pytest.mark.parametrize('command', ['train', 'land', 'evaluate', 'fly'])
+def test_a_named_file_that_gives_nothing_to_its_node_ends_the_start(
+        project: Project, command: str, text: str, named: str) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text(text)
+    with pytest.raises(ValueError, match=r'simulator_parameters: .*mine\.yaml') as caught:
+        project.begin(command, f'simulator_parameters:={mine}', 'namespace:=ns')
+    assert named in str(caught.value)
+    if 'has no parameters' in str(caught.value):
+        assert 'for node /ns/simulator: got those of' in str(caught.value)
+    assert not (project.root / 'runs').exists()
+
+
+@pytest.mark.parametrize('name', ['agent_parameters', 'agent_overrides', 'agent_settings'])
+def test_a_named_file_that_gives_nothing_to_the_agent_ends_the_start(
+        project: Project, name: str) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text('ppo_agnet: {ros__parameters: {seed: 3}}')
+    with pytest.raises(ValueError, match=rf'{name}: .*has no parameters for node /ppo_agent: got'):
+        project.begin('train', f'{name}:={mine}')
+    mine.write_text('ppo_agent: {ros__parameters: {seed: 3}}')
+    assert project.begin('train', f'{name}:={mine}')[name] == str(mine)
+
+
+@pytest.mark.parametrize('text', [
+    '/**:\r\n  ros__parameters:\r\n    fuel: 1500.0\r\n',
+    '"/**":\n  \'ros__parameters\':\n    "fuel": 1500.0\n'])
+def test_quotes_and_the_line_ends_of_windows_are_read(project: Project, text: str) -> None:
+    mine = project.root / 'mine.yaml'
+    mine.write_text(text, newline='')
+    run = project.root / 'run'
+    project.begin('train', f'simulator_parameters:={mine}', f'run_dir:={run}', 'seed:=3')
+    assert (run / 'simulator.yaml').read_bytes() == mine.read_bytes()
+    begun = project.begin('land', f'simulator_parameters:={mine}', 'dry_mass:=21000')
+    assert parameters(begun['simulator_parameters']) == {'fuel': 1500.0, 'dry_mass': 21000.0}
+
+
+@pytest.mark.parametrize('make', [
+    lambda path: path.symlink_to('/dev/zero'), os.mkfifo, Path.mkdir,
+    lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_WRONLY), 2**40)])
+def test_what_is_no_file_of_a_sane_size_is_never_read(
+        project: Project, make: Callable[[Path], None]) -> None:
+    mine = project.root / 'mine.yaml'
+    make(mine)
+    for command in ('train', 'land', 'evaluate'):
+        with pytest.raises(ValueError, match=r'simulator_parameters: .*: got .*, expected '):
+            project.begin(command, f'simulator_parameters:={mine}')
+    assert not (project.root / 'runs').exists()
+
+
+def test_a_second_training_is_told_of_the_first(project: Project) -> None:
+    run = project.root / 'run'
+    run.mkdir()
+    with (run / '.lock').open('w') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for more in ([], ['resume:=true']):
+            with pytest.raises(ValueError, match=f'run_dir: another process is training in {run}'):
+                project.begin('train', f'run_dir:={run}', *more)
+            (run / 'config.yaml').write_text('world: rocket\nnum_envs: 8\n')
+    assert project.begin('train', f'run_dir:={run}', 'resume:=true')['run_dir'] == str(run)
+
+
+@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', ' 1'])
+def test_a_domain_that_ros_would_refuse_is_named(
+        project: Project, monkeypatch: pytest.MonkeyPatch, value: str) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', value)
+    with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID: got '{value}', expected a whole number"):
+        project.begin('land')
+
+
 @pytest.mark.parametrize('text', ['[1, 2]', '{', 'a: 3', '/**: {ros__parameters: 3}'])
 def test_a_file_that_is_none_of_parameters_is_named(project: Project, text: str) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text(text)
-    with pytest.raises(ValueError, match=r'mine\.yaml: .*expected a file of ROS parameters'):
+    with pytest.raises(ValueError, match=r'simulator_parameters: .*mine\.yaml: .*expected a fi'):
         project.begin('land', f'simulator_parameters:={mine}', 'fuel:=1200')
 
 
@@ -157,7 +244,7 @@ def test_recordings_and_folders_get_names_of_their_own(project: Project) -> None
     assert Path(table).is_dir() and project.variable('made') == [table]
     assert 'output' not in project.begin('evaluate')
     Path(second).touch()
-    with pytest.raises(ValueError, match=r'output: .* exists already'):
+    with pytest.raises(ValueError, match=r'output: .* already exists'):
         project.begin('land', f'output:={second}')
 
 
@@ -167,7 +254,7 @@ def test_the_pilot_of_fly_gets_its_parameters(
         project.begin('fly')
     for stream in (sys.stdin, sys.stdout):
         monkeypatch.setattr(stream, 'isatty', lambda: True, raising=False)
-    begun = project.begin('fly', 'assist:=false', 'level:=3', 'lean:=12', 'connect:=rerun://x')
+    begun = project.begin('fly', 'assist:=false', 'level:=3', 'lean:=12', 'connect:=rerun://x/proxy')
     assert project.variable('pilot[@]') == [
         '-p', 'assist:=false', '-p', 'level:=3', '-p', 'lean:=12.0']
     assert (begun['serve_web'], project.variable('namespace')) == ('false', ['/fly_42'])
@@ -213,3 +300,93 @@ def test_an_error_is_one_line_with_status_2(project: Project) -> None:
          project.scratch, 'world:=mars'], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (
         2, '', "train: world: got 'mars', expected one of rocket, rocket_planar, lunar_lander\n")
+
+
+@pytest.mark.parametrize('command', ['train', 'land'])
+@pytest.mark.parametrize(('given', 'words'), [
+    (['connect:=nonsense'], "connect: got 'nonsense', expected a URL like rerun+http"),
+    (['connect:=rerun+http://h:99999/proxy'], 'connect: got'),
+    (['web_port:=70000'], 'web_port: got 70000, expected 1 to 65535'),
+    (['web_host:=999.1.1.1'], "web_host: got '999.1.1.1', expected an IPv4 address"),
+    (['serve_web:=true', 'web_host:=192.0.2.7'], 'expected an address of this machine'),
+])
+def test_what_the_recorder_cannot_have_ends_the_start(
+        project: Project, command: str, given: list[str], words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        project.begin(command, *given)
+    assert not (project.root / 'runs').exists()
+
+
+@pytest.mark.parametrize('command', ['train', 'land'])
+def test_a_port_that_is_taken_ends_the_start(project: Project, command: str) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ValueError, match=f'web_port: {port} is taken by another program'):
+            project.begin(command, 'serve_web:=true', f'web_port:={port}')
+        project.begin(command, f'web_port:={port}')  # nobody asked for a page
+
+
+def test_without_a_recorder_nothing_can_be_shown(project: Project) -> None:
+    with pytest.raises(ValueError, match='expected none beside record:=false'):
+        project.begin('train', 'record:=false', 'serve_web:=true')
+
+
+def test_a_recording_needs_a_folder_and_room(
+        project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(OSError, match='no recording can be written in'):
+        project.begin('land', f'output:={__file__}/x.rrd')
+    with pytest.raises(ValueError, match=r'expected a name that ends with \.rrd'):
+        project.begin('land', 'output:=flights')
+    monkeypatch.setattr(shutil, 'disk_usage', lambda path: SimpleNamespace(free=2**20))
+    for command in ('train', 'land'):
+        with pytest.raises(OSError, match='only 1 MiB of disk left'):
+            project.begin(command)
+        assert not (project.root / 'runs').exists()
+    project.begin('train', 'record:=false')
+
+
+_LAUNCH = """#!/usr/bin/env bash
+# A launch that ends with 0, although its recorder was killed while it ended.
+for word; do
+  case $word in run_dir:=*) run=${word#*:=} ;; output:=*) output=${word#*:=} ;; esac
+done
+if [[ ${run:-} ]]; then mkdir -p "$run/checkpoints"; touch "$run"/{config.yaml,evaluation.json}; fi
+output=${output:-${run:-}/recording.rrd}
+if [[ $* != *record:=false* ]]; then cp "$LEFT" "${output%.rrd}.partial.rrd"; fi
+"""
+
+
+@pytest.mark.parametrize('command', ['train', 'land'])
+def test_a_recording_that_was_not_finished_is_told_and_can_be_repaired(
+        project: Project, tmp_path: Path, command: str) -> None:
+    left, programs = tmp_path / 'left.rrd', tmp_path / 'programs'
+    stream = rr.RecordingStream('hoverslam')
+    stream.save(left, write_footer=False)
+    stream.log('speed', rr.Scalars(3.0))
+    stream.disconnect()
+    programs.mkdir()
+    (programs / 'ros2').write_text(_LAUNCH)
+    (programs / 'ros2').chmod(0o755)
+    for name in (command, 'attend.sh', 'command.sh'):
+        shutil.copy(SCRIPTS / name, project.scripts)
+    (project.scripts / 'env.sh').write_text(f'PATH={programs}:$PATH\n')
+    whole = tmp_path / 'flights of today' / 'recording.rrd'
+    whole.parent.mkdir()
+    where = f'run_dir:={whole.parent}' if command == 'train' else f'output:={whole}'
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [project.scripts / command, where, *arguments], env={**os.environ, 'LEFT': str(left)},
+            capture_output=True, text=True, check=False, timeout=30, stdin=subprocess.DEVNULL)
+
+    ended = run()
+    assert ended.returncode == 1, ended.stderr
+    told, repair = ended.stderr.splitlines()
+    assert told.startswith(f'{command}: the recording is not finished')
+    subprocess.run(repair, shell=True, check=True, timeout=30)
+    rerun_program.verify(whole)
+    assert [path.name for path in whole.parent.glob('*.rrd')] == ['recording.rrd']
+    if command == 'train':
+        assert ended.stdout.splitlines()[-1] == f'run: {whole.parent}'
+        (whole.parent / 'config.yaml').unlink()
+        assert run('record:=false').returncode == 0

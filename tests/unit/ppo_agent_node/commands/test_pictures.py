@@ -13,6 +13,7 @@ from PIL import Image
 from support import rendering
 
 from ppo_agent_node.commands import pictures
+from rocket_sim_node import palette
 from rocket_sim_node.recording.reader import trajectories
 
 ROOT = Path(__file__).parents[4]
@@ -32,6 +33,19 @@ def test_a_picture_is_made_anew(
     with Image.open(tmp_path / 'lunar_lander.png') as picture:
         pixels = np.asarray(picture.convert('RGB'), np.int64)
     assert rendering.of_vehicle(pixels[:, :480], 'lunar_lander').sum() > 50
+
+
+def test_standard_views_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(sys, 'argv', ['pictures', 'only:=standard_views', f'output:={tmp_path}'])
+    pictures.main()
+    assert 'standard_views.png, 1800 x 960' in capsys.readouterr().out
+    with Image.open(tmp_path / 'standard_views.png') as picture:
+        pixels = np.asarray(picture.convert('RGB'), np.int64)
+    for colour in (palette.CONCRETE, palette.TARGET, palette.BURN, palette.GREEN):
+        near = np.abs(pixels - colour).max(axis=2) < 12
+        assert near.sum() > 20, colour
 
 
 def test_what_is_shown_is_the_same_every_time(tmp_path: Path) -> None:
@@ -54,7 +68,7 @@ def test_the_pictures_made_here_are_those_of_the_documents() -> None:
 
 
 def test_the_newest_complete_run_is_taken(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match='run_dir: no run'):
+    with pytest.raises(FileNotFoundError, match='run_dir: no finished run'):
         pictures.newest_run(tmp_path)
     for age, (name, world) in enumerate((
             ('new', 'rocket'), ('old', 'rocket'), ('moon', 'lunar_lander'))):

@@ -119,6 +119,20 @@ def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
     check_world(load_preset('default', 'rocket', **{name: 'harsh'}), worlds.make('rocket').spec)
 
 
+def test_learning_meets_conditions_that_the_task_keeps_nominal() -> None:
+    """Evaluation and selection fly the conditions as they are."""
+    asked = load_preset('robust', 'rocket', curriculum_nominal_share=0.25).curriculum
+    assert asked.reset_settings(7)['nominal_share'] == 0.25
+    assert asked.reset_settings(7, group=1)['nominal_share'] == 0.25
+    assert asked.task_settings(7)['nominal_share'] == 0.0
+    assert all(task['nominal_share'] == 0.0 for task in asked.selection_settings)
+    with pytest.raises(ValueError, match=(
+            r'^curriculum_nominal_share: got 0\.25, expected none, as world .lunar_lander. has no '
+            r'conditions$')):
+        check_world(load_preset('default', 'lunar_lander', curriculum_nominal_share=0.25),
+                    worlds.make('lunar_lander').spec)
+
+
 def test_headings_are_for_worlds_that_have_them() -> None:
     """Else a run would end after cloning, when the world refuses the reset."""
     turned = load_preset('default', 'rocket_planar')

@@ -241,7 +241,7 @@ def test_who_flies_when_nobody_says(given: dict[str, str], names: list[str]) -> 
 
 
 @pytest.mark.parametrize(('given', 'words'), [
-    ({'pilots': 'expert'}, "pilots: got 'expert', expected none but with conditions 'all'"),
+    ({'pilots': 'expert'}, "pilots: got 'expert', expected none without conditions 'all'"),
     ({'policy': 'a', 'pilot': 'expert'}, "policy: got 'a', expected none with pilot 'expert'"),
     ({'policy': 'a', 'pilots': 'expert', 'conditions': 'all'}, 'is not among pilots')])
 def test_arguments_that_contradict_are_refused(given: dict[str, str], words: str) -> None:

@@ -16,7 +16,7 @@ from ppo_agent_node.evaluation.standing import after_touchdown
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.base import Telemetry
+from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.worlds.planar.settling import Settlement
 from rocket_sim_node.worlds.rocket import rotation
 

@@ -235,3 +235,16 @@ def test_the_picture_marks_the_clone_of_the_last_round() -> None:
     (star,) = (line for line in axes.lines if line.get_label() == 'kept')
     assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([3.0], [0.3])
     assert [text.get_text() for text in axes.texts] == ['81 % landed']
+
+
+def test_no_more_flights_are_learnt_from_than_are_asked_for() -> None:
+    """Of 8 rockets the first 3 count, in demonstrations and in rounds of DAgger."""
+    env, config = world(8), make_config({**SMALL, 'demonstration_episodes': 3}).demonstration
+    expert = ExpertPilot(env.spec)
+    shown, landings = fly(env, fly_wave(env.spec, expert, config, {'level': 1}, 1, 0))
+    assert (landings.outcome == 0).all() and len(landings) == 8
+    assert int(shown.episode.max()) == 2
+    seen, flown = fly(env, fly_clone(
+        env.spec, RandomPilot(env.spec, 1), expert, {'level': 7}, 5, most=3))
+    np.testing.assert_array_equal(
+        np.bincount(seen.episode), flown.length[np.argsort(flown.row)][:3])

@@ -109,7 +109,7 @@ def test_the_page_is_one_file_with_every_picture_and_every_setting(run: Path) ->
     for words in ('60 of 60, 100.00 %', '93.98 to 100.00 %', 'level 7', 'training seed4',
                   'time7 min 0 s'):
         assert words in page.text, words
-    assert f'default): {len(config["training"])} settings, 2 not as usual' in page.text
+    assert f'default): {len(config["training"])} settings, 2 changed' in page.text
     links = {link.removeprefix('./') for link in page.links}
     assert {'config.yaml', 'train.jsonl', 'evaluation.json', 'episodes.csv', 'plots',
             'report.html'} <= links
@@ -352,13 +352,26 @@ def test_the_command_refuses_in_one_line(
         assert words in said.err
         assert (said.err.count('\n'), said.out) == (1, '')
     assert not (tmp_path / 'run' / 'report.html').exists()
-    for arguments in ([], ['--help']):
-        monkeypatch.setattr(sys, 'argv', ['report', *arguments])
+    monkeypatch.setattr(sys, 'argv', ['report', '--help'])
+    report.main()
+    assert capsys.readouterr().out.startswith('Usage: report RUN [RUN ...]')
+    monkeypatch.setattr(sys, 'argv', ['report'])
+    with pytest.raises(SystemExit) as ended:
         report.main()
-        assert capsys.readouterr().out.startswith('Usage: report RUN [RUN ...]')
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith('Usage: report RUN [RUN ...]')
 
 
-def test_every_picture_of_the_catalogue_has_its_sentence() -> None:
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
+    runs = [write_training(tmp_path / name) for name in ('one', 'two')]
+    (tmp_path / 'file').touch()
+    for output in (tmp_path / 'file', tmp_path / 'file' / 'below', Path('/proc/none')):
+        with pytest.raises(ValueError, match=r'output: got .* expected a folder that can be made'):
+            report._report([*map(str, runs), f'output:={output}'])
+    assert not (tmp_path / 'one' / 'report.html').exists()
+
+
+def test_every_picture_of_the_catalogue_has_a_short_caption() -> None:
     for name, entry in catalogue.CATALOGUE.items():
         assert entry.caption.endswith('.'), name
-        assert '. ' not in entry.caption, name
+        assert entry.caption.count('. ') <= 2, name

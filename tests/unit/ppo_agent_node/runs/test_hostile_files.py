@@ -314,14 +314,14 @@ def test_no_more_is_read_of_a_foreign_file_than_its_header(tmp_path: Path) -> No
     path = tmp_path / 'policy.safetensors'
     with path.open('wb') as file:
         file.truncate(2**40)  # a hole: it takes no room on the disk
-    with pytest.raises(ValueError, match=r'policy\.safetensors: damaged'):
+    with pytest.raises(ValueError, match=r'policy\.safetensors: got 1099511627776 bytes'):
         load_policy(path, SPEC)
     settings = tmp_path / 'config.yaml'
     with settings.open('wb') as file:
         file.truncate(2**40)
-    with pytest.raises(ValueError, match=r'config\.yaml: damaged, 1099511627776 bytes'):
+    with pytest.raises(ValueError, match=r'config\.yaml: got 1099511627776 bytes'):
         read_config(settings)
     os.mkfifo(tmp_path / 'pipe.safetensors')
     for other in (tmp_path, tmp_path / 'pipe.safetensors'):
-        with pytest.raises(ValueError, match='is no file'):
+        with pytest.raises(ValueError, match='expected a regular file'):
             load_policy(other, SPEC)

@@ -100,7 +100,7 @@ def test_config(folder: RunFolder) -> None:
 def test_a_run_that_is_there_is_not_overwritten(folder: RunFolder) -> None:
     RunFolder(folder.path)  # nothing was written yet
     folder.append({})
-    with pytest.raises(RunFolderError, match=r'runs/one: there is a run already'):
+    with pytest.raises(RunFolderError, match=r'runs/one: already holds a run'):
         RunFolder(folder.path)
     assert RunFolder(folder.path, resume=True).lines() == [{}]
 

@@ -24,7 +24,7 @@ from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.runs.new_paths import new_folder
-from ppo_agent_node.runs.status import Status
+from rocket_sim_node.telemetry.training_status import Status
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node.worlds.jobs import SerialFleet
 

@@ -11,7 +11,6 @@ import pytest
 from rich.console import Console
 from rich.text import Text
 
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.terminal import Terminal
 from ppo_agent_node.terminal import wording
 from ppo_agent_node.terminal.block import Block
@@ -19,6 +18,7 @@ from ppo_agent_node.terminal.sparkline import sparkline
 from ppo_agent_node.terminal.status_lines import NARROW
 from ppo_agent_node.terminal.status_lines import StatusLines
 from ppo_agent_node.training.stop_criterion import StopCriterion
+from rocket_sim_node.telemetry.training_status import Status
 
 STAGES = ('demonstrate', 'clone', 'finetune', 'evaluate')
 STATUS = Status(

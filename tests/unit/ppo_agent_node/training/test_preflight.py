@@ -16,7 +16,8 @@ from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.rocket import conditions
 
 ROBUST = load_preset('robust')
-HARSH, MIX = ({**conditions.settings(name), 'level': 7} for name in ('harsh', 'mix'))
+LEARNING = {'nominal_share': ROBUST.curriculum.curriculum_nominal_share, 'level': 7}
+HARSH, MIX = ({**conditions.settings(name), **LEARNING} for name in ('harsh', 'mix'))
 
 
 class Simulators:
@@ -42,7 +43,7 @@ def test_all_starts_of_a_run_are_tried() -> None:
     preflight.try_starts(simulators.fly, ROBUST)
     demonstrations = simulators.asked[-1]
     assert simulators.asked[:-1] == [MIX, HARSH]
-    assert demonstrations.items() > {**conditions.settings('mix'), 'level': 7}.items()
+    assert demonstrations.items() > MIX.items()
     assert 'spawn_angle' in demonstrations
 
 

@@ -13,10 +13,10 @@ from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 SETTINGS: dict[str, Any] = {

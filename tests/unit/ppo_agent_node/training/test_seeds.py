@@ -25,9 +25,9 @@ from ppo_agent_node.evaluation import tuning
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 EVALUATIONS = (

@@ -22,13 +22,13 @@ from ppo_agent_node.ppo.rollout_buffer import in_order
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
-from ppo_agent_node.runs.status import Status
 from ppo_agent_node.training import run_state
 from ppo_agent_node.training.interruptible_fleet import InterruptibleFleet
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import free_memory
 from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.jobs import SerialFleet
@@ -233,6 +233,8 @@ def test_a_damaged_newest_checkpoint_costs_iterations_not_the_run(
 class Unreliable:
     """A world behind a simulator that dies now and then and comes back empty."""
 
+    messages_dropped = 0
+
     def __init__(self, inner: Any, seed: int, rate: float) -> None:
         self._inner, self._random, self._rate = inner, random.Random(seed), rate
         self.spec, self.restarts = inner.spec, 0
@@ -326,8 +328,8 @@ def test_a_run_from_before_its_world_had_a_setting_is_refused(
 
     monkeypatch.setattr(run_state, 'description', of_newer_version)
     with pytest.raises(ValueError, match=(
-            r'iteration_000006\.safetensors: moons of the run is not there, expected 2\.0; '
-            r'the run is from before there was such a setting of its world, begin another$')):
+            r'iteration_000006\.safetensors: the run has no moons, expected 2\.0; '
+            r'the run is older than this setting of its world; start another run$')):
         train(path, resume=True)
 
 

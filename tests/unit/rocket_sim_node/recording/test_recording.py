@@ -21,17 +21,17 @@ from support.recordings import view_classes
 
 from rocket_sim_node import command_line
 from rocket_sim_node import frames
+from rocket_sim_node import palette
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import trajectory_log
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import timepoint
 from rocket_sim_node.recording.drawing import training_plots
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.training_plots import Training
+from rocket_sim_node.recording.recorder import EARLY
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.scene import camera
-from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import rocket_model
 from rocket_sim_node.recording.screenshot import ScreenshotSettings
 from rocket_sim_node.recording.sinks import file_sink
@@ -49,8 +49,8 @@ from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import WIDTH
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import make
@@ -104,7 +104,7 @@ def flights_of(samples: Samples, row: int) -> list[np.ndarray]:
     mine = samples.take(np.flatnonzero(samples.row == row))
     return [
         mine.values[mine.episode == episode] for episode in np.unique(mine.episode)
-        if np.any(mine.outcome[mine.episode == episode] != FLYING)]
+        if np.any(mine.outcome[mine.episode == episode] != NO_OUTCOME)]
 
 
 def feed(recorder: Recorder, samples: Samples, session: int = 1, piece: int = 100) -> None:
@@ -210,7 +210,7 @@ def test_nothing_is_overwritten(tmp_path: Path, flown: Samples) -> None:
 
 def test_two_recorders_cannot_write_one_file(tmp_path: Path) -> None:
     first = FileSink(tmp_path / 'run.rrd', lambda *note: None)
-    with pytest.raises(OSError, match=r'another recorder writes this file.*run\.partial\.rrd'):
+    with pytest.raises(OSError, match=r'another recorder is writing this file.*run\.partial\.rrd'):
         FileSink(tmp_path / 'run.rrd', lambda *note: None)
     first.close()
 
@@ -253,7 +253,7 @@ def test_nothing_is_published_of_a_recorder_that_was_killed_before_it_heard_anyt
     partial_path(path).write_bytes(layout)
     notes: Notes = []
     FileSink(path, lambda *note: notes.append(note)).close()
-    assert notes[0] == ('INFO', 'a recorder was killed before it heard anything')
+    assert notes[0] == ('INFO', 'a recorder was killed before it received anything')
     assert not list(tmp_path.iterdir())
 
 
@@ -320,7 +320,7 @@ def test_where_there_is_no_room_for_a_copy_none_is_made(
     leave_free(monkeypatch, 16 * 2**20)
     sink.close()
     assert [level for level, _ in notes] == ['WARN', 'INFO']
-    assert 'without a table of contents' in notes[0][1]
+    assert 'has no table of contents' in notes[0][1]
     assert not has_contents(path)
     assert reader.trajectories(path)
     assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
@@ -352,7 +352,7 @@ def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
         recorder.close()
         assert time.monotonic() - begun < 20.0
     assert [level for level, _ in notes] == ['ERROR']
-    assert 'stays' in notes[0][1]
+    assert 'remains at' in notes[0][1]
     assert not path.exists()
     FileSink(path, lambda *note: notes.append(note)).close()
     assert 'its recording is repaired' in notes[1][1]
@@ -400,7 +400,7 @@ def test_a_writer_that_died_is_noticed_while_recording(
     with largest_file(200_000):
         feed(recorder, flown)
     assert [level for level, _ in notes] == ['ERROR']
-    assert 'stays' in notes[0][1]
+    assert 'remains at' in notes[0][1]
     before = recorder.flights
     feed(recorder, flown, session=2)
     assert recorder.flights == before
@@ -488,7 +488,7 @@ def test_what_cannot_get_its_name_stays(
     monkeypatch.setattr(file_sink, 'publish', refuse)
     _, notes = record(tmp_path / 'run.rrd', flown)
     assert [level for level, _ in notes] == ['ERROR']
-    assert 'is whole and stays' in notes[0][1]
+    assert 'is complete, but remains at' in notes[0][1]
     rerun_program.verify(partial_path(tmp_path / 'run.rrd'))
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -558,7 +558,7 @@ def test_a_flight_with_a_gap_is_dropped(flown: Samples) -> None:
 
 def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) -> None:
     recorder = Recorder(RecordingFilter(rows=(0,)), [], lambda *note: None)
-    first_end = int(np.flatnonzero((flown.row == 0) & (flown.outcome != FLYING))[0])
+    first_end = int(np.flatnonzero((flown.row == 0) & (flown.outcome != NO_OUTCOME))[0])
     feed(recorder, flown.take(slice(0, first_end - 20)), session=1)
     rest = flown.take(slice(first_end - 20, first_end + 1))
     recorder.states(2, rest)
@@ -574,6 +574,27 @@ def test_samples_may_overtake_their_world(flown: Samples) -> None:
     assert recorder.flights == 0
     recorder.world(STAGE)
     assert recorder.flights == sum(len(flights_of(flown, row)) for row in range(4))
+
+
+def test_gaps_are_told_also_of_samples_that_overtook_their_world(flown: Samples) -> None:
+    told: list[tuple[str, str]] = []
+    recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
+    recorder.states(1, flown.take(flown.step <= 10))
+    recorder.states(1, flown.take(flown.step > 15))
+    assert not told
+    recorder.world(STAGE)
+    assert told == [('WARN', 'state: 5 steps before step 16 were not received: flights in '
+                             'progress are not recorded')]
+    assert recorder.missed == 5
+
+
+def test_samples_left_out_for_want_of_their_world_are_told(flown: Samples) -> None:
+    told: list[tuple[str, str]] = []
+    recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
+    for _ in range(EARLY + 1):
+        recorder.states(1, flown.take(flown.step == 0))
+    assert told == [('WARN', f'state: more than {EARLY} messages arrived before the description '
+                             'on topic world: the oldest are ignored')]
 
 
 @pytest.mark.parametrize(('choice', 'learning', 'expected'), [
@@ -594,7 +615,9 @@ def test_choice(
         recorder.training(Training('finetune', 1, {}))
     feed(recorder, flown)
     recorder.close()
-    got = {(flight.row, flight.episode) for flight in reader.trajectories(path)}
+    assert path.exists() == bool(expected), 'nothing recorded leaves no file'
+    got = {(flight.row, flight.episode)
+           for flight in (reader.trajectories(path) if expected else ())}
     assert {pair for pair in got if pair in expected} == got
     assert got == {pair for pair in expected if pair in got}
     assert len(got) == len([pair for pair in expected if has_ended(flown, pair)])
@@ -602,7 +625,7 @@ def test_choice(
 
 def has_ended(samples: Samples, pair: tuple[int, int]) -> bool:
     mine = (samples.row == pair[0]) & (samples.episode == pair[1])
-    return bool(np.any(samples.outcome[mine] != FLYING))
+    return bool(np.any(samples.outcome[mine] != NO_OUTCOME))
 
 
 def test_room(flown: Samples) -> None:
@@ -612,7 +635,7 @@ def test_room(flown: Samples) -> None:
     feed(recorder, flown)
     assert 0 < recorder.steps <= 1000
     assert len(notes) == 1
-    assert 'until the agent has learnt' in notes[0][1]
+    assert 'until training ends' in notes[0][1]
     recorder.training(Training('evaluate', 1, {}))
     feed(recorder, flown, session=2)
     assert 1000 < recorder.steps <= 2000
@@ -708,7 +731,7 @@ def test_body_vectors() -> None:
     half = np.sqrt(0.5)
     about_x = np.array([[half, 0.0, 0.0, half]])
     np.testing.assert_allclose(
-        effects.to_body(about_x, np.array([[0.0, 0.0, 1.0]])), [[0.0, 1.0, 0.0]], atol=1e-12)
+        frames.to_body(about_x, np.array([[0.0, 0.0, 1.0]])), [[0.0, 1.0, 0.0]], atol=1e-12)
 
 
 def test_colours_differ() -> None:

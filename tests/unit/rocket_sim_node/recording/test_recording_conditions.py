@@ -21,8 +21,8 @@ from rocket_sim_node.recording.scene import conditions_log
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.rewrite import rewrite
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds.rocket import conditions
 from rocket_sim_node.worlds.rocket.conditions import DRAWN_NAMES
@@ -57,7 +57,7 @@ def flight(episode: int = 0, width: int = len(DRAWN_NAMES), **drawn: float) -> S
         values['disturbance'][:, 0] = 0.4 + 0.01 * k
         values['disturbance'][:, 1] = -0.2
     row = [drawn.get(name, NOMINAL.get(f'{name}_low', 0.0)) for name in DRAWN_NAMES][:width]
-    outcome = np.full(N, FLYING)
+    outcome = np.full(N, NO_OUTCOME)
     outcome[-1] = 0
     return Samples.build(
         1000 * episode + k, np.zeros(N), np.full(N, episode), outcome,
@@ -119,7 +119,7 @@ def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path)
         '### Rocket 0, episode 0', '', '| condition | drawn | nominal |', '| --- | --- | --- |',
         '| thrust factor | 0.96 | 1 |', '| action delay | 2 steps | 0 steps |',
         f'| side acceleration | 0.5 m/s^2, {TOWARDS[world]} | 0 m/s^2 |', '',
-        'All else is nominal.']
+        'All other conditions are nominal.']
     assert view_classes(path).count('TextDocument') == 1
     assert json.loads(reader.trajectories(path)[0].summary['conditions']) == {
         'thrust_factor': 0.96, 'action_delay': 2, 'side_acceleration': 0.5,

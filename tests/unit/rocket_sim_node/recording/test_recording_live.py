@@ -35,10 +35,10 @@ from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Settling
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.capture import Telemetry
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Samples
-from rocket_sim_node.worlds.base import Telemetry
 
 Notes = list[tuple[str, str]]
 Rows = dict[str, dict[int, dict[str, Any]]]
@@ -100,7 +100,7 @@ class Tape:
     def write(self, put: Put) -> None:
         put(self.stream)
 
-    def flight(self, put: Put) -> bool:
+    def write_trajectory(self, put: Put) -> bool:
         self.under_way(put, FOR_EVER)
         self.flights += 1
         return True
@@ -242,7 +242,7 @@ def test_nothing_is_followed_that_is_not_recorded(
     stage, samples = flown
     later = samples.take(samples.episode > 0)
     feed(recorder, (stage, later))
-    assert np.any(later.outcome != FLYING)
+    assert np.any(later.outcome != NO_OUTCOME)
     assert tape.parts == tape.flights == 0
     looks = [Look(stage.world, training=True), Look(stage.world, training=True, unusual=True)]
     disturbed = samples.values[:, FIELDS['disturbance']].any()
@@ -266,7 +266,7 @@ def test_flights_come_in_the_order_in_which_they_ended(
         recorder.close()
         order.append([(f.row, f.episode) for f in reader.trajectories(path)])
     samples = flown[1]
-    ended = np.flatnonzero(samples.outcome != FLYING)
+    ended = np.flatnonzero(samples.outcome != NO_OUTCOME)
     assert order[0] == [(samples.row[k], samples.episode[k]) for k in ended]
     assert sorted(order[0]) == sorted(order[1])
 
@@ -285,7 +285,7 @@ def test_viewers_go_on_when_the_file_is_full(
     assert [level for level, _ in notes] == ['WARN']
     assert tape.flights > 1
     assert tape.parts > tape.flights
-    assert reader.trajectories(tmp_path / 'file.rrd') == []
+    assert not (tmp_path / 'file.rrd').exists()
 
 
 def test_what_a_learner_flies_ends_with_the_room_for_it(
@@ -353,10 +353,10 @@ def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go
         RecordingFilter(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],
         lambda *note: None, clock)
     stage, samples = flown
-    first = int(samples.step[samples.outcome != FLYING][0])
+    first = int(samples.step[samples.outcome != NO_OUTCOME][0])
     clock.now = follower.PERIOD
     feed(recorder, (stage, samples.take(samples.step <= first)), piece=1)
-    waiting = int((samples.outcome[samples.step <= first] != FLYING).sum()) - recorder.flights
+    waiting = int((samples.outcome[samples.step <= first] != NO_OUTCOME).sum()) - recorder.flights
     recorder.tick()
     assert recorder.flights == 0
     assert waiting > 0
@@ -375,7 +375,7 @@ def test_flights_before_and_after_learning_keep_to_their_kind(
     recorder = Recorder(
         RecordingFilter(every_nth_episode=1_000_000), [tape], lambda *note: None, clock)
     stage, samples = flown
-    first = int(samples.step[samples.outcome != FLYING][0])
+    first = int(samples.step[samples.outcome != NO_OUTCOME][0])
     feed(recorder, (stage, samples.take(samples.step <= first)), piece=1)
     recorder.training(Training('finetune', 1, {}))
     before = recorder.flights
@@ -396,7 +396,7 @@ def test_the_end_of_a_flight_is_seen_before_others_follow(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Blind(tmp_path / 'live.rrd')
-    tape.flight = lambda put: order.append(clock.now)  # type: ignore[method-assign]
+    tape.write_trajectory = lambda put: order.append(clock.now)  # type: ignore[method-assign]
     order: list[float] = []
     clock = Clock(follower.PERIOD)
     recorder = Recorder(RecordingFilter(), [tape], lambda *note: None, clock)
@@ -536,7 +536,8 @@ def test_a_viewer_may_go_and_come_back(
         server.stop()
         if number == 1:  # the other time it is missed although there is nothing to be sent
             feed(recorder, flown, session=2 * number + 1, piece=100)
-        wait(lambda stopped=stopped: any('is gone' in text for _, text in notes[stopped:]))
+        wait(lambda stopped=stopped: any(
+            'has disconnected' in text for _, text in notes[stopped:]))
     began = time.monotonic()
     recorder.close()
     assert time.monotonic() - began < 30.0

@@ -11,16 +11,16 @@ from support.recordings import record
 from support.recordings import rows_of
 from support.recordings import view_classes
 
+from rocket_sim_node import frames
+from rocket_sim_node import palette
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording import screenshot
 from rocket_sim_node.recording import trajectory_log
 from rocket_sim_node.recording.drawing import entities
-from rocket_sim_node.recording.drawing import palette
 from rocket_sim_node.recording.drawing import planar_view
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
 from rocket_sim_node.recording.drawing.training_plots import Training
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.scene import effects
 from rocket_sim_node.recording.scene import lunar_lander
 from rocket_sim_node.recording.scene import rocket_planar
 from rocket_sim_node.recording.scene.sceneries import SCENERIES
@@ -31,12 +31,12 @@ from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.telemetry.capture import Telemetry
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.worlds import names
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.lunar import vehicle
 
 OUTCOMES = ('landed', 'crashed', 'out_of_bounds', 'timeout')
@@ -71,7 +71,7 @@ def descend(episodes: int, n: int = 60, layout: Layout = LAYOUT, high: float = 9
             'contact_force': force, 'contact': touching.astype(np.uint8),
             'leg_angle': leg_angle,
             'terrain': np.tile(TERRAIN[:layout.heights] * (episode + 1), (n, 1))}
-        outcome = np.full(n, FLYING)
+        outcome = np.full(n, NO_OUTCOME)
         outcome[-1] = 0
         parts.append(Samples.build(
             k + n * episode, np.zeros(n), np.full(n, episode), outcome, **quantities))
@@ -135,9 +135,9 @@ def test_legs_hang_where_gymnasium_has_them() -> None:
             expected = flight.position[k, [0, 2]] - turn(hull + q) @ (i * 20 / 30, 18 / 30)
             tip = expected + turn(hull + q) @ (0.0, -8 / 30)
             box = lunar_lander.leg(side).position[4:8].astype(np.float64)
-            in_hull = effects.to_world(
+            in_hull = frames.to_world(
                 planar_view.turn(np.full(4, side * lunar_lander.turned(flight)[k, column])), box)
-            drawn = flight.position[k] + effects.to_world(
+            drawn = flight.position[k] + frames.to_world(
                 np.tile(flight.orientation[k], (4, 1)), in_hull)
             np.testing.assert_allclose(drawn.mean(axis=0)[[0, 2]], expected, atol=1e-6)
             np.testing.assert_allclose(

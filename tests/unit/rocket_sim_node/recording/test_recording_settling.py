@@ -33,8 +33,8 @@ from rocket_sim_node.recording.trajectories.trajectory import Settling
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.recording.trajectory_log import log_flight
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
-from rocket_sim_node.telemetry.samples import FLYING
 from rocket_sim_node.telemetry.samples import WIDTH
 from rocket_sim_node.telemetry.samples import Layout
 from rocket_sim_node.telemetry.samples import Samples
@@ -53,7 +53,7 @@ def two_flights() -> Samples:
     values[:, FIELDS['mass']] = 22_000.0
     values[:, FIELDS['throttle']] = 0.7
     values[:, FIELDS['reward']] = 1.0
-    outcome = np.full(2 * FLIGHT, FLYING)
+    outcome = np.full(2 * FLIGHT, NO_OUTCOME)
     outcome[[FLIGHT - 1, 2 * FLIGHT - 1]] = 0, 1
     return Samples(
         np.arange(2 * FLIGHT), np.zeros(2 * FLIGHT, np.int64),

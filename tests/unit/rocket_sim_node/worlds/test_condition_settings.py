@@ -73,6 +73,31 @@ def test_draws_fill_their_ranges(name: str) -> None:
         assert values.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.05)
 
 
+@pytest.mark.parametrize('name', ['mix', 'harsh'])
+def test_a_share_stays_nominal(name: str) -> None:
+    """The others fill the ranges as before; directions are always drawn."""
+    values = conditions.settings(name)
+    settings = RocketSettings(**{**values, 'nominal_share': 0.4})  # type: ignore[arg-type]
+    found = draw(3, np.arange(N), np.zeros(N, int), settings)
+    kept = found == conditions.NOMINAL[:, None]
+    for row, condition in enumerate(conditions.DRAWN_NAMES):
+        if condition.endswith('direction'):
+            assert not kept[row].any()
+            continue
+        low, high = values[condition + '_low'], values[condition + '_high']
+        if low == high:
+            assert kept[row].all()
+            continue
+        values_of_a_delay = high - low + 1 if condition == 'action_delay' else np.inf
+        assert kept[row].mean() == pytest.approx(0.4 + 0.6 / values_of_a_delay, abs=0.04)
+        drawn_values = found[row, ~kept[row]]
+        span = 0.01 * (high - low)
+        assert low <= drawn_values.min() <= max(low + span, 1.0)
+        assert high - span <= drawn_values.max() <= high
+    together = np.corrcoef(kept[:4].astype(float))
+    assert np.abs(together - np.eye(4)).max() < 0.08
+
+
 def test_conditions_are_drawn_independently() -> None:
     """Correlations of 4 000 pairs are below 5 standard errors."""
     values = np.array([v for v in drawn('harsh').values() if v.std()])

@@ -388,7 +388,7 @@ def test_memory_stays_flat_over_many_resets() -> None:
 
     def begin_anew(times: int) -> int:
         for _ in range(times):
-            world._begin(world._rows)
+            world._begin(world.rows)
             for _ in range(3):
                 world.step(np.zeros(64, np.int64))
         return process.memory_info().rss

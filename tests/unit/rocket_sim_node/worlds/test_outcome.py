@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rocket_sim_node.worlds.base import NO_OUTCOME
+from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.worlds.rocket import outcome
 from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
 

@@ -16,9 +16,9 @@ from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.policy import PolicyPilot
 from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.worlds import registry
 from rocket_sim_node.worlds.base import Episodes
-from rocket_sim_node.worlds.base import Telemetry
 from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
 from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
 from rocket_sim_node.worlds.rocket import spawn

@@ -34,14 +34,14 @@ def attitude(lean: float = 0.0, towards: float = 0.0, yaw: float = 0.0) -> F64:
 
 def touch_down(
     velocity: tuple[float, float, float] = (0.0, -0.5, 0.0), orientation: F64 | None = None,
-    spin: tuple[float, float, float] = (0.0, 0.0, 0.0), trajectory: bool = False, **settings: Any,
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0), motion: bool = False, **settings: Any,
 ) -> Settlement:
     """Settle one rocket at (3, 5.1, 4)."""
     return settle(
         np.array([[3.0, 5.1, 4.0]]),
         (attitude() if orientation is None else orientation)[None],
         np.array([velocity]), np.array([spin]), np.array([22_500.0]),
-        {**SETTINGS, **settings}, trajectory)
+        {**SETTINGS, **settings}, motion)
 
 
 # Verdicts
@@ -150,20 +150,20 @@ def test_planes_are_all_alike() -> None:
 
 
 def test_the_vehicle_is_lifted_to_first_contact() -> None:
-    end = touch_down(orientation=attitude(8.0), trajectory=True)
-    assert end.trajectory is not None
+    end = touch_down(orientation=attitude(8.0), motion=True)
+    assert end.motion is not None
     lean = np.deg2rad(8.0)
-    assert end.trajectory.position[0, 0] == pytest.approx(
+    assert end.motion.position[0, 0] == pytest.approx(
         (3.0, STANCE * np.sin(lean) + HEIGHT * np.cos(lean), 4.0))
 
 
-# Trajectories
+# Motions
 
 
-def test_a_trajectory_begins_with_the_landing_and_ends_at_rest() -> None:
+def test_a_motion_begins_with_the_landing_and_ends_at_rest() -> None:
     given = attitude(6.0, 35.0, 130.0)
-    end = touch_down((0.4, -1.0, 0.3), given, (0.05, 0.0, 0.1), trajectory=True)
-    path = end.trajectory
+    end = touch_down((0.4, -1.0, 0.3), given, (0.05, 0.0, 0.1), motion=True)
+    path = end.motion
     assert path is not None
     assert path.orientation[0, 0] == pytest.approx(given, abs=1e-12)
     assert np.linalg.norm(path.orientation, axis=-1) == pytest.approx(1.0)
@@ -198,7 +198,7 @@ def test_rows_do_not_depend_on_each_other() -> None:
 def test_no_landing_at_all() -> None:
     none = settle(
         np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0),
-        SETTINGS, trajectory=True)
+        SETTINGS, motion=True)
     assert none.names() == []
     assert none.position.shape == (0, 3)
 
@@ -266,9 +266,9 @@ def test_a_heavier_one_turns_less() -> None:
     def turned(mass: float) -> float:
         end = settle(
             np.array([[0.0, 5.1, 0.0]]), attitude(8.0)[None], np.array([[1.0, -1.0, 0.0]]),
-            np.zeros((1, 3)), np.array([mass]), SETTINGS, trajectory=True)
-        assert end.trajectory is not None
-        return float(end.trajectory.angular_velocity[5, 0, 2])
+            np.zeros((1, 3)), np.array([mass]), SETTINGS, motion=True)
+        assert end.motion is not None
+        return float(end.motion.angular_velocity[5, 0, 2])
 
     assert abs(turned(22_000.0) - turned(24_000.0)) > 1e-3
 

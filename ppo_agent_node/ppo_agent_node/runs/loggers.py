@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loggers beside `train.jsonl`: TensorBoard, and classes of the user's own.
+
+A logger is a class that is called with the folder of the run, and has three methods:
+
+- `begin(lines)` is called once, with all lines of the log so far: none in a new run. What the
+  logger holds of this run beyond them was logged by a start that was killed; the run repeats it.
+- `entry(line)` is called with each further line: a mapping of names to numbers, texts and lists,
+  with `stage` and `iteration`, which together occur once.
+- `close()` is called at the end of the start.
+"""
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from typing import Protocol
+
+TENSORBOARD = 'tensorboard'
+Line = Mapping[str, Any]
+
+
+class RunLogger(Protocol):
+    """Receives the lines of a run's log."""
+
+    def begin(self, lines: Sequence[Line]) -> None:
+        """Begin, or go on after these lines."""
+        ...
+
+    def entry(self, line: Line) -> None:
+        """Log a line."""
+        ...
+
+    def close(self) -> None:
+        """Write what is not written yet."""
+        ...
+
+
+MakeLogger = Callable[[Path], RunLogger]
+
+
+def find(names: str) -> tuple[MakeLogger, ...]:
+    """Return the loggers of a setting.
+
+    :param names: separated by commas: `tensorboard`, `package.module:Class`, `file.py:Class`.
+    :raises ValueError: when one cannot be had; the message says why.
+    """
+    return tuple(_find(name.strip()) for name in names.split(',') if name.strip())
+
+
+def _find(name: str) -> MakeLogger:
+    if name == TENSORBOARD:
+        return _tensorboard()
+    module, _, attribute = name.rpartition(':')
+    if not module or not attribute.isidentifier():
+        raise ValueError(
+            f'loggers: got {name!r}, expected {TENSORBOARD}, package.module:Class or file.py:Class')
+    try:
+        found = getattr(_module(module), attribute)
+    except Exception as error:  # noqa: BLE001  (a module of the user's may raise anything)
+        raise ValueError(f'loggers: {name!r} cannot be imported: {error!r:.200}') from error
+    missing = [method for method in ('begin', 'entry', 'close') if not hasattr(found, method)]
+    if missing:
+        raise ValueError(f'loggers: {name!r} has no method {", ".join(missing)}')
+    made: MakeLogger = found
+    return made
+
+
+def _module(name: str) -> ModuleType:
+    """Import a module by its name or its file."""
+    if not name.endswith('.py'):
+        return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(Path(name).stem, name)
+    if spec is None or spec.loader is None:
+        raise ImportError(f'no file {name}')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _tensorboard() -> MakeLogger:
+    if importlib.util.find_spec('tensorboard') is None:
+        raise ValueError(
+            f"loggers: {TENSORBOARD!r} is not installed, expected: pip install tensorboard")
+    from ppo_agent_node.runs.tensorboard import TensorBoardLogger
+
+    return TensorBoardLogger

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Publishers of the standard messages: those of one rocket, and those of a whole world."""
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import AccelStamped
+from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+from rocket_sim_node.nodes.bridge import messages
+from rocket_sim_node.recording.trajectories.world_info import WorldInfo
+from rocket_sim_node.standard_views.markers import Ends
+from rocket_sim_node.standard_views.markers import RocketMarkers
+from rocket_sim_node.standard_views.markers import scene
+from rocket_sim_node.standard_views.motion import Moment
+from rocket_sim_node.standard_views.motion import RocketView
+from rocket_sim_node.standard_views.vehicle_model import BASE_LINK
+from rocket_sim_node.standard_views.vehicle_model import VehicleModel
+from rocket_sim_node.standard_views.vehicle_model import vehicle_model
+from rocket_sim_node.wire.dds import qos
+
+MARKER_PERIOD = 40_000_000
+"""ns of simulated time between two sets of markers, which are larger than the rest."""
+
+
+class RocketPublishers:
+    """Publishers of one rocket, below its name, such as `rocket_0`."""
+
+    def __init__(self, node: Node, row: int, prefix: str) -> None:
+        """Create them.
+
+        :param prefix: of the names of frames.
+        """
+        self.name = f'rocket_{row}'
+        self.frames = f'{prefix}{self.name}'
+        self.body = f'{self.frames}/{BASE_LINK}'
+        self._row = row
+        self._publish: dict[str, Any] = {}
+        for kind, topic, profile in (
+            (Odometry, f'{self.name}/odom', qos.VIEWS),
+            (PoseStamped, f'{self.name}/pose', qos.VIEWS),
+            (Imu, f'{self.name}/imu', qos.VIEWS),
+            (JointState, f'{self.name}/joint_states', qos.VIEWS),
+            (WrenchStamped, f'{self.name}/wrench', qos.VIEWS),
+            (AccelStamped, f'{self.name}/wind', qos.VIEWS),
+            (DiagnosticStatus, f'{self.name}/conditions', qos.LATCHED),
+            (MarkerArray, f'{self.name}/markers', qos.VIEWS),
+        ):
+            publisher = node.create_publisher(kind, topic, profile)
+            self._publish[topic.rpartition('/')[2]] = publisher.publish
+        self._drawn_at = -MARKER_PERIOD
+        self._told: tuple[int, bytes] | None = None
+
+    def begin(self, info: WorldInfo, model: VehicleModel) -> None:
+        """Begin another world."""
+        self._info, self._model = info, model
+        self._markers = RocketMarkers(info)
+        self._told = None
+
+    def publish(self, view: RocketView, stamp: int) -> list[Any]:
+        """Publish the messages of a state; return its transforms, which go into one message.
+
+        :raises ValueError: when the state does not fit its world; then nothing is published.
+        """
+        transforms = messages.transforms(view, stamp, self.frames, self.body, self._model)
+        say = self._publish
+        say['odom'](messages.odometry(view, stamp, self.body))
+        say['pose'](messages.pose(view, stamp))
+        say['imu'](messages.imu(view, stamp, self.body))
+        say['joint_states'](messages.joint_states(view, stamp, self.body, self._model))
+        say['wrench'](messages.wrench(view, stamp, self.body))
+        say['wind'](messages.wind(view, stamp))
+        drawn = view.episode, view.conditions.tobytes()
+        if drawn != self._told:
+            self._told = drawn
+            say['conditions'](messages.conditions(
+                view, self.name, self._info.condition_names))
+        found = self._markers.of(view)
+        if view.begins or view.outcome or stamp - self._drawn_at >= MARKER_PERIOD:
+            self._drawn_at = stamp
+            say['markers'](messages.marker_array(found, stamp, self._row, self.body))
+        return transforms
+
+
+class BridgePublishers:
+    """Publishers of all viewed rockets, `/tf`, the scene and, when asked for, `/clock`."""
+
+    def __init__(self, node: Node, rows: tuple[int, ...], prefix: str, clock: bool) -> None:
+        """Create what does not depend on the world."""
+        self._node = node
+        self._rows = rows
+        self._prefix = prefix
+        self._rockets: dict[int, RocketPublishers] = {}
+        self._ends = Ends()
+        self._urdf = ''
+        self._world = ''
+        self._description = node.create_publisher(String, 'robot_description', qos.LATCHED)
+        self._scene = node.create_publisher(MarkerArray, 'markers', qos.LATCHED)
+        self._transforms = node.create_publisher(TFMessage, '/tf', qos.VIEWS)
+        self._clock = node.create_publisher(Clock, '/clock', qos.CLOCK) if clock else None
+
+    def begin(self, info: WorldInfo, num_envs: int, stamp: int) -> None:
+        """Begin a world of `num_envs` rockets, or another description of the same one."""
+        model = vehicle_model(info)
+        for row in self._rows:
+            if row < num_envs and row not in self._rockets:
+                self._rockets[row] = RocketPublishers(self._node, row, self._prefix)
+        for rocket in self._rockets.values():
+            rocket.begin(info, model)
+        self._info = info
+        if info.world != self._world:
+            self._world = info.world
+            self._ends.clear()
+        if (urdf := model.urdf()) != self._urdf:
+            self._urdf = urdf
+            self._description.publish(String(data=urdf))
+        self._publish_scene(stamp)
+
+    def publish(self, moment: Moment) -> None:
+        """Publish the messages of a moment, the clock first."""
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=messages.time_of(moment.stamp)))
+        transforms: list[Any] = []
+        for view in moment.rockets:
+            if view.row in self._rockets:
+                transforms += self._rockets[view.row].publish(view, moment.stamp)
+        self._transforms.publish(TFMessage(transforms=transforms))
+        ended = [view for view in moment.rockets if view.outcome]
+        for view in ended:
+            self._ends.add(view)
+        if ended:
+            self._publish_scene(moment.stamp)
+
+    def _publish_scene(self, stamp: int) -> None:
+        self._scene.publish(messages.marker_array(scene(self._info, self._ends), stamp))

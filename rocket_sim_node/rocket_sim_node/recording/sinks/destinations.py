@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Checks of the destinations of a recording, which need neither Rerun nor ROS.
+
+The recorder makes them when it starts; the commands make them before they start anything.
+"""
+from __future__ import annotations
+
+import errno
+import ipaddress
+import shutil
+import socket
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from rocket_sim_node.recording.sinks.rerun_program import LOCAL
+
+DEFAULT_PORT = 9876
+"""Port of a viewer whose URL names none."""
+RESERVE = 32 * 2**20
+"""Bytes of disk space to keep free; below it a recording is closed, complete."""
+
+
+def viewer_address(url: str) -> tuple[str, int]:
+    """Return host and port of a viewer's URL.
+
+    :raises ValueError: when it is not a valid URL.
+    """
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:  # an impossible port or address
+        parts, host, port = urlsplit(''), None, None
+    if parts.scheme not in ('rerun', 'rerun+http', 'rerun+https') or not host \
+            or parts.path != '/proxy':
+        raise ValueError(
+            f'connect: got {url!r}, expected a URL like rerun+http://127.0.0.1:9876/proxy')
+    return host, port or DEFAULT_PORT
+
+
+def page_address(host: str) -> ipaddress.IPv4Address:
+    """Return the address at which a web page is to be served.
+
+    :raises ValueError: when `host` is not an IPv4 address.
+    """
+    try:
+        return ipaddress.IPv4Address(host)
+    except ValueError:
+        raise ValueError(
+            f'web_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
+
+
+def check_page(port: int, host: str) -> None:
+    """Check that a web page can be served at a port of an address of this machine.
+
+    :raises ValueError: when it cannot, naming what is in the way.
+    """
+    address = str(page_address(host))
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((address, port))
+            probe.listen(1)
+        except OSError as error:
+            raise ValueError({
+                errno.EADDRINUSE: f'web_port: {port} is taken by another program',
+                errno.EADDRNOTAVAIL:
+                    f'web_host: got {host!r}, expected an address of this machine',
+            }.get(error.errno or 0, f'web_port: {port}: {error.strerror}')) from None
+
+
+def check_space(folder: Path, needed: int = RESERVE) -> None:
+    """Check that the disk of a folder has room.
+
+    :raises OSError: when it does not.
+    """
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        raise OSError(
+            errno.ENOSPC,
+            f'only {free / 2**20:.0f} MiB of disk left, {needed / 2**20:.0f} MiB needed',
+            str(folder))

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bridge as a process: its standard messages agree with topic `state`."""
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import AccelStamped
+from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from rclpy.time import Time
+from rocket_msgs import msg
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from support.falling_rockets import FALL
+from support.falling_rockets import Simulator
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
+from visualization_msgs.msg import MarkerArray
+
+from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import Samples
+from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
+from rocket_sim_node.worlds import make
+
+STREAMS = {
+    'odom': Odometry, 'pose': PoseStamped, 'imu': Imu, 'joint_states': JointState,
+    'wrench': WrenchStamped, 'wind': AccelStamped}
+PATIENT = QoSProfile(depth=2000)
+TF_HASH = 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087'
+"""of tf2_msgs/msg/TFMessage, as `ros2 topic info -v` of ROS 2's own packages prints it"""
+
+
+class Listener:
+    """Keeps what it hears, by topic."""
+
+    def __init__(self, make_node: Callable[..., Any]) -> None:
+        self.node, self._executor = make_node()
+        self.heard: dict[str, list[Any]] = {}
+
+    def listen(self, topic: str, kind: Any, profile: Any = PATIENT) -> list[Any]:
+        """Subscribe; return the list of messages, which grows."""
+        kept = self.heard.setdefault(topic, [])
+        self.node.create_subscription(kind, topic, kept.append, profile)
+        return kept
+
+    def wait_until(self, done: Callable[[], bool], seconds: float = 20.0) -> None:
+        """Receive until it is done."""
+        def look() -> bool:
+            for _ in range(200):
+                self._executor.spin_once(timeout_sec=0.001)
+            return done()
+
+        wait_until(look, seconds, lambda: str({
+            topic: len(kept) for topic, kept in self.heard.items()}))
+
+
+@pytest.fixture
+def listener(processes: Processes, make_node: Callable[..., Any]) -> Listener:
+    """Return a listener in the domain of the test."""
+    return Listener(make_node)
+
+
+def start(processes: Processes, **parameters: object) -> Process:
+    bridge = processes.run_node('rocket_sim_node', 'ros_bridge', **parameters)
+    bridge.wait_for('standard views of rockets', 20.0)
+    return bridge
+
+
+def stamp_of(message: Any) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)
+
+
+def numbers(message: Any, names: str = 'xyz') -> list[float]:
+    return [getattr(message, name) for name in names]
+
+
+def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return q v q*, a vector of the body in the world, by Hamilton's product of quaternions."""
+    def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.array((*(a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])),
+                         a[3] * b[3] - a[:3] @ b[:3]))
+
+    conjugate = quaternion * (-1.0, -1.0, -1.0, 1.0)
+    return product(product(quaternion, np.array((*vector, 0.0))), conjugate)[:3]
+
+
+def test_messages_agree_with_the_state(
+    processes: Processes, simulator: Simulator, listener: Listener,
+) -> None:
+    bridge = start(processes, rows='[0, 1]', max_rate=0.0, clock=True)
+    states = listener.listen('state', msg.RocketState, qos.EVENTS)
+    clocks = listener.listen('/clock', Clock)
+    transforms = listener.listen('/tf', TFMessage)
+    streams = {name: listener.listen(f'rocket_1/{name}', kind) for name, kind in STREAMS.items()}
+    # Publishers of a rocket come with the description of its world.
+    simulator.description.publish(conversion.world_to_message(
+        make('rocket', 2, level=1, spawn_angle=1.0).spec, 1, 0, msg.World.LOCKSTEP))
+    listener.wait_until(lambda: all(
+        listener.node.count_publishers(topic) for topic in listener.heard))
+    wait_until(lambda: simulator.state.get_subscription_count() == 2, 20.0)
+    simulator.begin(training=False)
+    simulator.fall(FALL + 20)
+    simulator.begin(training=False)
+    simulator.fall(20)
+
+    def samples() -> list[Samples]:
+        return [samples_from_message(state) for state in states]
+
+    def mine() -> np.ndarray:
+        found = [one.values[one.row == 1] for one in samples()]
+        return np.concatenate(found) if found else np.empty((0, 1))
+
+    expected = FALL + 20 + 1 + 1 + 21  # the step at which the episode ended is there twice
+    listener.wait_until(lambda: len(mine()) == expected and all(
+        len(kept) == expected for kept in streams.values()) and len(transforms) == expected)
+    values = mine()
+
+    stamps = [stamp_of(message) for message in streams['odom']]
+    assert np.all(np.diff(stamps) > 0)
+    assert stamps[1] - stamps[0] == 20_000_000
+    # Only the newest time counts: when many steps arrive at once, the queue of one may lose some.
+    times = [Time.from_msg(clock.clock).nanoseconds for clock in clocks]
+    assert np.all(np.diff(times) > 0)
+    assert set(times) <= set(stamps)
+    assert len(times) > expected // 2
+    listener.wait_until(lambda: Time.from_msg(clocks[-1].clock).nanoseconds == stamps[-1])
+    for kept in streams.values():
+        assert [stamp_of(message) for message in kept] == stamps
+
+    moved = [one for message in transforms for one in message.transforms
+             if one.child_frame_id == 'rocket_1/base_link']
+    assert [stamp_of(one) for one in moved] == stamps
+    for k, given in enumerate(values):
+        position = given[FIELDS['position']].tolist()
+        orientation = given[FIELDS['orientation']].tolist()
+        odom, pose, transform = streams['odom'][k], streams['pose'][k], moved[k]
+        assert odom.header.frame_id == pose.header.frame_id == transform.header.frame_id == 'world'
+        assert odom.child_frame_id == 'rocket_1/base_link'
+        for found, turn in (
+                (odom.pose.pose.position, odom.pose.pose.orientation),
+                (pose.pose.position, pose.pose.orientation),
+                (transform.transform.translation, transform.transform.rotation)):
+            assert numbers(found) == position
+            assert numbers(turn, 'xyzw') == orientation
+        for twist, name in ((odom.twist.twist.linear, 'linear_velocity'),
+                            (odom.twist.twist.angular, 'angular_velocity')):
+            np.testing.assert_allclose(
+                turned(np.array(orientation), np.array(numbers(twist))), given[FIELDS[name]],
+                atol=1e-9)
+        assert streams['imu'][k].header.frame_id == 'rocket_1/base_link'
+        assert numbers(streams['imu'][k].angular_velocity) == numbers(odom.twist.twist.angular)
+        joints = streams['joint_states'][k]
+        assert dict(zip(joints.name, joints.position, strict=True)) == {
+            'throttle': given[FIELDS['throttle']][0]}
+    unknown = [message.linear_acceleration_covariance[0] == -1.0 for message in streams['imu']]
+    assert unknown.count(True) == 3  # the first states of three episodes
+    falling = np.array([numbers(message.linear_acceleration) for message in streams['imu'][1:50]])
+    assert np.linalg.norm(falling, axis=1).max() < 2.0  # drag only: it does not feel gravity
+
+    info = listener.node.get_publishers_info_by_topic('/tf')
+    assert str(info[0].topic_type_hash) == TF_HASH
+    bridge.signal(signal.SIGTERM)
+    assert bridge.wait(10.0) == 0
+    assert f'{expected} states published' in bridge.output()
+    assert 'Traceback' not in bridge.output()
+
+
+def test_late_joiners_get_what_is_latched(
+    processes: Processes, simulator: Simulator, listener: Listener,
+) -> None:
+    start(processes, rows='[0]')
+    markers = listener.listen('rocket_0/markers', MarkerArray)
+    simulator.begin(training=False)
+    listener.wait_until(lambda: listener.node.count_publishers('rocket_0/markers') > 0)
+    simulator.fall(FALL + 20)
+
+    def labels() -> list[str]:
+        return [marker.text for message in markers for marker in message.markers
+                if marker.ns == 'label']
+
+    listener.wait_until(lambda: any('too fast' in label for label in labels()) and any(
+        'episode 1' in label for label in labels()))
+    description = listener.listen('robot_description', String, qos.LATCHED)
+    scene = listener.listen('markers', MarkerArray, qos.LATCHED)
+    drawn = listener.listen('rocket_0/conditions', DiagnosticStatus, qos.LATCHED)
+    listener.wait_until(lambda: bool(description and scene and drawn))
+    robot = ElementTree.fromstring(description[-1].data)
+    assert [link.attrib['name'] for link in robot.iter('link')] == ['base_link', 'throttle_link']
+    found = {marker.ns: marker for marker in scene[-1].markers}
+    assert found['outcomes'].action == Marker.ADD
+    assert len(found['outcomes'].points) == len(found['outcomes'].colors) == 1
+    assert found['limit'].points[0].x == 15.0
+    names = make('rocket', 1).spec.condition_names
+    assert [value.key for value in drawn[-1].values] == list(names)
+    assert drawn[-1].message == 'episode 1'
+    on_body = [marker for message in markers for marker in message.markers
+               if marker.ns == 'flame']
+    assert {marker.header.frame_id for marker in on_body} == {'rocket_0/base_link'}
+
+
+def test_invalid_descriptions_and_states_are_left_out_with_a_line(
+    processes: Processes, simulator: Simulator,
+) -> None:
+    bridge = start(processes)
+    wait_until(lambda: simulator.state.get_subscription_count() > 0, 20.0)
+    state = conversion.state_to_message(np.zeros(2, np.uint64), simulator.telemetry(), 1)
+    simulator.state.publish(state)
+    bridge.wait_for('state ignored: arrived before the description of the world', 10.0)
+    time.sleep(1.1)  # it says so once a second
+    message = conversion.world_to_message(make('rocket', 2).spec, 1, 0, msg.World.LOCKSTEP)
+    message.dt = 0.0
+    simulator.description.publish(message)
+    bridge.wait_for('world ignored: world: dt: got 0.0', 10.0)
+    message.dt = 0.02
+    simulator.description.publish(message)
+    time.sleep(1.1)
+    state.orientation[0] = 3.0
+    simulator.state.publish(state)
+    bridge.wait_for('state ignored: orientation: a quaternion of length', 10.0)
+    bridge.signal(signal.SIGTERM)
+    assert bridge.wait(10.0) == 0
+    assert 'Traceback' not in bridge.output()
+
+
+@pytest.mark.parametrize(('parameters', 'complaint'), [
+    ({'rows': '[-1]'}, 'rows: got -1'), ({'rate': 5.0}, "unknown parameter 'rate'")])
+def test_wrong_parameters_are_named(
+    processes: Processes, parameters: dict[str, object], complaint: str,
+) -> None:
+    bridge = processes.run_node('rocket_sim_node', 'ros_bridge', **parameters)
+    assert bridge.wait(20.0) == 2
+    assert complaint in bridge.output()
+
+
+def test_views_for_rviz_and_foxglove_are_installed_and_name_real_topics() -> None:
+    share = Path(get_package_share_directory('rocket_sim_node')) / 'views'
+    rviz = yaml.safe_load((share / 'hoverslam.rviz').read_text())
+    foxglove = json.loads((share / 'foxglove.json').read_text())
+    real = {'/robot_description', '/markers', *(
+        f'/rocket_{row}/{name}' for row in range(4) for name in (*STREAMS, 'markers'))}
+    displays = rviz['Visualization Manager']['Displays']
+    asked = {display.get('Topic', display.get('Description Topic'))['Value']
+             for display in displays if 'Topic' in display or 'Description Topic' in display}
+    assert asked <= real
+    assert rviz['Visualization Manager']['Global Options']['Fixed Frame'] == 'world'
+    view = foxglove['configById']['3D!views']
+    assert set(view['topics']) <= real
+    plots = [path['value'] for config in foxglove['configById'].values()
+             for path in config.get('paths', ())]
+    assert plots
+    assert {path.partition('.')[0] for path in plots} <= real

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands and the Python that README and docs print, and how each is tried.
+
+Each command belongs to the first of `KINDS` whose pattern it matches. It is run, with arguments
+appended that make it small; or a test elsewhere runs it; or it cannot be run, for a reason.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+GENERATED = ('commands.md', 'nodes-and-topics.md', 'parameters.md', 'python-api.md')
+PAGES = [page for page in (
+    ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').rglob('*.md')))
+    if page.name not in GENERATED]
+_FENCED = re.compile(r'^```(\w*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
+_BEGINS = re.compile(
+    r'\./launch_scripts/\w|\. launch_scripts/|PYTHON=|python \S|'
+    r'ros2 (run|launch|service call|action \w+|topic \w+|interface show) \S*[/_]')
+"""Text in single backticks, or in an indented block, is a command if it begins so."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of command, and what is done with it."""
+
+    pattern: str
+    """the whole command matches it"""
+    append: str = ''
+    """arguments that make it small; of `NAME:=VALUE` the last one given holds"""
+    until: str = ''
+    """it is interrupted once it has printed this; empty: it ends by itself"""
+    beside: tuple[str, ...] = ()
+    """commands that run meanwhile"""
+    tested: str = ''
+    """the test that runs it, as pytest names it"""
+    reason: str = ''
+    """why it cannot be run"""
+
+    @property
+    def is_run(self) -> bool:
+        """Whether the command itself is run."""
+        return not self.tested and not self.reason
+
+
+TRAIN = (
+    'num_envs:=8 demonstration_episodes:=8 dagger_rounds:=0 clone_epochs:=1 '
+    'hidden_sizes:=[16,16] iterations:=1 n_steps:=32 batch_size:=256 selection_interval:=1 '
+    'selection_episodes:=8 evaluation_episodes:=8 critic_warmup_iterations:=1 threads:=1 '
+    'record:=false')
+FLY = 'num_envs:=8 episodes:=8'
+EVALUATE = f'{FLY} optimum_sample:=0'
+SIMULATOR = 'ros2 run rocket_sim_node simulator --ros-args -p num_envs:=8'
+PILOT = 'ros2 run ppo_agent_node expert_pilot --ros-args -p episodes:=0'
+_LEARN = ' '.join(
+    f'-p {item}' for item in TRAIN.split() if not item.startswith(('num_envs', 'record')))
+_BENCH = 'tests/system/test_bench.py::test_'
+_COMMANDS = 'tests/system/test_commands.py::test_'
+_KEYS = 'tests/system/test_keyboard_pilot.py::test_'
+_SCREEN = 'it needs a screen'
+_HOURS = 'it takes hours'
+
+KINDS = (
+    # The environment, and tests
+    Kind(r'\. launch_scripts/env\.sh'),
+    Kind(r'\./launch_scripts/setup'),
+    Kind(r'PYTHON=\S+ \./launch_scripts/setup',
+         tested='tests/system/test_setup.py::'
+         'test_the_python_of_an_entered_shell_is_no_other_one'),
+    Kind(r'(HOVERSLAM_ROS=jazzy )?\./launch_scripts/test( --fast| --nightly)?',
+         reason='it runs all tests, these included; .ci/run and contributors call it'),
+    Kind(r'\./launch_scripts/test .*', '--collect-only -q'),
+    Kind(r'python rocket_msgs/make_messages\.py',
+         tested='tests/unit/rocket_sim_node/telemetry/test_tables.py::'
+         'test_the_messages_are_current'),
+    Kind(r'python docs/examples/sb3_ppo\.py .*',
+         tested='tests/unit/test_examples.py::test_ppo_of_stable_baselines3_runs'),
+    Kind(r'python docs/examples/single_file_ppo\.py .*',
+         tested='tests/unit/test_examples.py::test_ppo_in_a_single_file_learns_something'),
+    Kind(r'(pip install|python -m build) .*',
+         tested='tests/system/test_wheels.py::'
+         'test_worlds_adapters_training_evaluation_and_recording_work'),
+    Kind(r'python docs/make_model_cards\.py --fly',
+         tested='tests/unit/test_model_cards.py::test_a_card_is_current'),
+    Kind(r'python docs/make_reference\.py',
+         tested='tests/unit/test_documentation.py::test_a_generated_page_is_current'),
+    Kind(r'export \w+=.*'),
+    Kind(r'python', reason='it waits for input; the Python after it is run'),
+    Kind(r'\./launch_scripts/(land|evaluate) .*\.onnx',
+         tested='tests/node/test_onnx.py::test_nodes_fly_an_onnx_file_without_torch'),
+    # Training
+    Kind(r'\./launch_scripts/train loggers:=.*',
+         tested='tests/unit/ppo_agent_node/runs/test_loggers.py::'
+         'test_a_resumed_run_has_each_point_of_tensorboard_once'),
+    Kind(r'\./launch_scripts/train --help .*'),
+    Kind(r'\./launch_scripts/train (.*resume:=true|seed:=\d+( run_dir:=\S+)?)',
+         tested=f'{_COMMANDS}train_and_resume_in_a_folder_with_an_awkward_name'),
+    Kind(r'\./launch_scripts/train max_thrust:=.*',
+         tested=f'{_COMMANDS}a_run_keeps_its_conditions_and_they_are_recorded'),
+    Kind(r'\./launch_scripts/(train|land) world:=lunar_lander',
+         tested=f'{_COMMANDS}train_evaluate_and_land_in_a_world_without_levels'),
+    Kind(r'\./launch_scripts/train .*preset:=robust', f'{TRAIN} num_groups:=2'),
+    Kind(r'\./launch_scripts/train .*serve_web:=true',
+         f'{TRAIN} record:=true web_port:=$PORT'),
+    Kind(r'\./launch_scripts/train .*connect:=.*', f'{TRAIN} record:=true'),
+    Kind(r'\./launch_scripts/train .*from_scratch', reason='it learns for an hour before it lands;'
+         ' its arguments are checked'),
+    Kind(r'\./launch_scripts/train( .*)?', TRAIN),
+    # Flying and evaluating
+    Kind(r'\./launch_scripts/land .*serve_web:=true.*', 'web_port:=$PORT', 'in a browser'),
+    Kind(r'\./launch_scripts/land episodes:=8',
+         tested=f'{_COMMANDS}land_flies_the_policy_that_ships'),
+    Kind(r'\./launch_scripts/land( .*)?', FLY),
+    Kind(r'\./launch_scripts/evaluate conditions:=all',
+         'pilots:=expert level:=7 episodes:=1 num_envs:=1 optimum_sample:=0'),
+    Kind(r'\./launch_scripts/evaluate conditions:=all pilots:=.*',
+         reason='the same table takes minutes more; its arguments are checked'),
+    Kind(r'\./launch_scripts/evaluate pilot:=expert',
+         tested=f'{_COMMANDS}evaluate_the_expert'),
+    Kind(r'\./launch_scripts/evaluate( .*)?', EVALUATE),
+    Kind(r'\./launch_scripts/fly( .*)?', tested=f'{_KEYS}fly_does_all_of_it'),
+    Kind(r'\./launch_scripts/compare .*', 'episodes:=2'),
+    Kind(r'\./launch_scripts/(failures|report) .*'),
+    Kind(r'\./launch_scripts/screenshot .*',
+         tested='tests/unit/rocket_sim_node/recording/test_recording_settling.py::test_picture'),
+    Kind(r'\./launch_scripts/pictures',
+         tested='tests/unit/ppo_agent_node/commands/test_pictures.py::'
+         'test_a_picture_is_made_anew'),
+    Kind(r'\./launch_scripts/secure .*',
+         tested='tests/unit/launch_scripts/test_secure.py::'
+         'test_a_command_starts_with_keys_that_are_made_once'),
+    # Nodes
+    Kind(r'ros2 run rocket_sim_node simulator.*', until='waiting for an agent'),
+    Kind(r'ros2 run rocket_sim_node rerun_recorder .*serve_web:=true.*', '-p web_port:=$PORT',
+         'in a browser'),
+    Kind(r'ros2 run rocket_sim_node rerun_recorder .*', until='recording to'),
+    Kind(r'ros2 run rocket_sim_node ros_bridge.*', until='standard views of rockets'),
+    Kind(r'ros2 run rocket_sim_node bag_recorder .*', until='recording to'),
+    Kind(r'ros2 run ppo_agent_node action_server', until='are served'),
+    Kind(r'ros2 action .*', tested='tests/node/test_action_server.py::'
+         'test_the_command_line_lists_actions_and_cancels_a_goal'),
+    Kind(r'python docs/examples/land_by_action\.py .*', tested='tests/node/'
+         'test_action_server.py::test_evaluate_and_land_fly_a_policy_that_ships'),
+    Kind(r'ros2 bag .*', tested='tests/node/test_bag_recorder.py::'
+         'test_a_bag_is_shown_and_played_by_the_command'),
+    Kind(r'python -m rocket_sim_node\.bags\.to_rerun .*',
+         tested='tests/unit/rocket_sim_node/bags/test_bags.py::test_a_recording_made_of_a_bag'),
+    Kind(r'rviz2 .*', reason=_SCREEN),
+    Kind(r'ros2 run ppo_agent_node (expert|random)_pilot .*__ns:=/sim_0.*', '-p episodes:=8',
+         beside=(f'{SIMULATOR} -r __ns:=/sim_0',)),
+    Kind(r'ros2 run ppo_agent_node (expert|random)_pilot .*', '-p episodes:=8',
+         beside=(SIMULATOR,)),
+    Kind(r'ros2 run ppo_agent_node ppo_agent .*', f'{_LEARN} -p run_dir:=runs/fleet',
+         beside=(f'{SIMULATOR} -r __ns:=/sim_0', f'{SIMULATOR} -r __ns:=/sim_1')),
+    Kind(r'ros2 run ppo_agent_node watch', until='clone',
+         beside=(SIMULATOR, f'ros2 run ppo_agent_node ppo_agent --ros-args {_LEARN}')),
+    Kind(r'ros2 run ppo_agent_node keyboard_pilot',
+         tested=f'{_KEYS}keys_fly_the_rocket_and_q_puts_the_terminal_back'),
+    Kind(r'python my_pilot\.py .*',
+         tested=f'{_COMMANDS}the_pilot_of_the_tutorial_flies_and_lands'),
+    Kind(r'ros2 topic list', until='/world', beside=(SIMULATOR,)),
+    Kind(r'ros2 topic echo /training', until='stage: clone',
+         beside=(SIMULATOR, f'ros2 run ppo_agent_node ppo_agent --ros-args {_LEARN}')),
+    Kind(r'ros2 topic (echo .* --once)', beside=(SIMULATOR, PILOT)),
+    Kind(r'ros2 topic hz /observation', until='average rate', beside=(SIMULATOR, PILOT)),
+    Kind(r'ros2 interface show .*'),
+    Kind(r'ros2 service call /reset .*', until='code=0', beside=(SIMULATOR,)),
+    Kind(r'ros2 service call /simulator/get_simulator_features .*', until='custom_info=',
+         beside=(SIMULATOR,)),
+    Kind(r'ros2 service call /simulator/\w+ .*', until='result=1', beside=(SIMULATOR,)),
+    Kind(r'ros2 launch (rocket_sim_node|ppo_agent_node) .*|colcon build',
+         tested='tests/system/test_foreign_workspace.py::'
+         'test_the_launch_files_start_from_the_share_folder'),
+    Kind(r'colcon test && colcon test-result',
+         tested='tests/system/test_foreign_workspace.py::'
+         'test_colcon_runs_the_tests_of_the_packages_and_counts_them'),
+    Kind(r'ros2 launch launch_scripts/land\.launch\.yaml .*', FLY),
+    # Benchmarks
+    Kind(r'\./launch_scripts/bench PART --help'),
+    Kind(r'\./launch_scripts/bench( PART)?', reason=_HOURS),
+    Kind(r'\./launch_scripts/bench performance',
+         tested='tests/unit/benchmarks/test_performance_page.py::'
+         'test_the_newest_figures_are_taken_and_drawn'),
+    *(Kind(rf'\./launch_scripts/bench {part}( .*)?', tested=f'{_BENCH}{part}') for part in (
+        'budget', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner', 'loss', 'recorder',
+        'result', 'rollouts', 'stepping', 'stopping')),
+    Kind(r'\./launch_scripts/bench soak( .*)?',
+         tested=f'{_BENCH}soak_that_is_interrupted_ends_its_nodes_and_tells'),
+    Kind(r'\./launch_scripts/bench (seeds|experiments|tune)( .*)?', reason=f'{_HOURS}; its '
+         'arguments are checked'),
+    Kind(r'\./launch_scripts/bench transfer .*', '--policy $LANDER --episodes 4'),
+    Kind(r'\./launch_scripts/bench key_latency', '--presses 3'),
+    Kind(r'\./launch_scripts/bench optimum', '--starts 1 --fine 1 --blocks 60 --levels 1'),
+    Kind(r'\./launch_scripts/bench onnx',
+         '--rounds 1 --seconds 0.01 --sizes 1 --policies lunar_lander'),
+    Kind(r'(\./launch_scripts/export .*|python -m ppo_agent_node\.commands\.export)',
+         tested='tests/unit/ppo_agent_node/exporting/test_onnx.py::'
+         'test_the_command_writes_a_file_once'),
+    Kind(r'\./launch_scripts/bench conditions .*', '--rounds 1 --seconds 0.05 --sizes 4'),
+    Kind(r'\./launch_scripts/bench digests', "--only 'rocket_planar conditions'"),
+    # The viewer
+    Kind(r'rerun mcap convert .*', tested='tests/unit/rocket_sim_node/bags/test_bags.py::'
+         'test_rerun_shows_transforms_of_a_bag'),
+    Kind(r'rerun .*', reason=_SCREEN),
+)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command as it is printed, and where."""
+
+    text: str
+    page: str
+
+    def __str__(self) -> str:
+        """Return the command and its page."""
+        return f'{self.text} ({self.page})'
+
+
+def _shell_lines(page: str) -> Iterator[str]:
+    """Yield all that a page prints and that is a command."""
+    for language, code in _FENCED.findall(page):
+        if language in ('sh', 'bash'):
+            yield from code.splitlines()
+    rest = _FENCED.sub('', page)
+    found = [*re.findall(r'`([^`]+)`', rest), *re.findall(r'^    (\S.*)', rest, re.MULTILINE)]
+    yield from (each for each in found if _BEGINS.match(each))
+
+
+def commands() -> list[Command]:
+    """Return the commands of all pages, each once."""
+    found: dict[str, Command] = {}
+    for page in PAGES:
+        for line in _shell_lines(page.read_text('utf-8')):
+            text = ' '.join(re.sub(r'\s+#.*', '', line).split())
+            if text:
+                found.setdefault(text, Command(text, str(page.relative_to(ROOT))))
+    return list(found.values())
+
+
+def python_blocks() -> Iterator[tuple[str, str]]:
+    """Yield page and code of all Python that is printed."""
+    for page in PAGES:
+        for language, code in _FENCED.findall(page.read_text('utf-8')):
+            if language == 'python':
+                yield str(page.relative_to(ROOT)), code
+
+
+def kind_of(command: Command) -> Kind:
+    """Return the kind of a command.
+
+    :raises LookupError: when it has none.
+    """
+    for kind in KINDS:
+        if re.fullmatch(kind.pattern, command.text):
+            return kind
+    raise LookupError(
+        f'{command}: a new command; add how it is tried to tests/support/documented_commands.py')

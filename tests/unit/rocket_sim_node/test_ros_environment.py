@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Environment variables of ROS 2: refused by name, or completed."""
+from __future__ import annotations
+
+import os
+import pwd
+
+import pytest
+
+from rocket_sim_node import ros_environment
+
+
+@pytest.mark.parametrize('value', ['', '0', '42', '232'])
+def test_a_domain_of_ros_is_accepted(value: str) -> None:
+    ros_environment.check({'ROS_DOMAIN_ID': value})
+    ros_environment.check({})
+
+
+@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30])
+def test_any_other_is_named(value: str) -> None:
+    with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID: got '{value}', expected a whole number"):
+        ros_environment.check({'ROS_DOMAIN_ID': value})
+
+
+def test_a_home_is_found_where_nothing_names_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('HOME', raising=False)
+    for given in ({}, {'HOME': ''}):
+        environ = dict(given)
+        ros_environment.complete(environ)
+        assert environ == {'HOME': pwd.getpwuid(os.getuid()).pw_dir}
+    for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR'):
+        environ = {name: '/x'}
+        ros_environment.complete(environ)
+        assert environ == {name: '/x'}
+    monkeypatch.setattr(os.path, 'expanduser', lambda path: path)
+    with pytest.raises(ValueError, match='HOME: got none, expected a folder'):
+        ros_environment.complete({})

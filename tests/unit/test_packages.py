@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the packages say of themselves, and what who only simulates has to install."""
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node')
+
+
+def described(package: str, tag: str) -> str:
+    """Return the text of an element of a package's package.xml."""
+    return ElementTree.parse(ROOT / package / 'package.xml').findtext(tag, '')
+
+
+def test_all_packages_have_one_version() -> None:
+    versions = {package: described(package, 'version') for package in PACKAGES}
+    for package in PACKAGES[1:]:
+        text = (ROOT / package / 'setup.py').read_text()
+        found = re.search(r"version='([^']+)'", text)
+        assert found is not None
+        versions[f'{package}/setup.py'] = found[1]
+    versions['CITATION.cff'] = yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version']
+    assert len(set(versions.values())) == 1, versions
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_a_package_has_a_changelog_and_our_licence(package: str) -> None:
+    assert package in (ROOT / package / 'CHANGELOG.rst').read_text()
+    assert described(package, 'license') == 'Apache-2.0'
+
+
+@pytest.mark.parametrize('node', ['simulator', 'ros_bridge'])
+def test_a_simulation_needs_neither_the_recorder_nor_learning(node: str) -> None:
+    pytest.importorskip('rclpy')
+    absent = 'rerun', 'pyarrow', 'mcap', 'torch', 'matplotlib'
+    program = (f'import sys; sys.modules.update(dict.fromkeys({absent!r})); '
+               f'import rocket_sim_node.nodes.{node}')
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+def test_both_packages_start_the_simulator_with_the_same_parameters() -> None:
+    """Each is released alone, so each has the file."""
+    one, other = (
+        (ROOT / package / 'launch/parameters/simulator.yaml') for package in PACKAGES[1:])
+    assert not one.is_symlink() and not other.is_symlink()
+    assert one.read_text() == other.read_text()
