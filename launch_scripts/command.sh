@@ -2,7 +2,7 @@
 # shellcheck shell=bash disable=SC2154
 # What train, land, evaluate and fly have in common. Sourced after env.sh and attend.sh, not run.
 
-file=$here/${0##*/}.launch.yaml
+file=$(dirname "$here")/ppo_agent_node/launch/${0##*/}.launch.yaml
 # The lock says that the folder is in use: it goes with this script, and with its launch, however they end.
 scratch=$(mktemp -d -t hoverslam-XXXXXX)
 trap 'rm -rf "$scratch"' EXIT

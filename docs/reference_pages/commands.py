@@ -36,6 +36,7 @@ from rocket_sim_node.settings import describe
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / 'launch_scripts'
+LAUNCH_FILES = ROOT / 'ppo_agent_node' / 'launch'
 _LAUNCHED = {
     'train': training.TrainingParameters, 'land': inference.InferenceParameters,
     'evaluate': evaluate.EvaluationParameters, 'fly': StartSettings}
@@ -85,7 +86,7 @@ the node's full name; `land`, `evaluate` and `fly` choose a namespace of their o
 `namespace:=` is given. Files that are named here have to be regular ones.
 
 The launch files `train.launch.yaml`, `land.launch.yaml`, `evaluate.launch.yaml` and
-`fly.launch.yaml` are plain YAML for `ros2 launch`.
+`fly.launch.yaml`, in `ppo_agent_node/launch`, are plain YAML for `ros2 launch ppo_agent_node`.
 
 """
 
@@ -105,10 +106,10 @@ def text() -> str:
 
 def _launched(name: str) -> tuple[str, str]:
     """Return what a command with a launch file does, and its section."""
-    found = arguments.parse(name, SCRIPTS / f'{name}.launch.yaml', [])
+    found = arguments.parse(name, LAUNCH_FILES / f'{name}.launch.yaml', [])
     start = launch.Start(f'launch_scripts/{name}', 0, Path(), found)
     told = {**launch.decided(start), **launch.placeholders(start)}
-    values = resolved(found.declared, told, Path('launch_scripts'))
+    values = resolved(found.declared, told, Path('ppo_agent_node/launch'))
     known = {info.name: info for info in worlds.settings(worlds.names()[0])}
     for declared in (*_SHARED, _LAUNCHED[name]):
         known |= {info.name: info for info in describe(declared)}

@@ -127,7 +127,7 @@ def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) 
 
 def test_a_refused_recorder_ends_a_launch_of_land(processes: Processes, tmp_path: Path) -> None:
     land = processes.start(
-        'ros2', 'launch', str(SCRIPTS / 'land.launch.yaml'), f'output:={tmp_path}/landing.rrd',
+        'ros2', 'launch', 'ppo_agent_node', 'land.launch.yaml', f'output:={tmp_path}/landing.rrd',
         'connect:=nonsense', 'policy:=default', 'episodes:=0')
     assert land.wait(60.0) != 0, 'it would fly for ever'
     assert "connect: got 'nonsense'" in land.output()
