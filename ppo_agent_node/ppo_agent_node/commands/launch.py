@@ -173,8 +173,9 @@ def _check_room(recording: Path) -> None:
 
 def _write_simulator(start: Start, path: Path) -> None:
     """Write a file of simulator parameters: the one that was named, and the world's settings."""
-    base = resolved(start.arguments.declared, start.launch, start.launch_files)['simulator_parameters']
-    write_parameters(path, start.node('simulator'), start.arguments.simulator, Path(base))
+    values = resolved(start.arguments.declared, start.launch, start.launch_files)
+    write_parameters(path, start.node('simulator'), start.arguments.simulator,
+                     Path(values['simulator_parameters']))
     start.launch['simulator_parameters'] = str(path)
 
 
