@@ -51,8 +51,8 @@ def _rollouts(f: Figures) -> str:
     return (
         'This section compares training roll-outs with policy, buffers and snapshots over DDS '
         'and in one process without ROS. With two simulators the agent computes the actions of '
-        'one batch while the other batch moves. Every roll-out over DDS is compared, bit for bit, with the same '
-        'roll-out in process.\n\n'
+        'one batch while the other batch moves. Every roll-out over DDS is '
+        'compared, bit for bit, with the same roll-out in process.\n\n'
         'Two simulators reach this share of the speed of one world in process: '
         f'{each(lambda row: row["ratio"]["DDS, 2"])} rockets. Part of the loss comes from '
         'splitting the batch: two worlds of half the size are slower than one even without ROS ('
