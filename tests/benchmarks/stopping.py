@@ -98,7 +98,7 @@ def main() -> None:
                         wait_for_update(process)
                     seconds.append(interrupt(process))
                     said += bool(re.search(
-                        r'stopped; go on with:\n .* resume:=true', process.output()))
+                        r'stopped; continue with:\n .* resume:=true', process.output()))
                 finally:
                     processes.end()
         table[stage] = seconds

@@ -382,7 +382,7 @@ def test_a_recording_that_was_not_finished_is_told_and_can_be_repaired(
     ended = run()
     assert ended.returncode == 1, ended.stderr
     told, repair = ended.stderr.splitlines()
-    assert told.startswith(f'{command}: the recording is not finished')
+    assert told.startswith(f'{command}: the recording is incomplete')
     subprocess.run(repair, shell=True, check=True, timeout=30)
     rerun_program.verify(whole)
     assert [path.name for path in whole.parent.glob('*.rrd')] == ['recording.rrd']
