@@ -154,7 +154,8 @@ def _results(figures: dict[str, Any]) -> list[str]:
     lines = [
         '## Results', '',
         f'{figures["date"]}, {figures["commit"]}: deterministic flights in one process. The '
-        f'starts have seed {figures["seed"]}, which no training used. 95 % intervals are in brackets.', '',
+        f'starts have seed {figures["seed"]}, which no training used. '
+        '95 % intervals are in brackets.', '',
         '| task | episodes | landed | mean return | touchdown, 95 % below | tilt | distance |',
         '| --- | --- | --- | --- | --- | --- | --- |']
     for task, found in figures['tasks'].items():
