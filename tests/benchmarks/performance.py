@@ -96,8 +96,9 @@ def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(
         prog='bench performance', description=__doc__.split('\n')[0])
-    parser.add_argument('--runs', type=Path, default=Path('runs'))
-    parser.add_argument('--page', type=Path, default=Path('docs/results/performance.md'))
+    parser.add_argument('--runs', type=Path, default=Path('runs'), help='folder of the figures')
+    parser.add_argument('--page', type=Path, default=Path('docs/results/performance.md'),
+                        help='page to write')
     options = parser.parse_args()
     images = options.page.parents[1] / 'images'
     images.mkdir(parents=True, exist_ok=True)
