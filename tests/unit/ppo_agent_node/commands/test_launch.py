@@ -276,7 +276,7 @@ def test_help_names_each_argument_with_its_default(project: Project, command: st
 
 def test_help_has_the_defaults_that_go_with_what_is_given(project: Project) -> None:
     told = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
-    assert 'one batch; the script train chooses by world and preset [128]' in ' '.join(
+    assert 'one batch; the script train chooses the number by world and preset [128]' in ' '.join(
         told.split())
     assert 'hidden_sizes:=[64,64]' in told and 'runs/lunar_lander-DATE' in told
     assert 'engine_lag' not in told
@@ -382,7 +382,7 @@ def test_a_recording_that_was_not_finished_is_told_and_can_be_repaired(
     ended = run()
     assert ended.returncode == 1, ended.stderr
     told, repair = ended.stderr.splitlines()
-    assert told.startswith(f'{command}: the recording is not finished')
+    assert told.startswith(f'{command}: the recording is incomplete')
     subprocess.run(repair, shell=True, check=True, timeout=30)
     rerun_program.verify(whole)
     assert [path.name for path in whole.parent.glob('*.rrd')] == ['recording.rrd']
