@@ -30,8 +30,8 @@ from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
 from rocket_sim_node.bags.metadata import metadata_text
 from rocket_sim_node.bags.metadata import quality_values
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.destinations import RESERVE
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
 
 PARTIAL = '.partial'

@@ -9,7 +9,9 @@ import errno
 import ipaddress
 import shutil
 import socket
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
@@ -18,6 +20,8 @@ DEFAULT_PORT = 9876
 """Port of a viewer whose URL names none."""
 RESERVE = 32 * 2**20
 """Bytes of disk space to keep free; below it a recording is closed, complete."""
+Note: TypeAlias = Callable[[str, str], None]
+"""Function that takes a level ('INFO', 'WARN', 'ERROR') and a text."""
 
 
 def viewer_address(url: str) -> tuple[str, int]:

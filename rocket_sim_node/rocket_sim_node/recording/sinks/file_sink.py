@@ -17,9 +17,9 @@ from rocket_sim_node.recording.scene.blueprint import blueprint
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.destinations import RESERVE
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.rewrite import add_contents
 from rocket_sim_node.recording.sinks.rewrite import is_empty
