@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import itertools
+import os
 import shutil
 import socket
 from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import urlsplit
@@ -70,6 +73,21 @@ def check_page(port: int, host: str) -> None:
                 errno.EADDRNOTAVAIL:
                     f'web_host: got {host!r}, expected an address of this machine',
             }.get(error.errno or 0, f'web_port: {port}: {error.strerror}')) from None
+
+
+def numbered(path: Path, suffix: str = '') -> Iterator[Path]:
+    """Yield PATH, PATH-2, PATH-3 …; numbers stand before the suffix."""
+    yield path
+    for number in itertools.count(2):
+        yield path.with_name(f'{path.name.removesuffix(suffix)}-{number}{suffix}')
+
+
+def is_at(file: int, path: Path) -> bool:
+    """Return whether an open file or folder has this path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def check_space(folder: Path, needed: int = RESERVE) -> None:
