@@ -98,27 +98,6 @@ def test_expert_pilot_lands(processes: Processes) -> None:
     assert 'landed 24' in pilot.output() or 'landed 25' in pilot.output(), pilot.output()
 
 
-@pytest.mark.parametrize(('package', 'executable', 'parameters', 'words'), [
-    ('rocket_sim_node', 'simulator', {'spwan_speed': 3}, ('unknown parameter', 'spwan_speed')),
-    ('rocket_sim_node', 'simulator', {'dt': 'abc'}, ('dt', 'abc', 'number')),
-    ('ppo_agent_node', 'ppo_agent', {'mode': 'dream'}, ('mode', 'dream', 'train, infer')),
-    ('ppo_agent_node', 'ppo_agent', {'clip_rang': 0.1}, ('unknown parameter', 'clip_rang')),
-    ('ppo_agent_node', 'ppo_agent', {'preset': 'best'}, ('preset', 'best', 'original')),
-    ('ppo_agent_node', 'ppo_agent', {'run_dir': '/proc/run'}, ('/proc/run', 'not writable')),
-    ('ppo_agent_node', 'ppo_agent', {'patience': 0.5}, ('is it running',)),
-])
-def test_bad_parameters_end_in_one_line_that_names_them(
-        processes: Processes, tmp_path: Path, package: str, executable: str, parameters: dict,
-        words: tuple) -> None:
-    if executable == 'ppo_agent' and 'run_dir' not in parameters:
-        parameters = {**parameters, 'run_dir': tmp_path / 'run'}
-    node = processes.run_node(package, executable, **parameters)
-    assert node.wait(30.0) == 2, node.output()
-    assert 'Traceback' not in node.output()
-    for word in words:
-        assert word in node.output()
-
-
 def test_damaged_config_is_refused(processes: Processes, tmp_path: Path) -> None:
     run = tmp_path / 'run'
     run.mkdir()
