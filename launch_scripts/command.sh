@@ -4,22 +4,11 @@
 
 file=$(dirname "$here")/ppo_agent_node/launch/${0##*/}.launch.yaml
 # The lock marks the folder as in use. It is released when this script and its launch have ended, however they end.
+# The next start removes the folders of killed scripts (rocket_sim_node/scratch_folder.py).
 scratch=$(mktemp -d -t hoverslam-XXXXXX)
 trap 'rm -rf "$scratch"' EXIT
 exec {_lock}> "$scratch/lock"
 flock "$_lock"
-
-# remove_leftovers: removes this user's scratch folders whose scripts were killed. It skips new folders, which may
-# not be locked yet.
-remove_leftovers() {
-  local folder lock
-  while IFS= read -r -d '' folder; do
-    { exec {lock}< "$folder/lock"; } 2> /dev/null || continue
-    if flock -n "$lock"; then rm -rf "$folder"; fi
-    exec {lock}<&-
-  done < <(find "$(dirname "$scratch")" -maxdepth 1 -type d -name 'hoverslam-*' -user "$(id -u)" -mmin +1 -print0)
-}
-remove_leftovers
 
 # read_arguments ARGUMENT...: checks the arguments. Sets `arguments`, those of the launch, and further variables that
 # the command needs (ppo_agent_node/commands/launch.py). Exits after --help, and with status 2 after an error.

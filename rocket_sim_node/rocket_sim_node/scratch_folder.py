@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Temporary folders that the next start removes when their process was killed.
 
-`launch_scripts/command.sh` makes and removes the same kind of folder: one with a file `lock` that
-its process keeps locked. The kernel releases the lock however that process ends.
+`launch_scripts/command.sh` makes the same kind of folder: one with a file `lock` that its process
+keeps locked. The kernel releases the lock however that process ends.
 """
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _YOUNG = 60.0
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """Make a temporary folder; remove it at the end, and those of killed processes before."""
-    _remove_leftovers(Path(tempfile.gettempdir()))
+    remove_leftovers(Path(tempfile.gettempdir()))
     with (tempfile.TemporaryDirectory(prefix=_PREFIX) as name,
           open(Path(name) / _LOCK, 'w', encoding='utf-8') as lock):
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield Path(name)
 
 
-def _remove_leftovers(parent: Path) -> None:
+def remove_leftovers(parent: Path) -> None:
     """Remove this user's scratch folders that nobody holds the lock of."""
     for folder in parent.glob(f'{_PREFIX}*'):
         with suppress(OSError):

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 NAME = 'LunarLander-v3'
 _LANDED = 100.0
-_CRASHED = -100.0
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ import numpy as np
 import torch
 
 from benchmarks import machine
-from ppo_agent_node.config.presets import load_preset
+from benchmarks.experiments.training import Recipe
+from benchmarks.experiments.training import train as train_in_process
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.conditions_files import aligned
 from ppo_agent_node.evaluation.conditions_files import percent
@@ -32,9 +33,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.statistics import mean_interval
 from ppo_agent_node.statistics import wilson
-from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.jobs import SerialFleet
 
 ROOT = Path(__file__).parents[2]
 ROCKETS = 500
@@ -44,35 +43,25 @@ _ALIASES = {'scripted': choice.EXPERT}
 
 
 def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
-    """Train with a seed; return the run and the seconds of wall clock, None if it was there.
+    """Train with a seed; return the run and its seconds, None if it was there.
+
+    They are seconds of wall clock, or of processor time for a training in this process.
 
     :raises CalledProcessError: when the training failed.
     """
-    run = options.runs / f'{options.world}-{options.preset}-{seed}'
+    name = f'{options.world}-{options.preset}'
+    run = options.runs / f'{name}-{seed}'
     if (run / 'evaluation.json').exists():
         return run, None
+    if options.in_process:
+        recipe = Recipe(name, options.preset, {}, options.num_envs, options.world)
+        return run, train_in_process(recipe, seed, options.runs).cpu_seconds
     began = time.monotonic()
     subprocess.run(
         [ROOT / 'launch_scripts' / 'train', f'world:={options.world}',
          f'preset:={options.preset}', f'seed:={seed}', f'run_dir:={run}'], check=True,
         stdout=subprocess.DEVNULL)
     return run, time.monotonic() - began
-
-
-def train_in_process(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
-    """Train with a seed in this process; return the run and its seconds of processor time."""
-    folder = RunFolder(options.runs / f'{options.world}-{options.preset}-{seed}', resume=True)
-    if (folder.path / 'evaluation.json').exists():
-        return folder.path, None
-    # Two threads wait for each other where others want the cores, too.
-    config = load_preset(options.preset, options.world, seed=seed, threads=1)
-    seen = {} if options.world == 'lunar_lander' else {
-        'observation': config.curriculum.observation}
-    began = time.process_time()
-    with folder.locked():
-        world = worlds.make(options.world, options.num_envs, **seen)
-        assert Trainer(SerialFleet(world), config, folder).run().finished
-    return folder.path, time.process_time() - began
 
 
 def figures(result: EvaluationResult) -> dict[str, Any]:
@@ -177,7 +166,7 @@ def main() -> None:
         for task in options.tasks:
             show(name, task, name)
     for seed in options.seeds:
-        run, seconds = (train_in_process if options.in_process else train)(options, seed)
+        run, seconds = train(options, seed)
         assert RunFolder(run, resume=True).read_config()['training']['seed'] == seed
         kind = ' of processor time' if options.in_process else ''
         print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s{kind}'),

@@ -214,18 +214,6 @@ def test_a_bag_is_shown_and_played_by_the_command(
     assert {int(step) for state in states for step in state.step} == set(range(FALL + 1))
 
 
-@pytest.mark.parametrize(('parameters', 'complaint'), [
-    ({'topics': '"no: name"'}, 'topics: got'), ({'compression': 'zip'}, "compression: got 'zip'")])
-def test_wrong_parameters_are_named(
-    processes: Processes, parameters: dict[str, object], complaint: str, tmp_path: Path,
-) -> None:
-    recorder = processes.run_node(
-        'rocket_sim_node', 'bag_recorder', output=tmp_path / 'bag', **parameters)
-    assert recorder.wait(20.0) == 2
-    assert complaint in recorder.output()
-    assert 'Traceback' not in recorder.output()
-
-
 @pytest.mark.parametrize(('arguments', 'complaint'), [
     (('record', '--regex', 'x'), "'--regex' is not supported here"),
     (('info', '/nowhere/bag'), '/nowhere/bag'), (('convert',), "invalid choice: 'convert'")])

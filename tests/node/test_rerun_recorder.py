@@ -214,20 +214,6 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
     wait_until(lambda: not rerun_program.reachable('127.0.0.1', port), 5.0)
 
 
-@pytest.mark.parametrize(('parameters', 'complaint'), [
-    ({'output': '/proc/run.rrd'}, '/proc/run'),
-    ({'connect': 'localhost'}, "connect: got 'localhost'"),
-    ({'serve_web': True, 'web_host': 'mars'}, "web_host: got 'mars'"),
-])
-def test_wrong_parameters_are_named(
-    processes: Processes, parameters: dict[str, object], complaint: str,
-) -> None:
-    recorder = processes.run_node('rocket_sim_node', 'rerun_recorder', **parameters)
-    assert recorder.wait(20.0) == 2
-    assert complaint in recorder.output()
-    assert 'Traceback' not in recorder.output()
-
-
 def test_an_agent_in_another_namespace_is_there_while_it_publishes(
         make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """As for a recorder of each simulator of a fleet: the topic is remapped."""

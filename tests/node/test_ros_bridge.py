@@ -242,16 +242,6 @@ def test_invalid_descriptions_and_states_are_left_out_with_a_line(
     assert 'Traceback' not in bridge.output()
 
 
-@pytest.mark.parametrize(('parameters', 'complaint'), [
-    ({'rows': '[-1]'}, 'rows: got -1'), ({'rate': 5.0}, "unknown parameter 'rate'")])
-def test_wrong_parameters_are_named(
-    processes: Processes, parameters: dict[str, object], complaint: str,
-) -> None:
-    bridge = processes.run_node('rocket_sim_node', 'ros_bridge', **parameters)
-    assert bridge.wait(20.0) == 2
-    assert complaint in bridge.output()
-
-
 def test_views_for_rviz_and_foxglove_are_installed_and_name_real_topics() -> None:
     share = Path(get_package_share_directory('rocket_sim_node')) / 'views'
     rviz = yaml.safe_load((share / 'hoverslam.rviz').read_text())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How nodes start: discovered while they import, which takes longest."""
+"""How nodes start: discovered while they import, which takes longest; or refused."""
 from __future__ import annotations
 
 import signal
@@ -78,3 +78,32 @@ def test_arguments_that_ros_cannot_read_are_told_in_a_line(processes: Processes)
     assert process.wait(30.0) == 2
     assert 'Traceback' not in process.output()
     assert 'foo' in process.output()
+
+
+@pytest.mark.parametrize(('executable', 'parameters', 'complaint'), [
+    ('simulator', {'spwan_speed': 3}, "unknown parameter 'spwan_speed'"),
+    ('simulator', {'dt': 'abc'}, "dt: got 'abc', expected a number"),
+    ('ppo_agent', {'mode': 'dream'}, "mode: got 'dream', expected one of train, infer"),
+    ('ppo_agent', {'clip_rang': 0.1}, "unknown parameter 'clip_rang'"),
+    ('ppo_agent', {'preset': 'best'}, 'preset'),
+    ('ppo_agent', {'run_dir': '/proc/run'}, '/proc/run: not writable'),
+    ('ppo_agent', {'patience': 0.5}, 'is it running'),
+    ('rerun_recorder', {'output': '/proc/run.rrd'}, '/proc/run'),
+    ('rerun_recorder', {'connect': 'localhost'}, "connect: got 'localhost'"),
+    ('rerun_recorder', {'serve_web': True, 'web_host': 'mars'}, "web_host: got 'mars'"),
+    ('bag_recorder', {'topics': '"no: name"'}, 'topics: got'),
+    ('bag_recorder', {'compression': 'zip'}, "compression: got 'zip'"),
+    ('ros_bridge', {'rows': '[-1]'}, 'rows: got -1'),
+    ('ros_bridge', {'rate': 5.0}, "unknown parameter 'rate'"),
+])
+def test_wrong_parameters_are_named(
+        processes: Processes, tmp_path: Path, executable: str, parameters: dict[str, object],
+        complaint: str) -> None:
+    package = 'ppo_agent_node' if executable == 'ppo_agent' else 'rocket_sim_node'
+    folders = {'ppo_agent': 'run_dir', 'bag_recorder': 'output'}
+    if executable in folders:
+        parameters = {folders[executable]: tmp_path / 'made', **parameters}
+    node = processes.run_node(package, executable, **parameters)
+    assert node.wait(30.0) == 2, node.output()
+    assert complaint in node.output()
+    assert 'Traceback' not in node.output()

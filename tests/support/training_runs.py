@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
 from safetensors.torch import load_file
 
@@ -14,7 +15,9 @@ from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import SerialFleet
@@ -52,10 +55,22 @@ def weights(run: Path) -> dict[str, torch.Tensor]:
 
 def log_without_times(run: Path, but: tuple[str, ...] = ()) -> list[dict]:
     """Return the lines of train.jsonl but for what the machine's speed decides, and `but`."""
-    lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
-    return [
-        {k: v for k, v in line.items() if k not in ('seconds', 'steps_per_second', *but)}
-        for line in lines]
+    lines = RunFolder(run, resume=True).lines()
+    return [{k: v for k, v in line.items() if k not in (*TIMES, *but)} for line in lines]
+
+
+def left_by(run: Path) -> dict[str, Any]:
+    """Return what a run leaves, but for times: its newest checkpoint, its policy and its log."""
+    folder = RunFolder(run, resume=True)
+    newest = folder.newest(pytest.fail)
+    assert newest is not None
+    left: dict[str, Any] = {'log': log_without_times(run)}
+    for kind, sealed in (
+            ('checkpoint', newest[1]), ('policy', sealed_file.read(folder.policy, 'policy'))):
+        left[kind] = sealed.content
+        left |= {f'{kind}.{name}': each.numpy().tobytes()
+                 for name, each in sealed.tensors.items()}
+    return left
 
 
 def assert_same_run(first: Path, second: Path, but: tuple[str, ...] = ()) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import yaml
 from support.forger import KINDS
-from support.processes import Process
 from support.processes import Processes
 from support.training_runs import SMALL
 from support.training_runs import agent
@@ -24,16 +23,6 @@ RESULTS = (
     'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',
     'checkpoints/best.safetensors',
 )
-
-
-def interrupted(processes: Processes, run: Path) -> Process:
-    """Return an agent that was told to stop while it fine-tuned, and its simulator runs on."""
-    simulator(processes)
-    trainer = agent(processes, run)
-    trainer.wait_for('PPO 1/', 90.0)
-    trainer.signal(signal.SIGINT)
-    assert trainer.wait(10.0) == 0, processes.logs()
-    return trainer
 
 
 @pytest.fixture(scope='module')
@@ -109,31 +98,6 @@ def test_expert_pilot_lands(processes: Processes) -> None:
     assert 'landed 24' in pilot.output() or 'landed 25' in pilot.output(), pilot.output()
 
 
-@pytest.mark.parametrize(('package', 'executable', 'parameters', 'words'), [
-    ('rocket_sim_node', 'simulator', {'world': 'mars'}, ('world', 'mars', 'rocket')),
-    ('rocket_sim_node', 'simulator', {'spwan_speed': 3}, ('unknown parameter', 'spwan_speed')),
-    ('rocket_sim_node', 'simulator', {'num_envs': 0}, ('num_envs', '0', 'expected 1')),
-    ('rocket_sim_node', 'simulator', {'dt': 'abc'}, ('dt', 'abc', 'number')),
-    ('ppo_agent_node', 'ppo_agent', {'mode': 'dream'}, ('mode', 'dream', 'train, infer')),
-    ('ppo_agent_node', 'ppo_agent', {'clip_rang': 0.1}, ('unknown parameter', 'clip_rang')),
-    ('ppo_agent_node', 'ppo_agent', {'clip_range': -1.0}, ('clip_range', '-1')),
-    ('ppo_agent_node', 'ppo_agent', {'preset': 'best'}, ('preset', 'best', 'original')),
-    ('ppo_agent_node', 'ppo_agent', {'run_dir': '/proc/run'}, ('/proc/run', 'not writable')),
-    ('ppo_agent_node', 'evaluate', {'episodes': -1}, ('episodes', '-1', 'expected 0')),
-    ('ppo_agent_node', 'ppo_agent', {'patience': 0.5}, ('is it running',)),
-])
-def test_bad_parameters_end_in_one_line_that_names_them(
-        processes: Processes, tmp_path: Path, package: str, executable: str, parameters: dict,
-        words: tuple) -> None:
-    if executable == 'ppo_agent' and 'run_dir' not in parameters:
-        parameters = {**parameters, 'run_dir': tmp_path / 'run'}
-    node = processes.run_node(package, executable, **parameters)
-    assert node.wait(30.0) == 2, node.output()
-    assert 'Traceback' not in node.output()
-    for word in words:
-        assert word in node.output()
-
-
 def test_damaged_config_is_refused(processes: Processes, tmp_path: Path) -> None:
     run = tmp_path / 'run'
     run.mkdir()
@@ -174,23 +138,6 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
     assert 'another process is training here' in second.output()
     assert first.running
     assert agent(processes, run).wait(30.0) == 2, processes.logs()
-
-
-def test_full_disk_is_told_and_the_last_checkpoint_is_whole(
-        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
-    run = tmp_path / 'run'
-    interrupted(processes, run)
-    # A limit on the size of files: writing fails half-way, as on a full disk.
-    limited = processes.start(
-        'bash', '-c', 'ulimit -f 8; exec "$@"', 'bash', 'ros2', 'run', 'ppo_agent_node',
-        'ppo_agent', '--ros-args', '-p', f'run_dir:={run}', '-p', 'resume:=true')
-    assert limited.wait(30.0) == 2, processes.logs()
-    assert str(run / 'checkpoints') in limited.output()
-    assert 'Traceback' not in limited.output()
-    assert not list(run.rglob('*.part'))
-    resumed = agent(processes, run, resume=True)
-    assert resumed.wait(120.0) == 0, processes.logs()
-    assert_same_run(run, undisturbed)
 
 
 def test_simulators_that_come_and_go_change_nothing_that_is_learnt(

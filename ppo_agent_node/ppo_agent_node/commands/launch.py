@@ -39,6 +39,7 @@ from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.destinations import page_address
 from rocket_sim_node.recording.sinks.destinations import viewer_address
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
+from rocket_sim_node.scratch_folder import remove_leftovers
 
 PLAN = 'plan.sh'
 _NODES = {
@@ -307,6 +308,7 @@ def main() -> None:
     script, pid, scratch, *texts = sys.argv[1:]
     try:
         with interruptible():
+            remove_leftovers(Path(scratch).parent)
             sys.stdout.write(run(script, int(pid), Path(scratch), texts))
     except (ValueError, TypeError, OSError) as error:
         sys.stderr.write(f'{Path(script).name}: {" ".join(str(error).split())}\n')

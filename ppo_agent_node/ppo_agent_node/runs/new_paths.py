@@ -6,21 +6,14 @@ prints its name.
 """
 from __future__ import annotations
 
-import itertools
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
+
+from rocket_sim_node.recording.sinks.destinations import numbered
 
 PARTIAL = '.partial.rrd'
 """ends the name under which the recorder writes a recording"""
-
-
-def _numbered(path: Path) -> Iterator[Path]:
-    """Yield PATH, PATH-2, PATH-3 …; numbers stand before the suffix."""
-    yield path
-    for number in itertools.count(2):
-        yield path.with_name(f'{path.stem}-{number}{path.suffix}')
 
 
 def new_folder(path: Path) -> Path:
@@ -29,7 +22,7 @@ def new_folder(path: Path) -> Path:
     :raises OSError: when it cannot be made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    for folder in _numbered(path):
+    for folder in numbered(path):
         try:
             folder.mkdir()
         except FileExistsError:
@@ -47,7 +40,7 @@ def new_recording(path: Path) -> Path:
     :raises OSError: when that file cannot be made.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    for recording in _numbered(path):
+    for recording in numbered(path, path.suffix):
         partial = recording.with_name(recording.stem + PARTIAL)
         try:
             os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))

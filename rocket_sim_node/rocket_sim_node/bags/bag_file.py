@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import itertools
 import os
 import shutil
 import time
@@ -30,9 +29,11 @@ from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
 from rocket_sim_node.bags.metadata import metadata_text
 from rocket_sim_node.bags.metadata import quality_values
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.destinations import RESERVE
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
+from rocket_sim_node.recording.sinks.destinations import is_at
+from rocket_sim_node.recording.sinks.destinations import numbered
 
 PARTIAL = '.partial'
 """End of the name of a folder that is not complete."""
@@ -112,7 +113,7 @@ class BagFile:
                 os.close(lock)
                 raise OSError(
                     error.errno, 'another recorder writes this bag', str(self._partial)) from error
-            if _is(lock, self._partial):
+            if is_at(lock, self._partial):
                 return lock
             os.close(lock)  # it was published at this moment
 
@@ -306,8 +307,7 @@ def publish(source: Path, path: Path) -> Path:
 
     :return: the resulting path.
     """
-    for number in itertools.count(1):
-        target = path if number == 1 else path.with_name(f'{path.name}-{number}')
+    for target in numbered(path):
         if os.path.lexists(target):
             continue
         try:
@@ -318,11 +318,3 @@ def publish(source: Path, path: Path) -> Path:
             raise
         return target
     raise AssertionError
-
-
-def _is(file: int, path: Path) -> bool:
-    """Return whether an open folder has this path."""
-    try:
-        return os.path.samestat(os.fstat(file), path.stat())
-    except FileNotFoundError:
-        return False

@@ -12,7 +12,7 @@ from rocket_sim_node.bags.reader import WORLD
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
-from rocket_sim_node.recording.sinks.base import Note
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.sinks.rerun_program import ViewerError
 from rocket_sim_node.recording.trajectories import touchdown

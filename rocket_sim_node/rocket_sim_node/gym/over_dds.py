@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -17,6 +16,7 @@ from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from rocket_sim_node.wire.client.client import RELEASE_TIMEOUT
+from rocket_sim_node.wire.client.client import ask_all
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.membership import FleetMembership
@@ -139,35 +139,7 @@ class Simulators:
             'episodes': _joined([info['episodes'] for info in infos], offsets)}
 
     def _ask(self, commands: Sequence[Command]) -> list[Any]:
-        """Send each simulator its command and return all answers, once they are there."""
-        connections = self._connections
-        for connection in connections:
-            connection.drop()
-        try:
-            for connection, command in zip(connections, commands, strict=True):
-                connection.ask(command)
-            waiting = [connection for connection in connections if not connection.poll()]
-            while waiting:
-                self._wait(waiting)
-                waiting = [connection for connection in waiting if not connection.poll()]
-            return [connection.take() for connection in connections]
-        except BaseException:
-            for connection in connections:
-                connection.drop()
-            raise
-
-    def _wait(self, waiting: list[Connection]) -> None:
-        """Wait until one of the simulators may have answered, or something is due."""
-        mailboxes: list[Mailbox] = []
-        entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
-        for connection in waiting:
-            if connection.mailbox is not None:
-                mailboxes.append(connection.mailbox)
-            else:
-                for kind, those in connection.entities.items():
-                    entities[kind] += those
-        due = min(connection.deadline for connection in waiting)
-        self._waiter.attend(due - time.monotonic(), mailboxes, **entities)
+        return ask_all(self._waiter, self._connections, commands)
 
     def close(self) -> None:
         """Release the simulators for other agents, and leave ROS; may be called again."""

@@ -29,6 +29,10 @@ from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
 from rocket_sim_node.bags.step_counts import StepCounter
+from rocket_sim_node.nodes.listening import NICENESS
+from rocket_sim_node.nodes.listening import SPIN_PERIOD
+from rocket_sim_node.nodes.listening import drain
+from rocket_sim_node.nodes.listening import notes_of
 from rocket_sim_node.printable import printable
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.dds.transport import SharedMemory
@@ -41,19 +45,11 @@ from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
-_SPIN_PERIOD = 0.2
-"""Seconds per spin; the events executor needs a finite time-out, for signals."""
 _LOOK = 0.25
 """Seconds between two looks for new topics."""
 _DEPTH = 1000
 """Messages of a topic that wait while the recorder is busy."""
-_QUIET = 0.2
-_DRAIN = 1.5
-"""When asked to stop, the recorder waits until no message came for the first time, s, and at most
-for the second."""
 _STAR = 'any_characters_'
-_NICENESS = 10
-"""Niceness relative to simulator and agent, when there are not enough cores."""
 
 
 @dataclass(frozen=True)
@@ -251,22 +247,14 @@ def _profile(offers: list[QoSProfile]) -> QoSProfile:
 
 def record(node: Node, executor: Executor) -> None:
     """Record until asked to stop, or until the disk is nearly full."""
-    os.nice(_NICENESS)
+    os.nice(NICENESS)
     parameters = Parameters(node)
     options = parameters.declare(BagParameters)
     parameters.finish()
     if not options.output.strip('/. '):
         raise ParameterError(f'parameter output: got {options.output!r}, expected a folder')
 
-    def note(level: str, text: str) -> None:
-        logger = node.get_logger()
-        # Separate calls: a logger rejects different severities from the same line.
-        if level == 'ERROR':
-            logger.error(text)
-        elif level == 'WARN':
-            logger.warning(text)
-        else:
-            logger.info(text)
+    note = notes_of(node)
 
     bag = BagFile(
         Path(options.output).absolute(), note, options.compression,
@@ -276,21 +264,10 @@ def record(node: Node, executor: Executor) -> None:
     try:
         create_timer(node, _LOOK, recorder.look)
         while not stopping.requested() and bag.open:
-            executor.spin_once(timeout_sec=_SPIN_PERIOD)
-        _drain(executor, recorder)
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
+        drain(executor, lambda: recorder.count)
     finally:
         recorder.close()
-
-
-def _drain(executor: Executor, recorder: BagNode) -> None:
-    """Receive messages still in transit."""
-    end = time.monotonic() + _DRAIN
-    quiet_at = time.monotonic() + _QUIET
-    before = recorder.count
-    while time.monotonic() < min(end, quiet_at):
-        executor.spin_once(timeout_sec=0.01)
-        if recorder.count != before:
-            before, quiet_at = recorder.count, time.monotonic() + _QUIET
 
 
 def main() -> None:

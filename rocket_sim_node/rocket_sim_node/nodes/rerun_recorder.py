@@ -16,6 +16,10 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node import free_memory
+from rocket_sim_node.nodes.listening import NICENESS
+from rocket_sim_node.nodes.listening import SPIN_PERIOD
+from rocket_sim_node.nodes.listening import drain
+from rocket_sim_node.nodes.listening import notes_of
 from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.base import Sink
@@ -40,17 +44,8 @@ from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
-_SPIN_PERIOD = 0.2
-"""Seconds per spin; the events executor needs a finite time-out, for signals."""
-_QUIET = 0.2
-_DRAIN = 1.5
-"""When asked to stop, the recorder waits until no message came for the first time, s, and at most
-for the second."""
-_DRAINED_AT_ONCE = 20
 _AGENT_GONE = 3.0
 """Seconds without a publisher of training status after which a training counts as over."""
-_NICENESS = 10
-"""Niceness relative to simulator and agent, when there are not enough cores."""
 
 
 @dataclass(frozen=True)
@@ -131,21 +126,13 @@ class RecorderNode:
 
 def record(node: Node, executor: Executor) -> None:
     """Record until asked to stop."""
-    os.nice(_NICENESS)
+    os.nice(NICENESS)
     parameters = Parameters(node)
     destinations = parameters.declare(Destinations)
     choice = parameters.declare(RecordingFilter)
     parameters.finish()
 
-    def note(level: str, text: str) -> None:
-        logger = node.get_logger()
-        # Separate calls: a logger rejects different severities from the same line.
-        if level == 'ERROR':
-            logger.error(text)
-        elif level == 'WARN':
-            logger.warning(text)
-        else:
-            logger.info(text)
+    note = notes_of(node)
 
     with ExitStack() as stack:
         sinks: list[Sink] = []
@@ -167,24 +154,14 @@ def record(node: Node, executor: Executor) -> None:
             note('INFO', f'recording to {destinations.output}')
         try:
             while not stopping.requested():
-                executor.spin_once(timeout_sec=_SPIN_PERIOD)
+                executor.spin_once(timeout_sec=SPIN_PERIOD)
                 heard.look_after_agents()
                 heard.tick()
-            _drain(executor, heard)
+            drain(executor, lambda: heard.count)
         finally:
             heard.close()
             lost = f'; {recorder.missed} steps were not received' if recorder.missed else ''
             note('INFO', f'{recorder.flights} flights recorded, {recorder.steps} steps{lost}')
-
-
-def _drain(executor: Executor, heard: RecorderNode) -> None:
-    """Receive messages still in transit, as simulator and agent may be stopping as well."""
-    end = time.monotonic() + _DRAIN
-    before = -1
-    while before != heard.count and time.monotonic() < end:
-        before = heard.count
-        for _ in range(_DRAINED_AT_ONCE):
-            executor.spin_once(timeout_sec=_QUIET / _DRAINED_AT_ONCE)
 
 
 def main() -> None:

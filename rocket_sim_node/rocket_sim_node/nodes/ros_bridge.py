@@ -13,6 +13,8 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
+from rocket_sim_node.nodes.listening import NICENESS
+from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.standard_views.motion import MotionViews
@@ -27,11 +29,6 @@ from rocket_sim_node.wire.node.parameters import Parameters
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
-
-_SPIN_PERIOD = 0.2
-"""Seconds per spin; the events executor needs a finite time-out, for signals."""
-_NICENESS = 10
-"""Niceness relative to simulator and agent, when there are not enough cores."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +95,7 @@ class BridgeNode:
 
 def bridge(node: Node, executor: Executor) -> None:
     """Publish until asked to stop."""
-    os.nice(_NICENESS)
+    os.nice(NICENESS)
     parameters = Parameters(node)
     options = parameters.declare(BridgeParameters)
     parameters.finish()
@@ -106,7 +103,7 @@ def bridge(node: Node, executor: Executor) -> None:
     rows = ', '.join(map(str, options.rows)) or 'none'
     node.get_logger().info(f'publishing standard views of rockets {rows}')
     while not stopping.requested():
-        executor.spin_once(timeout_sec=_SPIN_PERIOD)
+        executor.spin_once(timeout_sec=SPIN_PERIOD)
     node.get_logger().info(viewed.summary())
 
 

@@ -17,9 +17,9 @@ from rocket_sim_node.recording.header import head
 from rocket_sim_node.recording.scene.conditions_log import unusual
 from rocket_sim_node.recording.scene.sceneries import scenery
 from rocket_sim_node.recording.sinks.base import Look
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.timeline import Settle
 from rocket_sim_node.recording.timeline import Timeline
 from rocket_sim_node.recording.training_recorder import TrainingRecorder

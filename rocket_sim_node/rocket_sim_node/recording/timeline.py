@@ -8,9 +8,9 @@ from typing import TypeAlias
 
 from rocket_sim_node.recording.drawing.timepoint import Timepoint
 from rocket_sim_node.recording.drawing.timepoint import pause_steps
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.base import Sink
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.trajectory import Settling
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory

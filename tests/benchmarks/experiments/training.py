@@ -31,13 +31,14 @@ _NOTE = 'trained.json'
 
 @dataclass(frozen=True)
 class Recipe:
-    """A way to train: a preset of `rocket` with some settings changed."""
+    """A way to train: a preset of a world with some settings changed."""
 
     name: str
     preset: str = 'default'
     overrides: Mapping[str, object] = field(default_factory=dict)
     num_envs: int = 256
-    """rockets in the world"""
+    """rockets or landers in the world"""
+    world: str = 'rocket'
 
     def config(self, seed: int) -> Config:
         """Return the settings of a run with this seed.
@@ -45,7 +46,7 @@ class Recipe:
         :raises ValueError: for an unknown setting, or a value out of range.
         """
         values = {'threads': 1, 'device': 'cpu', **self.overrides}
-        return load_preset(self.preset, **values, seed=seed)
+        return load_preset(self.preset, self.world, **values, seed=seed)
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,9 @@ def train(recipe: Recipe, seed: int, runs: Path) -> Trained:
     note, config = folder.path / _NOTE, recipe.config(seed)
     if not note.exists():
         began, commit = time.process_time(), machine.commit()
-        world = worlds.make(
-            'rocket', recipe.num_envs, observation=config.curriculum.observation)
+        seen: dict[str, Any] = {} if recipe.world == 'lunar_lander' else {
+            'observation': config.curriculum.observation}
+        world = worlds.make(recipe.world, recipe.num_envs, **seen)
         with folder.locked():
             result = Trainer(SerialFleet(world), config, folder, _tell(folder.name)).run()
         assert result.finished

@@ -43,11 +43,15 @@ def test_folders_of_killed_processes_are_removed(
     foreign = tmp_path / 'hoverslam-foreign'
     foreign.mkdir()
     os.utime(foreign, (0, 0))
+    young = tmp_path / 'hoverslam-young'
+    young.mkdir()
+    (young / 'lock').touch()
     (tmp_path / 'hoverslam-link').symlink_to(used)
     with scratch_folder() as mine:
         assert mine.parent == tmp_path
         assert (used / 'picture').exists(), 'its process lives'
         assert foreign.exists(), 'it has no lock of ours'
+        assert young.exists(), 'its process may be about to lock it'
     assert not mine.exists()
     living.communicate('\n')
     assert not used.exists()

@@ -30,8 +30,6 @@ from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 F64 = NDArray[np.float64]
 
-_SEEN = 15
-"""Number of leading entries of an observation that are used."""
 _PACE_ITERATIONS = 4
 _LEAST_SPIN_UP = 1e-9
 """rad/s^2, minimum assumed for the RCS, even if it has no torque."""

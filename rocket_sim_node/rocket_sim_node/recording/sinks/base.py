@@ -13,8 +13,6 @@ APPLICATION = 'hoverslam'
 
 Put: TypeAlias = Callable[[rr.RecordingStream], None]
 """Function that logs something to the given stream, possibly later and repeatedly."""
-Note: TypeAlias = Callable[[str, str], None]
-"""Function that takes a level ('INFO', 'WARN', 'ERROR') and a text."""
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,14 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import itertools
+import os
 import shutil
 import socket
+from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
@@ -18,6 +23,8 @@ DEFAULT_PORT = 9876
 """Port of a viewer whose URL names none."""
 RESERVE = 32 * 2**20
 """Bytes of disk space to keep free; below it a recording is closed, complete."""
+Note: TypeAlias = Callable[[str, str], None]
+"""Function that takes a level ('INFO', 'WARN', 'ERROR') and a text."""
 
 
 def viewer_address(url: str) -> tuple[str, int]:
@@ -66,6 +73,21 @@ def check_page(port: int, host: str) -> None:
                 errno.EADDRNOTAVAIL:
                     f'web_host: got {host!r}, expected an address of this machine',
             }.get(error.errno or 0, f'web_port: {port}: {error.strerror}')) from None
+
+
+def numbered(path: Path, suffix: str = '') -> Iterator[Path]:
+    """Yield PATH, PATH-2, PATH-3 …; numbers stand before the suffix."""
+    yield path
+    for number in itertools.count(2):
+        yield path.with_name(f'{path.name.removesuffix(suffix)}-{number}{suffix}')
+
+
+def is_at(file: int, path: Path) -> bool:
+    """Return whether an open file or folder has this path."""
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def check_space(folder: Path, needed: int = RESERVE) -> None:

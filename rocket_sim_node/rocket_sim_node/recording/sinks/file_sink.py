@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import itertools
 import os
 import time
 from contextlib import suppress
@@ -17,10 +16,12 @@ from rocket_sim_node.recording.scene.blueprint import blueprint
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
 from rocket_sim_node.recording.sinks.destinations import RESERVE
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space
+from rocket_sim_node.recording.sinks.destinations import is_at
+from rocket_sim_node.recording.sinks.destinations import numbered
 from rocket_sim_node.recording.sinks.rewrite import add_contents
 from rocket_sim_node.recording.sinks.rewrite import is_empty
 from rocket_sim_node.recording.sinks.rewrite import rewrite
@@ -47,8 +48,7 @@ def publish(source: Path, path: Path) -> Path:
 
     :return: the resulting path.
     """
-    for number in itertools.count(1):
-        target = path if number == 1 else path.with_name(f'{path.stem}-{number}{path.suffix}')
+    for target in numbered(path, path.suffix):
         try:
             os.link(source, target)
         except FileExistsError:
@@ -101,7 +101,7 @@ class FileSink:
             self._next_look = time.monotonic() + LOOK
             self._stream: rr.RecordingStream | None = self._begin()
         except BaseException:
-            if not os.fstat(self._lock).st_size and _is(self._lock, self._partial):
+            if not os.fstat(self._lock).st_size and is_at(self._lock, self._partial):
                 self._partial.unlink()
             os.close(self._lock)
             raise
@@ -117,7 +117,7 @@ class FileSink:
                 raise OSError(
                     error.errno, 'another recorder is writing this file', str(self._partial)
                 ) from error
-            if not _is(lock, self._partial):  # it was published at this moment
+            if not is_at(lock, self._partial):  # it was published at this moment
                 os.close(lock)
             elif os.fstat(lock).st_nlink > 1:  # published by a process killed at this moment
                 self._partial.unlink()
@@ -269,7 +269,7 @@ class FileSink:
                                     f'{self._partial}; the next recorder with this output '
                                     f'repairs it: {error}')
                 return
-        if not _is(self._lock, self._partial):
+        if not is_at(self._lock, self._partial):
             self._note('ERROR', f'the recording is lost: {self._partial} was removed')
             return
         if self._empty:
@@ -288,14 +288,6 @@ class FileSink:
 
 def _lock(file: int) -> None:
     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _is(file: int, path: Path) -> bool:
-    """Return whether an open file has this path."""
-    try:
-        return os.path.samestat(os.fstat(file), path.stat())
-    except FileNotFoundError:
-        return False
 
 
 def _layout(look: Look) -> rrb.Blueprint:

@@ -17,8 +17,8 @@ from rocket_sim_node.recording.sinks import increments
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.base import APPLICATION
 from rocket_sim_node.recording.sinks.base import Look
-from rocket_sim_node.recording.sinks.base import Note
 from rocket_sim_node.recording.sinks.base import Put
+from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import viewer_address
 from rocket_sim_node.recording.sinks.increments import Increments
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from rclpy.node import Node
 
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
+from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
@@ -24,6 +26,44 @@ from rocket_sim_node.worlds.jobs import Snapshot
 
 RELEASE_TIMEOUT = 1.0
 """Seconds to wait for the answer to a release."""
+
+
+def ask_all(
+    waiter: Waiter, connections: Sequence[Connection], commands: Sequence[Command],
+) -> list[Any]:
+    """Send each simulator its command and return all answers, once they are there."""
+    for connection in connections:
+        connection.drop()
+    try:
+        for connection, command in zip(connections, commands, strict=True):
+            connection.ask(command)
+        waiting = list(connections)
+        while waiting:
+            await_any(waiter, waiting)
+            waiting = [connection for connection in waiting if not connection.poll()]
+        return [connection.take() for connection in connections]
+    except BaseException:
+        for connection in connections:
+            connection.drop()
+        raise
+
+
+def await_any(waiter: Waiter, waiting: Sequence[Connection]) -> tuple[list[Mailbox], bool]:
+    """Wait until one of the simulators may have answered, or something is due.
+
+    :return: the mailboxes with messages, and whether anything else may be due.
+    """
+    mailboxes: list[Mailbox] = []
+    entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
+    for connection in waiting:
+        if connection.mailbox is not None:
+            mailboxes.append(connection.mailbox)
+            continue
+        for kind, found in connection.entities.items():
+            entities[kind] += found
+    due = min(connection.deadline for connection in waiting)
+    full, others = waiter.attend(due - time.monotonic(), mailboxes, **entities)
+    return full, others or time.monotonic() >= due
 
 
 class Client:
@@ -116,24 +156,9 @@ class Client:
         return observation
 
     def _do(self, command: Command) -> Any:
-        connection = self.connection
-        if connection.world is None:
+        if self.connection.world is None:
             self.connect()
-        connection.drop()
-        connection.ask(command)
-        try:
-            while True:
-                mailbox = connection.mailbox
-                seconds = connection.deadline - time.monotonic()
-                if mailbox is None:
-                    self.waiter.attend(seconds, [], **connection.entities)
-                else:
-                    self.waiter.attend(seconds, [mailbox])
-                if connection.poll():
-                    return connection.take()
-        except BaseException:
-            connection.drop()
-            raise
+        return ask_all(self.waiter, [self.connection], [command])[0]
 
     @property
     def session(self) -> int:

@@ -22,6 +22,7 @@ from rclpy.node import Node
 
 from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.wire.client.client import RELEASE_TIMEOUT
+from rocket_sim_node.wire.client.client import await_any
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.client.connection import WorldChanged
@@ -29,7 +30,6 @@ from rocket_sim_node.wire.client.membership import FleetMembership
 from rocket_sim_node.wire.client.worker import FleetWorker
 from rocket_sim_node.wire.client.worker import Task
 from rocket_sim_node.wire.messages.definitions import DefinitionsDiffer
-from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.waiting import Silence
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.wire.node.waiting import WireTimeout
@@ -255,18 +255,8 @@ class SimulatorFleet:
         self._idle, self._idle_look = None, math.inf
         if not self._waiter.overdue and (ready := [m for m in busy if m.connection.arrived]):
             return ready  # answers arrived while the agent computed: no need to wait
-        mailboxes: list[Mailbox] = []
-        entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
-        for worker in busy:
-            mailbox = worker.connection.mailbox
-            if mailbox is not None:
-                mailboxes.append(mailbox)
-                continue
-            for kind, found in worker.connection.entities.items():
-                entities[kind] += found
-        due = min(worker.connection.deadline for worker in busy)
-        full, others = self._waiter.attend(due - time.monotonic(), mailboxes, **entities)
-        if others or time.monotonic() >= due:
+        full, others = await_any(self._waiter, [worker.connection for worker in busy])
+        if others:
             return busy
         return [worker for worker in busy if worker.connection.mailbox in full]
 

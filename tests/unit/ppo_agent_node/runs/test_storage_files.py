@@ -18,11 +18,11 @@ import pytest
 from support.disks import writers
 from support.line_world import LineWorld
 from support.processes import wait_until
+from support.training_runs import log_without_times
 
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.runs.new_paths import new_folder
 from rocket_sim_node.telemetry.training_status import Status
 from ppo_agent_node.training.trainer import Trainer
@@ -55,9 +55,7 @@ def learnt(run: Path) -> dict[str, Any]:
         tensors, content = sealed_file.read(
             path, 'checkpoint' if path.parent.name == 'checkpoints' else 'policy')
         files[path.name] = content, {name: t.numpy().tobytes() for name, t in tensors.items()}
-    log = [{name: value for name, value in line.items() if name not in TIMES}
-           for line in RunFolder(run, resume=True).lines()]
-    return {**files, 'log': log}
+    return {**files, 'log': log_without_times(run)}
 
 
 @pytest.fixture(scope='module')

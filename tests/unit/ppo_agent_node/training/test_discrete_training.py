@@ -15,6 +15,7 @@ from support.line_world import LEFT
 from support.line_world import RIGHT
 from support.line_world import LineWorld
 from support.line_world import walker
+from support.training_runs import left_by
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.presets import load_preset
@@ -31,7 +32,6 @@ from ppo_agent_node.reporting.run_files import load
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.episode_scores import ScoreLines
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
@@ -70,16 +70,6 @@ def train(
         stop_requested=stop, say=(said if said is not None else []).append).run()
 
 
-def everything(path: Path) -> tuple[dict[str, Any], list[Any]]:
-    """Return the last checkpoint's tensors, as bytes, and its content; the log without times."""
-    folder = RunFolder(path, resume=True)
-    newest = folder.newest(pytest.fail)
-    assert newest is not None
-    lines = [{k: v for k, v in line.items() if k not in TIMES} for line in folder.lines()]
-    tensors = {name: tensor.numpy().tobytes() for name, tensor in newest[1].tensors.items()}
-    return {**tensors, 'content': newest[1].content}, lines
-
-
 @pytest.fixture(scope='module')
 def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """Return the folder of a run that nothing disturbed, and what it said."""
@@ -109,9 +99,9 @@ def test_it_learns_to_walk(straight: tuple[Path, list[str]]) -> None:
 def test_equal_seeds_are_equal_and_others_differ(
         straight: tuple[Path, list[str]], tmp_path: Path) -> None:
     train(tmp_path / 'run')
-    assert everything(tmp_path / 'run') == everything(straight[0])
+    assert left_by(tmp_path / 'run') == left_by(straight[0])
     train(tmp_path / 'other', seed=2)
-    assert everything(tmp_path / 'other')[1] != everything(straight[0])[1]
+    assert left_by(tmp_path / 'other')['log'] != left_by(straight[0])['log']
 
 
 @pytest.mark.parametrize('polls', [60, 250, 400, 550])
@@ -121,7 +111,7 @@ def test_a_run_that_is_stopped_and_resumed_ends_alike_and_says_the_same(
     assert not train(path, stop_after=polls, said=said).finished
     told = len(said)
     assert train(path, resume=True, said=said).finished
-    assert everything(path) == everything(straight[0])
+    assert left_by(path) == left_by(straight[0])
     assert said == straight[1]
     assert told < len(said)
 
@@ -264,4 +254,4 @@ def test_a_run_in_the_lunar_lander_that_is_stopped_and_resumed_ends_alike(tmp_pa
     assert run(tmp_path / 'a' / 'run', 100_000)
     assert not run(tmp_path / 'b' / 'run', 520)
     assert run(tmp_path / 'b' / 'run', 100_000, resume=True)
-    assert everything(tmp_path / 'a' / 'run') == everything(tmp_path / 'b' / 'run')
+    assert left_by(tmp_path / 'a' / 'run') == left_by(tmp_path / 'b' / 'run')

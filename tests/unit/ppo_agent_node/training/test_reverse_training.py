@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import torch
+from support.training_runs import left_by
+from support.training_runs import log_without_times
 
 from ppo_agent_node.config.training_config import make_config
-from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
-from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
@@ -40,18 +39,13 @@ def train(
         (told if told is not None else []).append, stop_requested=stop).run()
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
-    return [{name: value for name, value in line.items() if name not in TIMES}
-            for line in RunFolder(path, resume=True).lines()]
-
-
 @pytest.fixture(scope='module')
 def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run that nothing disturbed, in which the reach grows to the end."""
     path = tmp_path_factory.mktemp('runs') / 'run'
     told: list[Status] = []
     assert train(path, told=told).finished
-    found = lines(path)
+    found = log_without_times(path)
     reaches = [line['reach'] for line in found]
     assert [s.reach for s in told if s.is_iteration] == reaches
     assert sorted(set(reaches)) == pytest.approx([0.2, 0.3, 0.45, 0.675, 0.8])
@@ -69,7 +63,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_starts_are_as_high_as_the_curriculum_says(straight: Path) -> None:
     """Free fall from h takes sqrt(2 h / g) / dt steps; who brakes takes longer, nobody less."""
-    for line in lines(straight)[1:5]:
+    for line in log_without_times(straight)[1:5]:
         longest = (2 * line['reach'] / 9.81)**0.5 / 0.02
         assert 0.5 * longest < line['mean_length'] < 2.5 * longest
 
@@ -86,14 +80,7 @@ def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
 
     assert not train(path, stop).finished
     assert train(path, resume=True).finished
-    assert lines(path) == lines(straight)
-    for name in ('checkpoints/iteration_000012', 'policy'):
-        ours, theirs = (sealed_file.read(folder / f'{name}.safetensors', 'checkpoint' if (
-            '/' in name) else 'policy') for folder in (path, straight))
-        assert set(ours.tensors) == set(theirs.tensors)
-        assert all(torch.equal(tensor, theirs.tensors[key])
-                   for key, tensor in ours.tensors.items())
-        assert ours.content == theirs.content
+    assert left_by(path) == left_by(straight)
 
 
 def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
