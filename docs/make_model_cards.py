@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the model cards beside the policies that ship: `python docs/make_model_cards.py --fly`.
+"""Writes the model cards of the shipped policies: `python docs/make_model_cards.py --fly`.
 
-With `--fly` it flies them first, in this process, and writes the figures to
-`policies/results.json`, which takes a minute or two; without, it writes the cards from that file.
-Run it in a shell of the environment (`. launch_scripts/env.sh`), with `--fly` after a policy has
-been replaced. A test says when a card is stale.
+With `--fly` it first flies the policies, in this process, and writes the figures to
+`policies/results.json`, which takes a minute or two. Without `--fly` it writes the cards from that
+file. Run it in a shell of the environment (`. launch_scripts/env.sh`), with `--fly` after a policy
+has been replaced. A test fails if a card is stale.
 """
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SEED = 40_000_000
 _ENVS = 250
 _LEVELS = {'level 7': {'level': 7}, 'level 8': {'level': 8}}
 TASKS: dict[str, dict[str, dict[str, Any]]] = {
-    'rocket': _LEVELS, 'rocket_planar': _LEVELS, 'lunar_lander': {'as Gymnasium has it': {}},
+    'rocket': _LEVELS, 'rocket_planar': _LEVELS, 'lunar_lander': {'default settings': {}},
     'robust': {
         'level 7': {'level': 7}, 'level 7, conditions mix': {'level': 7, 'conditions': 'mix'},
         'level 7, conditions harsh': {'level': 7, 'conditions': 'harsh'}},
@@ -49,21 +49,22 @@ _WHAT = {
               'was cloned, then PPO improved the clone.',
     'rocket_planar': 'Lands the same rocket in a vertical plane, up to rest on its legs. A '
                      'scripted pilot was cloned, then PPO improved the clone.',
-    'lunar_lander': "Lands Gymnasium's LunarLander-v3, rebuilt. PPO alone.",
-    'robust': 'Lands rockets whose mass, thrust, lag, delay and side force it is not told. It '
-              'sees its last commands and accelerations. A pilot that identifies the vehicle in '
-              'flight was cloned, then PPO improved the clone.',
-    'hoverslam': 'Lands a rocket whose engine cannot hover and can be lit once. A scripted pilot '
-                 'was cloned, then PPO improved the clone.',
-    'from_scratch': 'Lands a rocket from 200 m. PPO alone, without demonstrations and without '
-                    'shaping, by a reverse curriculum.'}
+    'lunar_lander': "Lands Gymnasium's LunarLander-v3, reimplemented. It was trained by PPO "
+                    'alone.',
+    'robust': 'Lands rockets without knowing their mass, thrust, lag, delay and side force. It '
+              'observes its last commands and accelerations. A pilot that identifies the vehicle '
+              'in flight was cloned, then PPO improved the clone.',
+    'hoverslam': 'Lands a rocket whose engine cannot hover and can be lit only once. A scripted '
+                 'pilot was cloned, then PPO improved the clone.',
+    'from_scratch': 'Lands a rocket from 200 m. It was trained by PPO alone with a reverse '
+                    'curriculum, without demonstrations or shaping.'}
 _KEPT = ('episodes', 'landed', 'landing_rate', 'landing_rate_interval', 'mean_return',
          'mean_return_interval', 'return_std')
 _SPREADS = ('touchdown_speed', 'tilt', 'distance')
 
 
 def path_of(name: str) -> Path:
-    """Return the file of a policy that ships."""
+    """Return the file of a shipped policy."""
     return provenance.SHIPPED / f'{name}.safetensors'
 
 
@@ -73,7 +74,7 @@ def sha256(name: str) -> str:
 
 
 def fly(name: str, episodes: int = EPISODES) -> dict[str, Any]:
-    """Return the figures of a policy by task, and what they belong to."""
+    """Return the figures of a policy by task, with digest, seed, commit and date."""
     spec = world_of(path_of(name), content(name))
     seen = {'observation': worlds.settings_from(spec.name, spec.settings)['observation']} if (
         'observation' in spec.settings) else {}
@@ -152,8 +153,9 @@ def _header(name: str, world: str, figures: dict[str, Any]) -> list[str]:
 def _results(figures: dict[str, Any]) -> list[str]:
     lines = [
         '## Results', '',
-        f'{figures["date"]}, {figures["commit"]}: deterministic flights in one process, starts '
-        f'from seed {figures["seed"]}, which no training saw; 95 % intervals in brackets.', '',
+        f'{figures["date"]}, {figures["commit"]}: deterministic flights in one process. The '
+        f'starts have seed {figures["seed"]}, which no training used. '
+        '95 % intervals are in brackets.', '',
         '| task | episodes | landed | mean return | touchdown, 95 % below | tilt | distance |',
         '| --- | --- | --- | --- | --- | --- | --- |']
     for task, found in figures['tasks'].items():
@@ -173,9 +175,9 @@ def _training(told: dict[str, Any], where: dict[str, Any]) -> list[str]:
         '## Training', '',
         f'`./launch_scripts/train world:={told["world"]} preset:={where["preset"]} '
         f'seed:={told["seed"]}`, commit {where["commit"]}, conditions `{where["conditions"]}`, '
-        f'run `{training["run"]}`: {training["steps"]:,} steps of one vehicle. The policy is that '
-        f'of iteration {training["iteration"]} of PPO, the best on {training["episodes"]} starts '
-        'that select.', '',
+        f'run `{training["run"]}`: {training["steps"]:,} steps of one vehicle. The policy is from '
+        f'iteration {training["iteration"]} of PPO, which was the best on the '
+        f'{training["episodes"]} selection starts.', '',
         f'Network: {len(told["observation_names"])} observations, features '
         f'`{told["features"]}`, hidden layers {told["hidden_sizes"]}, {told["activation"]}.']
 
@@ -183,7 +185,8 @@ def _training(told: dict[str, Any], where: dict[str, Any]) -> list[str]:
 def _interface(spec: worlds.WorldSpec) -> list[str]:
     lines = [
         '## Observations and actions', '',
-        f'One action each {spec.dt:g} s. An observation times its scale is the quantity.', '',
+        f'One action is taken every {spec.dt:g} s. Multiply an observation by its scale to get '
+        'the quantity in its unit.', '',
         '| column | observation | scale | unit |', '| --- | --- | --- | --- |']
     seen = zip(spec.observation_names, units.observation_units(spec), strict=True)
     lines += [
@@ -200,9 +203,10 @@ def _interface(spec: worlds.WorldSpec) -> list[str]:
 def _limits(name: str) -> str:
     tested = 'the tasks above' if len(TASKS[name]) > 1 else 'the task above'
     return (
-        f'It was trained and tried in simulation, on {tested}, and on no vehicle. Other masses, '
-        'thrusts, delays or sensors than it was trained with may crash it; '
-        '`./launch_scripts/evaluate conditions:=all` flies the table of conditions for rockets.')
+        f'The policy was trained and tested only in simulation, on {tested}, and never on a real '
+        'vehicle. It may crash with masses, thrusts, delays or sensors other than those of its '
+        'training; `./launch_scripts/evaluate conditions:=all` tests rocket policies under many '
+        'conditions.')
 
 
 def main() -> None:

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Waiting for a command, with an ear for signals to this script alone: bash keeps those to itself
-# while a command runs, and leaves the command behind when it ends. Sourced, not run; needs Python.
+# Runs a command and passes on signals that are sent to the script alone. By itself, bash would not
+# handle them until the command ends, or would end and leave the command running. Sourced, not run;
+# needs Python.
 
-status=0   # of what was attended
-stopped=   # INT or TERM, once there was such a signal
+status=0   # exit status of the command
+stopped=   # INT or TERM, after such a signal
 _attended=
 _again=
 
-# pass_on_signals SIGNAL...: from now on these go to what is attended; of INT, TERM and HUP.
+# pass_on_signals SIGNAL...: from now on, passes these signals (INT, TERM or HUP) on to the command.
 pass_on_signals() {
   local signal
   for signal; do
@@ -29,8 +30,8 @@ _pass_on() {
   esac
 }
 
-# interrupt PID: as Ctrl-C does. To `child` that is nothing before its Python is there; what has not
-# begun may just as well be ended.
+# interrupt PID: interrupts a process as Ctrl-C does. Until Python runs in `child`, the process ignores
+# SIGINT; it has not done anything yet, so it gets SIGTERM instead.
 interrupt() {
   local mask number=INT
   mask=$(sed -n 's/^SigIgn:[[:space:]]*//p' "/proc/$1/status" 2> /dev/null) || true
@@ -38,9 +39,9 @@ interrupt() {
   kill -"$number" "$1" 2> /dev/null || true
 }
 
-# child COMMAND ...: what bash has run in the background ignores Ctrl-C and cannot change that; with
-# this before it, it does not. (`env --default-signal` is missing in older systems.) And should the
-# script be killed, it is interrupted.
+# child COMMAND ...: a prefix for commands that run in the background. Bash makes these ignore Ctrl-C;
+# this prefix undoes that. (Older systems lack `env --default-signal`.) If the script is killed, the
+# command is interrupted.
 child=(python3 -c 'import ctypes, os, signal, sys
 for number in signal.SIGINT, signal.SIGQUIT:
     signal.signal(number, signal.SIG_DFL)
@@ -48,12 +49,12 @@ if sys.platform == "linux":
     ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
 os.execvp(sys.argv[1], sys.argv[1:])')
 
-# attend COMMAND ARGUMENT...: runs it to its end and sets `status`.
+# attend COMMAND ARGUMENT...: runs the command to its end and sets `status`.
 attend() {
-  # In the background, where bash would have it read nothing.
+  # In the background, bash would redirect standard input from /dev/null.
   "${child[@]}" "$@" <&0 &
   _attended=$!
-  # Asked to end before there was anybody to tell; what has hardly begun does not hear of Ctrl-C yet.
+  # A signal arrived before the command had started. It may still ignore SIGINT, so send SIGTERM.
   if [[ -n $stopped ]]; then kill -TERM "$_attended" 2> /dev/null || true; fi
   _again=true
   while $_again; do

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Which ROS 2 is used, and where what is made for it lies. Sourced by ./setup and env.sh (bash or zsh).
+# Chooses the ROS 2 distribution, its virtual environment and its workspace. Sourced by ./setup and env.sh (bash or zsh).
 
-# The one that comes as wheels, into .venv, where HOVERSLAM_ROS does not say otherwise.
+# The distribution installed from wheels into .venv, unless HOVERSLAM_ROS names another one.
 _hoverslam_default=kilted
 
 # _hoverslam_choose ROOT: sets
 #   _hoverslam_ros    the distribution
-#   _hoverslam_mode   where it comes from: sourced:NAME, or wheels (Kilted), or wheels:NAME
+#   _hoverslam_mode   its origin: sourced:NAME, wheels (Kilted) or wheels:NAME
 #   _hoverslam_venv   its virtual environment
-#   _hoverslam_built  its folder with build, install and log of the workspace
-# Fails with status 2, after one line, when HOVERSLAM_ROS does not name a distribution that can be had.
+#   _hoverslam_built  the folder with its build, install and log folders of the workspace
+# Prints one line and fails with status 2 if HOVERSLAM_ROS does not name an available distribution.
 _hoverslam_choose() {
   _hoverslam_ros=${HOVERSLAM_ROS:-$_hoverslam_default}
   _hoverslam_venv=$1/.venv
@@ -30,7 +30,7 @@ _hoverslam_choose() {
     _hoverslam_mode=sourced:$ROS_DISTRO
     return
   fi
-  # What was made before there was a choice has the mark of Kilted.
+  # Environments that were made before there was a choice are marked with `wheels`; they are Kilted.
   if [ "$_hoverslam_ros" = kilted ]; then _hoverslam_mode=wheels; else _hoverslam_mode=wheels:$_hoverslam_ros; fi
   if [ "$_hoverslam_ros" != "$_hoverslam_default" ]; then
     _hoverslam_venv=$1/.venv-$_hoverslam_ros

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Puts a shell inside the environment: . launch_scripts/env.sh (bash or zsh). It sets up what is
-# missing first; sourcing it again changes nothing. Returns the status of set-up when that failed.
+# Puts a shell inside the environment: . launch_scripts/env.sh (bash or zsh). First sets up what is
+# missing. Sourcing it again changes nothing. Returns the status of set-up if that fails.
 
 if [ -n "${ZSH_VERSION:-}" ]; then eval '_hoverslam_here=${(%):-%x}'; else _hoverslam_here=${BASH_SOURCE[0]:-}; fi
 _hoverslam_here=$(CDPATH= cd "$(dirname "$_hoverslam_here")" && pwd -P) || return 1
 
-# _hoverslam_prepend NAME FOLDER: puts it first in a list such as PATH, once; an empty entry, which stands for the
-# current folder, goes.
+# _hoverslam_prepend NAME FOLDER: moves the folder to the front of a list such as PATH. Removes empty entries, which
+# stand for the current folder.
 _hoverslam_prepend() {
   eval "_hoverslam_list=:\${$1:-}:"
   while :; do
@@ -22,7 +22,7 @@ _hoverslam_prepend() {
   eval "export $1=\$2\${_hoverslam_list:+:\$_hoverslam_list}"
 }
 
-# _hoverslam_drop NAME PREFIX: takes what begins with PREFIX out of a list such as PATH.
+# _hoverslam_drop NAME PREFIX: removes entries that begin with PREFIX from a list such as PATH.
 _hoverslam_drop() {
   eval "_hoverslam_list=:\${$1:-}:"
   while :; do
@@ -39,10 +39,10 @@ _hoverslam_drop() {
 }
 
 _hoverslam_enter() {
-  # A user without HOME still has one, where ROS 2 keeps its logs.
+  # If HOME is not set, set it to the user's home folder, where ROS 2 keeps its logs.
   if [ -z "${HOME:-}" ]; then unset HOME; HOME=~; export HOME; fi
-  # The commands of this folder import nothing from the folder that they are called in. In a shell of your own,
-  # python finds what lies beside your programs, as anywhere.
+  # The commands in this folder import nothing from the folder in which they are called. In an interactive shell,
+  # Python finds modules beside your programs as usual.
   if [ "$0" -ef "$_hoverslam_here/${0##*/}" ]; then export PYTHONSAFEPATH=1; fi
   "$_hoverslam_here/setup" --quiet || return
   . "$_hoverslam_here/distribution.sh"
@@ -61,8 +61,8 @@ _hoverslam_enter() {
       _hoverslam_prepend PYTHONPATH "$_hoverslam_list"
     done
   else
-    # Packages of another Python are of no use here, and could hide ours; and a distribution that
-    # is named but not sourced would count as sourced from now on.
+    # Packages of another Python would not work here and could hide ours. A distribution that is
+    # named but not sourced would count as sourced from now on.
     unset PYTHONPATH ROS_DISTRO
     _hoverslam_prepend AMENT_PREFIX_PATH "$_hoverslam_venv"
     _hoverslam_prepend CMAKE_PREFIX_PATH "$_hoverslam_venv"

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash disable=SC2154
-# How set-up talks: steps with elapsed time on stderr, and failures in a line or two. Sourced.
+# Output of set-up: steps with elapsed time on stderr, and failures in a line or two. Sourced.
 
 ticker=
 
-# fail LINE...: says what is wrong and what to do next, one line each, and ends.
+# fail LINE...: prints what is wrong and what to do next, one line each, and exits with status 1.
 fail() {
   printf 'setup: %s\n' "$1" >&2
   shift
@@ -13,8 +13,8 @@ fail() {
   exit 1
 }
 
-# doze: sleeps a second so that tick can end at once and leaves no sleep behind; fails when the
-# set-up that it ticks for is gone.
+# doze: sleeps for a second in such a way that tick can end at once and leaves no sleep process behind.
+# Fails if the set-up that it reports on has ended.
 doze() {
   sleep 1 > /dev/null 2>&1 &
   nap=$!
@@ -22,14 +22,14 @@ doze() {
   [[ $(cut -d ' ' -f 4 "/proc/$me/stat") == "$$" ]]
 }
 
-# tick TEXT: the moving line of one step: elapsed time and what the log says last.
+# tick TEXT: keeps updating the line of one step with the elapsed time and the latest entry in the log.
 tick() {
   local started=$SECONDS last width nap='' me=$BASHPID
   trap '[[ -z $nap ]] || kill "$nap" 2> /dev/null; exit 0' TERM
   if [[ ! -t 2 ]]; then
     while doze; do
       (((SECONDS - started) % 30)) ||
-        printf '  %s: still at it, %d s\n' "$1" "$((SECONDS - started))" >&2
+        printf '  %s: still running, %d s\n' "$1" "$((SECONDS - started))" >&2
     done
     return
   fi
@@ -67,7 +67,7 @@ step() {
   return "$status"
 }
 
-# explain WHAT: fails with the reason that the log gives for a failed step.
+# explain WHAT: prints the reason that the log gives for a failed step, and exits with status 1.
 explain() {
   local tail
   tail=$(tail -n 200 "$log")

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash disable=SC2154
-# The steps of set-up: checks, .venv, the workspace, the environment file. Sourced by ./setup.
+# The steps of set-up: checks, .venv, the workspace and the environment file. Sourced by ./setup.
 
-# check_machine: what must hold before anything is begun.
+# check_machine: checks the requirements before anything is changed.
 check_machine() {
   [[ $root != *[[:space:]:\&\#\'\"\\]* ]] ||
-    fail "the path '$root' has a space, a colon, a quote, a backslash, & or #, which ROS 2 builds cannot stand." \
-      'Move the project to a path without.'
+    fail "the path '$root' has a space, a colon, a quote, a backslash, & or #, which ROS 2 builds do not support." \
+      'Move the project to a path without these characters.'
   [[ -w $root && -w $root/ros_ws && (! -e $venv || -w $venv) ]] ||
     fail "$root is not writable for $(id -un)." 'Copy the project to a folder of yours, or change its owner.'
   [[ $(uname -s) == Linux ]] || fail "this is $(uname -s); Hoverslam runs on Linux." 'Use a Linux machine, container or WSL 2.'
@@ -32,7 +32,7 @@ check_machine() {
   fi
 }
 
-# take_lock: one set-up at a time; the lock goes with the last process that holds descriptor 9.
+# take_lock: allows one set-up at a time. The lock is released when the last process that holds descriptor 9 ends.
 take_lock() {
   exec 9> "$root/.setup.lock"
   flock -n 9 && return
@@ -40,7 +40,7 @@ take_lock() {
   flock 9
 }
 
-# usable PYTHON: whether it runs and is CPython 3.11 to 3.13; a sourced ROS 2 must have its rclpy, and may be newer.
+# usable PYTHON: whether it runs and is CPython 3.11 to 3.13. With a sourced ROS 2, it must have rclpy and may be newer.
 usable() {
   local newest='(3, 13)'
   [[ $mode == wheels* ]] || newest='(3, 99)'
@@ -58,7 +58,7 @@ find_python() {
     usable "$PYTHON" || fail "PYTHON=$PYTHON is not a CPython 3.11, 3.12 or 3.13 that runs$wanted." \
       'Name another one, or unset PYTHON.'
     python=$(command -v "$PYTHON")
-    [[ $python != "$venv"/* ]] || fail "PYTHON=$PYTHON lies in .venv, which is to be made anew." \
+    [[ $python != "$venv"/* ]] || fail "PYTHON=$PYTHON is inside .venv, which set-up is about to replace." \
       'Name another one, or unset PYTHON.'
     return
   fi
@@ -70,8 +70,8 @@ find_python() {
     'or name one: PYTHON=/path/to/python3.12 ./launch_scripts/setup'
 }
 
-# requirements: the pins that this mode needs, in the file $1. NumPy is ours where a ROS 2 is sourced, too: rerun-sdk
-# needs NumPy 2, and messages that were compiled for an older one run with it.
+# requirements FILE: writes the pinned versions that this mode needs to the file. NumPy is pinned even with a sourced
+# ROS 2: rerun-sdk needs NumPy 2, and messages that were compiled for an older NumPy work with it.
 requirements() {
   if [[ $mode == wheels* ]]; then section ros > "$1"; else : > "$1"; fi
   if [[ $mode == wheels* ]] || ! "$python" -c 'import colcon_core, colcon_ros' 2> /dev/null; then
@@ -81,14 +81,14 @@ requirements() {
   section test >> "$1"
 }
 
-# venv_was: the state that .venv is in, or was before an update that failed; nothing where nobody knows.
+# venv_was: prints the state of .venv, or its state before a failed update; nothing if it is unknown.
 venv_was() {
   local was
   was=$(cat "$stamps/venv" 2> /dev/null) || return 0
   printf '%s' "${was#unfinished }"
 }
 
-# in_place: whether only the pins of .venv have changed.
+# in_place: whether only the pinned versions have changed, so that .venv can be updated in place.
 in_place() {
   local was kept
   was=$(venv_was)
@@ -96,8 +96,8 @@ in_place() {
   [[ -n $was && ${was% *} == "${kept% *}" ]] && same_python && "$venv/bin/python" -c '' 2> /dev/null
 }
 
-# pip_install TEXT ARGUMENT...: one step of make_venv. What pip could not bring up to date it has put back, so that it
-# can be tried again as it is. After an end from outside, half-way, nobody knows what is there.
+# pip_install TEXT ARGUMENT...: one step of make_venv. If pip fails, it restores what it could not update, so the
+# update can be tried again in place. If pip is killed, the state of .venv is unknown.
 pip_install() {
   local text=$1
   shift
@@ -107,7 +107,7 @@ pip_install() {
   }
 }
 
-# make_venv: .venv with all packages, anew unless only the pins have changed.
+# make_venv: makes .venv with all packages. Starts from an empty one, unless only the pinned versions have changed.
 make_venv() {
   local wanted='' python='' old='' pip kept
   [[ $mode == wheels* ]] || wanted=" whose rclpy is that of the sourced ROS 2 ${ROS_DISTRO:-}"
@@ -135,7 +135,7 @@ make_venv() {
   printf '%s' "$kept" > "$stamps/venv"
 }
 
-# new_venv: an empty .venv of $python.
+# new_venv: makes an empty .venv with $python.
 new_venv() {
   local options=()
   [[ $mode == wheels* ]] || options=(--system-site-packages)
@@ -156,7 +156,7 @@ new_venv() {
   printf '%s' "$python" > "$stamps/python"
 }
 
-# relocate: the wheels' CMake files name the include folders of the machine that built them.
+# relocate: corrects the CMake files of the wheels, which contain include paths of the machine that built them.
 relocate() {
   local python_include numpy_include stale
   python_include=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
@@ -167,7 +167,7 @@ relocate() {
     -e "s#$stale/lib/python[0-9.]+/site-packages/numpy/_?core/include#$numpy_include#g"
 }
 
-# install_ros2: the replacement for the ros2 command, which the wheels lack.
+# install_ros2: installs the replacement for the ros2 command, which the wheels lack.
 install_ros2() {
   cat > "$venv/bin/ros2" << END
 #!$venv/bin/python
@@ -182,7 +182,7 @@ END
   chmod +x "$venv/bin/ros2"
 }
 
-# colcon_build TEXT ARGUMENT...: one build, with the tools of .venv only.
+# colcon_build TEXT ARGUMENT...: runs one build, with the tools of .venv only.
 colcon_build() {
   local text=$1
   shift
@@ -195,7 +195,7 @@ colcon_build() {
   cd "$root" || exit
 }
 
-# vendored: the packages of ros_ws/vendor that the ROS 2 of this mode lacks; the wheels lack all of them.
+# vendored: prints the packages of ros_ws/vendor that the ROS 2 in use lacks; the wheels lack all of them.
 vendored() {
   local package prefix prefixes=()
   [[ $mode == wheels* ]] || IFS=: read -r -a prefixes <<< "${AMENT_PREFIX_PATH:-}"
@@ -208,8 +208,9 @@ vendored() {
   done
 }
 
-# build_messages: rocket_msgs and what is vendored; from nothing unless only their sources have changed. The vendored
-# packages are copied to where colcon looks: in their own folder it ignores them, so that they hide no others.
+# build_messages: builds rocket_msgs and the vendored packages, from scratch unless only their sources have changed.
+# The vendored packages are copied first, because colcon ignores their own folder. It does so in order that they never
+# hide the packages of a full ROS 2.
 build_messages() {
   local old
   old=$(cat "$install/.messages" 2> /dev/null) || old=
@@ -229,7 +230,7 @@ build_messages() {
   printf '%s' "$state" > "$install/.messages"
 }
 
-# build_nodes: the Python packages, linked to their sources, so that edits need no build.
+# build_nodes: installs the Python packages as links to their sources, so that edits need no build.
 build_nodes() {
   local state
   rm -rf "$install/.nodes" "$built"/{build,install}/{rocket_sim_node,ppo_agent_node}
@@ -238,7 +239,7 @@ build_nodes() {
   printf '%s' "$state" > "$install/.nodes"
 }
 
-# write_environment: what the workspace's own set-up file exports, once, for env.sh to replay.
+# write_environment: stores the variables that the workspace's own set-up file exports, for env.sh to set.
 write_environment() {
   local name value part parts i file=$stamps/env.sh
   echo '# Written by launch_scripts/setup; read by launch_scripts/env.sh.' > "$file.new"

@@ -35,9 +35,9 @@ class Options:
     """Namespaces such as `/sim_*` to fly simulators over DDS; empty: in process."""
     num_envs: int = 64
     num_steps: int = 256
-    """of a roll-out, of each environment"""
+    """steps of each environment in a roll-out"""
     steps: int = 2_000_000
-    """of all environments together"""
+    """steps of all environments together"""
     seed: int = 1
     learning_rate: float = 5e-4
     gamma: float = 0.999

@@ -36,6 +36,7 @@ from rocket_sim_node.settings import describe
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / 'launch_scripts'
+LAUNCH_FILES = ROOT / 'ppo_agent_node' / 'launch'
 _LAUNCHED = {
     'train': training.TrainingParameters, 'land': inference.InferenceParameters,
     'evaluate': evaluate.EvaluationParameters, 'fly': StartSettings}
@@ -49,7 +50,7 @@ _PLAIN: dict[str, tuple[Callable[[], None], type]] = {
     'screenshot': (screenshot.main, screenshot.ScreenshotSettings),
     'pictures': (pictures.main, pictures.Pictures)}
 _SHELL = ('bench', 'secure', 'test', 'setup')
-"""Commands that explain themselves in bash."""
+"""Commands whose help text is in a bash script."""
 _GUIDES = {
     'train': '../how-to/train.md', 'land': '../tutorials/first-landing.md',
     'evaluate': '../how-to/evaluate-and-compare.md', 'fly': '../tutorials/fly-by-hand.md',
@@ -70,22 +71,23 @@ _MORE = {
            'and of the [pilot](parameters.md#keyboard_pilot).'}
 _HEAD = """# Commands
 
-All commands are in `launch_scripts/`. They set up what is missing first and take arguments as
-`name:=value`. `--help` lists the arguments with the defaults that would apply; of `train`, `land`,
-`evaluate` and `fly`, `--help NAME …` explains them. `. launch_scripts/env.sh` puts a shell inside
-the environment, with `ros2`, `rerun` and `python`.
+All commands are in `launch_scripts/`. They first set up what is missing. Arguments have the form
+`name:=value`. `--help` lists the arguments with the defaults that would apply. For `train`,
+`land`, `evaluate` and `fly`, `--help NAME …` explains single arguments. `. launch_scripts/env.sh`
+puts a shell inside the environment, with `ros2`, `rerun` and `python`.
 
-A command refuses an unknown name and suggests the nearest known one. Exit status: 0 when the work
-is complete, 130 after Ctrl-C, 143 after SIGTERM, 1 or 2 after an error; a start that is refused
-ends with 2. Nodes that `ros2 run` starts end with 2 after an error, with one line that says what
-was wrong. [Guarantees](guarantees.md#commands) lists what holds for every command, with the tests.
+A command refuses an unknown name and suggests the most similar known one. The exit status is 0
+when the work is complete, 130 after Ctrl-C, 143 after SIGTERM, and 1 or 2 after an error; a start
+that is refused ends with 2. Nodes that `ros2 run` starts end with 2 after an error, with one line
+that says what was wrong. [Guarantees](guarantees.md#commands) lists the guarantees for every
+command, with their tests.
 
-A file of parameters has to hold some for the node that it is named for, under `/**`, `/**/NODE` or
-the node's full name; `land`, `evaluate` and `fly` choose a namespace of their own unless
-`namespace:=` is given. Files that are named here have to be regular ones.
+A parameter file must have parameters for the node that it is given to, under `/**`, `/**/NODE` or
+the node's full name. `land`, `evaluate` and `fly` choose a namespace of their own unless
+`namespace:=` is given. Input files must be regular files.
 
 The launch files `train.launch.yaml`, `land.launch.yaml`, `evaluate.launch.yaml` and
-`fly.launch.yaml` are plain YAML for `ros2 launch`.
+`fly.launch.yaml`, in `ppo_agent_node/launch`, are plain YAML for `ros2 launch ppo_agent_node`.
 
 """
 
@@ -95,7 +97,7 @@ def text() -> str:
     parts = {
         **{name: _launched(name) for name in _LAUNCHED},
         **{name: _plain(name) for name in _PLAIN}, **{name: _shell(name) for name in _SHELL}}
-    lines = ['| command | does |', '| --- | --- |']
+    lines = ['| command | purpose |', '| --- | --- |']
     lines += [
         f'| [`{name}`](#{name}) | {what} ([how]({_GUIDES[name]})) |'
         for name, (what, _) in parts.items()]
@@ -105,10 +107,10 @@ def text() -> str:
 
 def _launched(name: str) -> tuple[str, str]:
     """Return what a command with a launch file does, and its section."""
-    found = arguments.parse(name, SCRIPTS / f'{name}.launch.yaml', [])
+    found = arguments.parse(name, LAUNCH_FILES / f'{name}.launch.yaml', [])
     start = launch.Start(f'launch_scripts/{name}', 0, Path(), found)
     told = {**launch.decided(start), **launch.placeholders(start)}
-    values = resolved(found.declared, told, Path('launch_scripts'))
+    values = resolved(found.declared, told, Path('ppo_agent_node/launch'))
     known = {info.name: info for info in worlds.settings(worlds.names()[0])}
     for declared in (*_SHARED, _LAUNCHED[name]):
         known |= {info.name: info for info in describe(declared)}

@@ -78,7 +78,7 @@ _HEAD = """# Nodes, topics, services and actions
 
 All names are relative: `--ros-args -r __ns:=/sim_0` moves a node into a namespace. The exceptions
 are `/diagnostics`, `/tf` and `/clock`, as is usual in ROS.
-[The protocol](../explanation/lock-step.md) says how the two ends use them.
+[The protocol](../explanation/lock-step.md) explains how agent and simulator use them.
 
 ![The nodes and the topics between them](../images/nodes.svg)
 
@@ -86,15 +86,15 @@ are `/diagnostics`, `/tf` and `/clock`, as is usual in ROS.
 
 """
 _ACKNOWLEDGE = """
-Writers of `action`, `observation` and `reward` offer reliable delivery. Whether a reader
-acknowledges is its parameter `acknowledge`: `auto` does so only when peers beyond this machine may
-be discovered, or Fast DDS is set up by you.
+Writers of `action`, `observation` and `reward` offer reliable delivery. A reader's parameter
+`acknowledge` decides whether it acknowledges messages: with `auto` it does so only if peers beyond
+this machine may be discovered, or if you have configured Fast DDS yourself.
 
 ## Services
 
 """
 _SNAPSHOT = """
-Below its own name (`~/`) the simulator offers the services of
+Under its own name (`~/`) the simulator offers the services of
 [`simulation_interfaces`](../how-to/simulation-interfaces.md).
 
 [Why a snapshot clears hidden state](../explanation/pymunk-batch.md) in worlds with contact.
@@ -105,20 +105,21 @@ _ACTIONS = """
 """
 _SERVED = """
 `action_server` executes one goal at a time. It starts the nodes of the command of the same name
-in the namespace of the action, `/train/simulator` for instance, and listens to their topics.
+in the namespace of the action, for instance `/train/simulator`, and subscribes to their topics.
 [How to use the actions](../how-to/use-actions.md).
 
 """
-_ROSOUT = """On a terminal `ppo_agent` and `watch` also subscribe to `/rosout`, to show the
+_ROSOUT = """In a terminal, `ppo_agent` and `watch` also subscribe to `/rosout`, to show the
 warnings of other nodes.
 
-## Parameters that are needed most
+## Most important parameters
 
 [All parameters](parameters.md) are read-only after start.
 """
 _INTERFACES = """## Messages, services and actions in full
 
-As `ros2 interface show rocket_msgs/msg/World` prints them.
+This is the output of `ros2 interface show`, for instance of `ros2 interface show
+rocket_msgs/msg/World`.
 """
 
 

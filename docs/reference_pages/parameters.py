@@ -26,12 +26,12 @@ from rocket_sim_node.settings import describe
 
 _HEAD = """# Parameters of all nodes
 
-Set a parameter with `--ros-args -p name:=value`. All are read-only after start. An unknown name,
-a value of another type or a value out of range ends the node with status 2 and an error that names
-it. Relative paths start at the folder in which the node was started.
+Set a parameter with `--ros-args -p name:=value`. All parameters are read-only after start. If a
+name is unknown, or a value has the wrong type or is out of range, the node ends with status 2 and
+an error that names it. Relative paths are relative to the folder in which the node was started.
 """
-_PRESETS = """Given values come first, then the preset's values. The defaults above apply to
-everything else. These tables list the values of the presets that differ from the defaults.
+_PRESETS = """Values that you give override those of the preset, which override the
+defaults above. These tables list the values of the presets that differ from the defaults.
 """
 
 

@@ -35,13 +35,13 @@ PUBLIC = {
     'ppo_agent_node.evaluation.metrics': ('summarise', 'table'),
     'ppo_agent_node.evaluation.conditions_table': ('fly_table',),
     'ppo_agent_node.evaluation.optimum.optimiser': ('LandingOptimiser', 'Optimum')}
-"""The public names, by module. A name that is not here may change at any time."""
+"""The public names, by module. All other names may change at any time."""
 _SUMMARISED = {'RunFolder'}
-"""Classes that users only pass on: their methods are left out."""
+"""Classes that users only pass to other code. Their methods are left out."""
 _WIDTH = 88
 _HEAD = """# Python API
 
-The names that a program may rely on, with shapes, units and errors. Others may change at any time.
+This page lists the public names, with shapes, units and errors. All others may change at any time.
 Only `rocket_sim_node.wire`, `rocket_sim_node.gym.over_dds` and the two `nodes` packages import
 `rclpy`; everything else works without ROS. [The worlds in Python](../tutorials/python.md) and
 [your own pilot](../tutorials/own-pilot.md) are the tutorials.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A verb of a command: what it does, and the arguments that it takes."""
+"""A verb of a command: its action and its arguments."""
 from __future__ import annotations
 
 import argparse
@@ -17,12 +17,12 @@ class Verb:
 
     help: str
     main: Callable[[argparse.Namespace], int | None]
-    """does it and returns the exit status, where None is 0"""
+    """function that runs the verb and returns the exit status; None means 0"""
     arguments: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """by their names, which blanks separate, the other arguments of add_argument()"""
+    """Keyword arguments of add_argument(), by the names of the argument, separated by spaces."""
 
     def parse(self, prog: str, argv: list[str]) -> argparse.Namespace:
-        """Return the arguments; what is wrong ends the program with status 2."""
+        """Return the parsed arguments; an invalid one ends the program with status 2."""
         parser = argparse.ArgumentParser(prog=prog, description=self.help)
         for names, options in self.arguments.items():
             parser.add_argument(*names.split(), **options)

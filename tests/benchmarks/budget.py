@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the time of one lock-step step of a training roll-out goes, piece by piece.
+"""Time of each part of one lock-step step in a training roll-out.
 
-One simulator, one agent, a policy that learns. The pieces of the agent are timed where they are,
-in a roll-out over DDS; those of the simulator in this process, on the same rockets. What is left
-of the step is the way there and back: DDS, the kernel, and threads that have to be woken. The
-floor beside it is the same bytes over TCP, a core each.
+There is one simulator and one agent, whose policy learns. The agent's parts are timed in place, in
+a roll-out over DDS; the simulator's parts are timed in this process, with the same rockets. The
+rest of the step is the communication: DDS, the kernel, and threads that have to be woken. The
+floor is the time that TCP takes for the same bytes, with one core per process.
 """
 from __future__ import annotations
 
@@ -157,10 +157,10 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench budget', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=9)
-    parser.add_argument('--steps', type=int, default=256, help='of a roll-out, per rocket')
-    parser.add_argument('--num-envs', type=int, default=256, help='rockets')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=9, help='number of rounds')
+    parser.add_argument('--steps', type=int, default=256, help='steps per rocket in a roll-out')
+    parser.add_argument('--num-envs', type=int, default=256, help='number of rockets')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     rows = measure(options.num_envs, options.steps, options.rounds, shipped_policy())

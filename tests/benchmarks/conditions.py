@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What conditions cost: steps per second of the rockets' worlds under them, one core.
+"""Cost of conditions: steps per second of the rocket worlds under them, on one core.
 
-Measured in turns, several rounds, in processor time, and medians are reported. Engines burn at
-about half throttle.
+All cases are measured alternately in several rounds, in processor time. Medians are reported.
+Engines burn at about half throttle.
 """
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ def rate(world: SimulatedWorld, actions: NDArray[np.float64], seconds: float) ->
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench conditions', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=5)
-    parser.add_argument('--seconds', type=float, default=0.5, help='of one measurement')
-    parser.add_argument('--sizes', type=int, nargs='+', default=[256, 1024])
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
+    parser.add_argument(
+        '--seconds', type=float, default=0.5, help='duration of one measurement, s')
+    parser.add_argument('--sizes', type=int, nargs='+', default=[256, 1024], help='batch sizes')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     figures = []

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Digests of what each world and a short training of each preset compute.
+"""Digests of all results of each world and of a short training with each preset.
 
-Run on two commits, it tells whether a change of the code has kept the bits. It uses the commands,
-the files of a run and `worlds.make` alone, so that it does not depend on how modules are arranged.
+Run it on two commits to find out whether a change of the code has altered any bit of the results.
+It uses only the commands, the files of a run and `worlds.make`, so it does not depend on how the
+modules are arranged.
 """
 from __future__ import annotations
 
@@ -86,8 +87,10 @@ def trained(world: str, preset: str, arguments: list[str], run: Path) -> dict[st
 def main() -> None:
     """Print all digests, one a line."""
     parser = argparse.ArgumentParser(prog='bench digests', description=__doc__)
-    parser.add_argument('--only', default='', help='what begins so, such as "lunar_lander"')
-    parser.add_argument('--output', type=Path, help='ignored; the digests are printed')
+    parser.add_argument(
+        '--only', default='',
+        help='only digests whose names begin with this text, such as "lunar_lander"')
+    parser.add_argument('--output', type=Path, help='ignored; the digests are only printed')
     options = parser.parse_args()
     print(f'commit {machine.commit()}')
     for name, settings in FLOWN:

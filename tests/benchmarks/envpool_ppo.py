@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A compact PPO in one process on EnvPool's LunarLander-v3: the peer to beat in `bench result`.
+"""A compact PPO in one process on EnvPool's LunarLander-v3, as a peer in `bench result`.
 
-Written for speed: two small networks in one graph, one fused Adam, buffers allocated once, and
-nothing but learning. Its settings were tuned for time to a mean return of 200.
+It is written for speed: two small networks in one graph, one fused Adam, buffers that are
+allocated once, and nothing except learning. Its settings were tuned for the time to a mean return
+of 200.
 """
 from __future__ import annotations
 
@@ -190,11 +191,12 @@ def evaluate(agent: Agent, threads: int) -> float:
 def main() -> None:
     """Learn until an evaluation passes, then fly in Gymnasium's lander."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--target', type=float, default=200.0)
-    parser.add_argument('--threads', type=int, default=THREADS, help='of torch')
-    parser.add_argument('--env-threads', type=int, default=ENV_THREADS, help='of EnvPool')
-    parser.add_argument('--verify', type=int, default=500, help='episodes in Gymnasium')
+    parser.add_argument('--seed', type=int, default=1, help='seed')
+    parser.add_argument('--target', type=float, default=200.0, help='mean return at which to stop')
+    parser.add_argument('--threads', type=int, default=THREADS, help='threads of torch')
+    parser.add_argument('--env-threads', type=int, default=ENV_THREADS, help='threads of EnvPool')
+    parser.add_argument(
+        '--verify', type=int, default=500, help='episodes in Gymnasium after the training')
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     settings = Settings()

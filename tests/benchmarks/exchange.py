@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lock-step exchange, action out and observation and reward back, beside its floor.
+"""Time of a lock-step exchange (action out, observation and reward back) and of its lower bound.
 
-The floor is the same number of bytes over a TCP socket between two Python processes. Both are
-measured twice: where the scheduler puts them, and with each of the two processes, all its threads,
-on a core of its own. The simulator's world stands still, so that what is measured is the wire. All
-are measured in turns; medians are reported.
+The lower bound is the time for the same number of bytes over a TCP socket between two Python
+processes. Both are measured twice: on the cores that the scheduler chooses, and with each process,
+including all its threads, on its own core. The simulator's world does no physics, so only the
+communication is measured. All cases are measured alternately; medians are reported.
 """
 from __future__ import annotations
 
@@ -109,10 +109,10 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench exchange', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=7)
-    parser.add_argument('--count', type=int, default=400, help='exchanges in a measurement')
-    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES))
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
+    parser.add_argument('--count', type=int, default=400, help='exchanges per measurement')
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     print(f'one exchange, us: medians of {options.rounds} rounds; s: as scheduled, a: a core each')

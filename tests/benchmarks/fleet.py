@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What another simulator costs its agent: 1 to 16 small simulators that fly for one agent.
+"""Cost to the agent of each further simulator, with 1 to 16 small simulators for one agent.
 
-Each flies the same flights. The agent does nothing with what it sees, so that its time is that
-of the wire; it is counted as processor time, all threads of the agent's process, as the
-simulators share the machine with it.
+Each simulator flies the same flights. The agent ignores its observations, so its time is that of
+the communication. It is measured as processor time of all threads of the agent's process, because
+the simulators share the machine with it.
 """
 from __future__ import annotations
 
@@ -79,11 +79,12 @@ def other_costs() -> dict[str, float]:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench fleet', description=__doc__.split('\n')[0])
-    parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS))
-    parser.add_argument('--num-envs', type=int, default=16, help='rockets of a simulator')
-    parser.add_argument('--steps', type=int, default=500, help='of a flight')
-    parser.add_argument('--rounds', type=int, default=5)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS),
+                        help='numbers of simulators')
+    parser.add_argument('--num-envs', type=int, default=16, help='rockets per simulator')
+    parser.add_argument('--steps', type=int, default=500, help='steps of a flight')
+    parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     print(f'simulators of {options.num_envs} rockets; an exchange with one of them, medians of '

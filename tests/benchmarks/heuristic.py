@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gymnasium's own heuristic pilot in our `lunar_lander` and in Gymnasium's, side by side."""
+"""Compares the returns of Gymnasium's heuristic pilot in our `lunar_lander` and in Gymnasium's."""
 from __future__ import annotations
 
 import argparse
@@ -42,9 +42,10 @@ def compare(episodes: int, seed: int, continuous: bool) -> dict[str, Any]:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench heuristic', description=__doc__)
-    parser.add_argument('--episodes', type=int, default=200, help='for each world and action')
-    parser.add_argument('--seed', type=int, default=0)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument(
+        '--episodes', type=int, default=200, help='episodes for each world and kind of action')
+    parser.add_argument('--seed', type=int, default=0, help='seed')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     results = [compare(options.episodes, options.seed, kind) for kind in (False, True)]
     print(f'The heuristic pilot, {options.episodes} episodes each: mean return ± deviation')

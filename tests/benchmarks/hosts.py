@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A lock-step exchange with a simulator on another host, beside one on the agent's own.
+"""Time of a lock-step exchange with a simulator on another host, and with one on the same host.
 
-The hosts are network namespaces on this machine, joined by a virtual cable, so what is measured
-is the way through the network stack; a real cable adds its own time. In both cases messages are
-acknowledged, as they are wherever peers beyond the machine may be discovered.
+The hosts are network namespaces on this machine, joined by a virtual cable. This measures the
+network stack; a real cable adds its own time. In both cases messages are acknowledged, as they
+always are if peers beyond the machine may be discovered.
 """
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ def measure(num_envs: int, count: int, rounds: int) -> dict[str, float]:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench hosts', description=__doc__.split('\n')[0])
-    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES))
-    parser.add_argument('--count', type=int, default=1000, help='exchanges in a measurement')
-    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
+    parser.add_argument('--count', type=int, default=1000, help='exchanges per measurement')
+    parser.add_argument('--rounds', type=int, default=3, help='number of rounds')
     parser.add_argument('--fly', type=int, help=argparse.SUPPRESS)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     if options.fly:
         fly(options.fly, options.count, options.output)

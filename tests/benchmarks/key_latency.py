@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long it takes from a key press to the first state that shows it.
+"""Time from a key press to the first state that shows it.
 
-A simulator by the clock, the keyboard's pilot in a pseudo-terminal, and this process, which
-presses full throttle and engine off in turns and listens to `state`.
+There are a simulator in real time, the keyboard pilot in a pseudo-terminal, and this process. It
+alternately presses the keys for full throttle and engine off, and listens to `state`.
 """
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ def measure(presses: int, processes: Processes, cabin: Cabin) -> tuple[list[floa
 def main() -> None:
     """Print median, 95th percentile and maximum."""
     parser = argparse.ArgumentParser(prog='bench key_latency', description=__doc__.split('\n')[0])
-    parser.add_argument('--presses', type=int, default=200)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--presses', type=int, default=200, help='number of key presses')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         processes, cabin = Processes(Path(folder)), Cabin()

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples/s of a PPO update beside Stable-Baselines3's, by network, batch and threads.
+"""Samples/s of a PPO update, ours and that of Stable-Baselines3, by network, batch and threads.
 
 All learn from one fixed batch, with equal networks, weights, minibatches, epochs and settings, in
-float32; neither stops early. Of Stable-Baselines3 with waiting threads that spin, torch's default,
-and that sleep, as ours do, the faster one counts. They are measured in turns, medians are
-reported. The floor is the time of the bare matrix products: by MKL in whole minibatches or pieces
-of 512 rows, or by oneDNN in pieces of 1024, whichever is fastest. `autograd` is our update without
-written-out gradients: the networks are the same, torch differentiates, its fused Adam steps.
+float32, and none stops early. Stable-Baselines3 is measured with waiting threads that spin, which
+is torch's default, and with threads that sleep, as ours do; the faster one counts. All cases are
+measured alternately; medians are reported. The lower bound is the time of the bare matrix
+products, with the fastest of MKL on whole minibatches, MKL on pieces of 512 rows, and oneDNN on
+pieces of 1024 rows. `autograd` is our update with the same networks, but with torch's
+differentiation and fused Adam instead of hand-written gradients.
 """
 from __future__ import annotations
 
@@ -72,14 +73,16 @@ def line(figures: dict[str, Any]) -> str:
 def main() -> None:
     """Print the tables, write the figures."""
     parser = argparse.ArgumentParser(prog='bench learner', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=7)
-    parser.add_argument('--threads', type=int, nargs='+', default=[1, 2])
-    parser.add_argument('--device', default='cpu', choices=('auto', 'cpu', 'cuda'))
+    parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
+    parser.add_argument(
+        '--threads', type=int, nargs='+', default=[1, 2], help='numbers of threads')
+    parser.add_argument(
+        '--device', default='cpu', choices=('auto', 'cpu', 'cuda'), help='device of the updates')
     parser.add_argument('--cases', type=int, nargs='+', default=list(range(len(CASES))),
                         help='; '.join(f'{k}: {case.name}' for k, case in enumerate(CASES)))
     parser.add_argument('--samples', type=int, default=0,
-                        help='in the batch; by default as many as the preset flies')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+                        help='samples in the batch; 0: as many as the preset flies')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     if importlib.util.find_spec('stable_baselines3') is None:
         print('Stable-Baselines3 is not installed; ./launch_scripts/bench learner installs it')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps flown between two hosts while packets get lost on the way.
+"""Time of steps between two hosts while packets are lost.
 
-The hosts are network namespaces on this machine, joined by a virtual cable; each throws away a
-share of the packets that arrive. All steps are compared with those of a world in the agent's
-process: a step lost, or taken twice, would show in every bit that follows.
+The hosts are network namespaces on this machine, joined by a virtual cable; each drops a share of
+the incoming packets. All steps are compared with those of a world in the agent's process, because
+a lost or repeated step would change every following bit.
 """
 from __future__ import annotations
 
@@ -113,12 +113,13 @@ HEAD = (
 def main() -> int:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench loss', description=__doc__.split('\n')[0])
-    parser.add_argument('--shares', type=float, nargs='+', default=list(SHARES))
-    parser.add_argument('--num-envs', type=int, default=256)
-    parser.add_argument('--count', type=int, default=3000, help='steps in a round')
-    parser.add_argument('--rounds', type=int, default=3)
+    parser.add_argument('--shares', type=float, nargs='+', default=list(SHARES),
+                        help='shares of packets that are lost, 0 to 1')
+    parser.add_argument('--num-envs', type=int, default=256, help='number of rockets')
+    parser.add_argument('--count', type=int, default=3000, help='steps per round')
+    parser.add_argument('--rounds', type=int, default=3, help='number of rounds')
     parser.add_argument('--fly', type=int, help=argparse.SUPPRESS)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     if options.fly:
         return fly(options.fly, options.count, options.output)

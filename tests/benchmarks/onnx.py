@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of one observation and of batches: an ONNX file by onnxruntime beside PyTorch, one core.
+"""Time of an ONNX file in onnxruntime and of its policy in PyTorch, by batch size, on one core.
 
-The pilots are those that fly: from NumPy observations to NumPy actions. They are measured in
-turns, several rounds, and medians are reported.
+The pilots are the ones that the nodes use, from NumPy observations to NumPy actions. All cases are
+measured alternately in several rounds; medians are reported.
 """
 from __future__ import annotations
 
@@ -42,11 +42,15 @@ def microseconds(pilot: Pilot, observation: F32, seconds: float) -> float:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench onnx', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=7)
-    parser.add_argument('--seconds', type=float, default=0.2, help='of one measurement')
-    parser.add_argument('--sizes', type=int, nargs='+', default=[1, 16, 256, 4096])
-    parser.add_argument('--policies', nargs='+', choices=_POLICIES, default=list(_POLICIES))
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
+    parser.add_argument(
+        '--seconds', type=float, default=0.2, help='duration of one measurement, s')
+    parser.add_argument(
+        '--sizes', type=int, nargs='+', default=[1, 16, 256, 4096], help='batch sizes')
+    parser.add_argument(
+        '--policies', nargs='+', choices=_POLICIES, default=list(_POLICIES),
+        help='shipped policies to measure')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     torch.set_num_threads(1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least fuel and least time of starts of world `rocket`, how exact they are, how fast solved."""
+"""Least fuel and time from starts of world `rocket`, with accuracy and speed of the solver."""
 from __future__ import annotations
 
 import argparse
@@ -36,12 +36,16 @@ def solve(world: RocketWorld, blocks: int) -> tuple[F64, F64, F64, float]:
 def main() -> None:
     """Solve the starts of levels, print the means, write the figures."""
     parser = argparse.ArgumentParser(prog='bench optimum', description=__doc__)
-    parser.add_argument('--starts', type=int, default=100, help='of each level')
-    parser.add_argument('--levels', type=int, nargs='+', default=[1, 7, 8])
-    parser.add_argument('--seed', type=int, default=20_000_000, help='never used in training')
-    parser.add_argument('--fine', type=int, default=6, help='starts that are solved finely, too')
-    parser.add_argument('--blocks', type=int, default=240, help='in which they are')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--starts', type=int, default=100, help='starts of each level')
+    parser.add_argument('--levels', type=int, nargs='+', default=[1, 7, 8], help='levels')
+    parser.add_argument(
+        '--seed', type=int, default=20_000_000, help='seed of the starts, never used in training')
+    parser.add_argument(
+        '--fine', type=int, default=6,
+        help='number of starts that are also solved with --blocks blocks')
+    parser.add_argument(
+        '--blocks', type=int, default=240, help='blocks of steps of the fine solution')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     figures = {}
     for level in options.levels:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes docs/results/performance.md and its plots from what the benchmarks measured.
+"""Writes docs/results/performance.md and its plots from the figures of the benchmarks.
 
-Of each part the newest figures below `runs/` are taken, with what they were measured on. The
-section of a part without any stays as it is on the page.
+The newest figures of each part below `runs/` are used, with a line about the machine. If a part
+has no figures, its section stays as it is on the page.
 """
 from __future__ import annotations
 
@@ -19,12 +19,14 @@ from ppo_agent_node.atomic_file import write_atomically
 
 _HEAD = """# Performance
 
-The cost of each part, beside its floor and beside peers. `./launch_scripts/bench performance`
-writes this page from the newest figures of each part, which `./launch_scripts/bench` (all parts)
-or `./launch_scripts/bench PART` measured. Figures lie in `runs/bench-DATE/PART.json`.
+This page shows the cost of each part, compared with a lower bound (its floor) and with peers.
+`./launch_scripts/bench performance` writes it from the newest figures of each part, which were
+measured with `./launch_scripts/bench` (all parts) or `./launch_scripts/bench PART`. The figures
+are in `runs/bench-DATE/PART.json`.
 
-Peers and ours are measured in turns, in one run. The machine is shared and its speed varies, so
-ratios are more reliable than seconds. A commit that ends in `-dirty` had uncommitted changes.
+Peers and this project are measured alternately, in one run. The machine is shared and its speed
+varies, so ratios are more reliable than seconds. A commit that ends in `-dirty` had uncommitted
+changes.
 """
 
 
@@ -81,7 +83,7 @@ def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
         except (KeyError, TypeError) as error:
             print(f'{part}: left as it is: {path} is of an older benchmark: {error!r}')
             yield there.get(
-                title, f'## {title}\n\nMeasure anew: `./launch_scripts/bench {part}`.\n')
+                title, f'## {title}\n\nMeasure again: `./launch_scripts/bench {part}`.\n')
             continue
         lines = [f'## {title}', '', said, '', f'`{command}`:', '', '```', table, '```', '']
         for plot in drawn:
@@ -94,8 +96,9 @@ def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(
         prog='bench performance', description=__doc__.split('\n')[0])
-    parser.add_argument('--runs', type=Path, default=Path('runs'))
-    parser.add_argument('--page', type=Path, default=Path('docs/results/performance.md'))
+    parser.add_argument('--runs', type=Path, default=Path('runs'), help='folder of the figures')
+    parser.add_argument('--page', type=Path, default=Path('docs/results/performance.md'),
+                        help='page to write')
     options = parser.parse_args()
     images = options.page.parents[1] / 'images'
     images.mkdir(parents=True, exist_ok=True)

@@ -17,23 +17,26 @@ def _batch(rows: dict[str, Figures]) -> tuple[str, Figures]:
 def _exchange(f: Figures) -> str:
     size, row = _batch(f['exchange'])
     return (
-        'One exchange is one action out, and one observation and one reward back, for a whole '
-        'batch in lock-step. Nothing moves in the world of this benchmark. The floor is a TCP '
-        'ping-pong of the same bytes between two Python processes. Both are measured twice: '
-        'where the scheduler puts them, which is mostly one core for TCP, and with each process '
-        'on a core of its own, which suits a simulator and an agent that both have work to do. '
+        'In one exchange, the agent sends an action and the simulator returns an observation and '
+        'a reward, for a whole batch in lock-step. The world of this benchmark does no physics. '
+        'The floor is a TCP ping-pong of the same bytes between two Python processes. Both are '
+        'measured twice: on the cores that the scheduler chooses, which for TCP is mostly a '
+        'single one, and with each process on its own core, which suits a simulator and an agent '
+        'that both have work to do. '
         f'With {size} rockets and a core each, DDS takes {row["dds_apart"]:.0f} us and TCP '
         f'{row["tcp_apart"]:.0f} us: {row["ratio_apart"]:.1f} times the floor. '
         f'As scheduled they take {row["dds"]:.0f} us and {row["tcp"]:.0f} us: '
         f'{row["ratio"]:.1f} times. DDS as scheduled takes '
         f'{row["ratio_scheduled_apart"]:.1f} times as long as TCP with a core each. '
-        'The nodes do not choose cores, because other programs need them, too. '
+        'The nodes do not pin themselves to cores, because other programs need the cores as '
+        'well. '
         '`taskset -c 1 ros2 run …` pins a node to a core.')
 
 
 def _budget(f: Figures) -> str:
     return (
-        'Where the time of one lock-step step of a training roll-out goes, with '
+        'This section shows where the time of one lock-step step of a training roll-out is spent, '
+        'with '
         f'{f["num_envs"]} rockets and one simulator. Agent and simulator take turns here. With '
         'two simulators or more they work at the same time (next table), and only the share of '
         'the agent remains. All figures are medians, so they need not add up to the whole.')
@@ -46,10 +49,10 @@ def _rollouts(f: Figures) -> str:
         return ', '.join(f'{value(row):.2f} with {size}' for size, row in rows.items())
 
     return (
-        'Training roll-outs with policy, buffers and snapshots, over DDS and in one process '
-        'without ROS. With two simulators the agent computes the actions of one batch while the '
-        'other batch moves. Every roll-out over DDS is compared, bit for bit, with the same '
-        'roll-out in process.\n\n'
+        'This section compares training roll-outs with policy, buffers and snapshots over DDS '
+        'and in one process without ROS. With two simulators the agent computes the actions of '
+        'one batch while the other batch moves. Every roll-out over DDS is '
+        'compared, bit for bit, with the same roll-out in process.\n\n'
         'Two simulators reach this share of the speed of one world in process: '
         f'{each(lambda row: row["ratio"]["DDS, 2"])} rockets. Part of the loss comes from '
         'splitting the batch: two worlds of half the size are slower than one even without ROS ('
@@ -66,7 +69,8 @@ def _fleet(f: Figures) -> str:
     rows = f['fleet']
     first, last = min(rows, key=int), max(rows, key=int)
     return (
-        'The cost of one more simulator for its agent. Processor time of the agent for an '
+        'This section shows what each further simulator costs its agent. Processor time of the '
+        'agent for an '
         f'exchange: {rows[first]["cpu_us"]:.0f} us with {first}, {rows[last]["cpu_us"]:.0f} us '
         f'with {last} ({rows[last]["ratio"]:.2f} times). Wall clock of an exchange: '
         f'{rows[first]["wall_us"]:.0f} us with {first}, {rows[last]["wall_us"]:.0f} us with '
@@ -79,7 +83,7 @@ def _saturation(f: Figures) -> str:
     agent = 1e6 / (wire + think)
     network = 1e9 / (8 * f['bytes_per_exchange'])
     simulator = f['physics_us'] + wire
-    first = 'So the agent' if agent < network else 'So the cable'
+    first = 'the agent' if agent < network else 'the link'
     return (
         'How many simulators of 256 rockets can one agent serve during a roll-out? An exchange '
         f'costs the agent {wire:.0f} us for the wire and {think:.0f} us for inference on one '
@@ -87,19 +91,20 @@ def _saturation(f: Figures) -> str:
         f'steps/s. A simulator with a core of its own needs about {simulator:.0f} us for a step. '
         'The agent can serve others meanwhile: '
         f'{1 + simulator / (wire + think):.1f} simulators keep it busy. An exchange is '
-        f'{f["bytes_per_exchange"]:,} bytes. 1 Gbit/s carries {network:,.0f} of them a second, '
-        f'{network / agent:.1f} times what the agent serves. {first} saturates first. '
-        'More simulators make sense where a step costs more than in world `rocket`, or to '
-        'continue while some of them restart.')
+        f'{f["bytes_per_exchange"]:,} bytes. A link of 1 Gbit/s carries '
+        f'{network:,.0f} of them a second, '
+        f'{network / agent:.1f} times as many as the agent serves, so {first} saturates first. '
+        'More simulators are useful if a step costs more than in world `rocket`, or if training '
+        'should continue while some of them restart.')
 
 
 def _hosts(f: Figures) -> str:
     size, row = _batch(f['hosts'])
     return (
-        f'An exchange with a simulator on another host, {size} rockets: '
-        f'{row["ratio"]:.2f} times one within the host. The hosts are network namespaces joined '
-        'by a virtual cable. This measures the network stack and the acknowledgements, not a '
-        'real cable.')
+        f'An exchange of {size} rockets with a simulator on another host takes '
+        f'{row["ratio"]:.2f} times as long as one within the host. The hosts are network '
+        'namespaces joined by a virtual cable. This measures the network stack and '
+        'the acknowledgements, not a real cable.')
 
 
 def _stepping(f: Figures) -> str:
@@ -109,7 +114,7 @@ def _stepping(f: Figures) -> str:
         'Environment steps per second on one core, with random actions, episodes and resets '
         'included, at the best batch size of each side. Our `lunar_lander` simulates the same '
         f"task as the peers and makes {lander[peer]:.1f} times as many steps as {peer}'s "
-        'LunarLander. `rocket` has other physics, without joints or contacts, so that its factor '
+        'LunarLander. `rocket` has other physics, without joints or contacts, so its factor '
         f'({rocket[peer]:.0f}) compares two different tasks.')
 
 
@@ -132,15 +137,15 @@ def _result(f: Figures) -> str:
         'episodes passes, side by side in one run on the same cores. The contestants: ours over '
         'DDS in separate processes, with the preset `quick`; stable-baselines3 with the settings '
         'of rl-zoo; and a tuned PPO in one process on EnvPool. A run that reaches the cap, '
-        f'{lander["cap"]:.0f} s, counts as that long. Each evaluates in its own lander. The '
-        "last column is the same policy in Gymnasium's. The lines of medians say how many seeds "
-        'each contestant ran; these numbers can differ.')
+        f'{lander["cap"]:.0f} s, counts as that long. Each contestant evaluates in its own '
+        "lander. The last column shows the return of the same policy in Gymnasium's. The lines "
+        'with medians show how many seeds each contestant ran; these numbers can differ.')
 
 
 def _recorder(f: Figures) -> str:
     return (
         'Speed of simulator and agent with a recorder, as a share of the speed without one, '
-        'measured in turns: '
+        'measured alternately: '
         + ' and '.join(
             f'{name} {part["ratio"]:.3f} ({part["low"]:.3f} to {part["high"]:.3f})'
             for name, part in f.items())
@@ -150,9 +155,9 @@ def _recorder(f: Figures) -> str:
 def _loss(f: Figures) -> str:
     rows = f['loss']
     return (
-        'Steps between two hosts that throw away a share of the packets that arrive. All steps '
-        'and the final state, compared with those of a world in process: '
-        + ('the same, bit for bit. ' if all(row['equal'] for row in rows.values())
+        'Two hosts exchange steps and drop a share of the incoming packets. All steps and the '
+        'final state are compared with those of a world in process: '
+        + ('they are the same, bit for bit. ' if all(row['equal'] for row in rows.values())
            else 'NOT ALL ARE THE SAME. ')
         + 'The 99th percentile of a step is '
         + ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%} lost'
@@ -164,20 +169,20 @@ def _loss(f: Figures) -> str:
 
 def _heuristic(f: Figures) -> str:
     return (
-        "The heuristic pilot of Gymnasium's LunarLander, flown in our `lunar_lander` and in "
+        "The heuristic pilot of Gymnasium's LunarLander flies our `lunar_lander` and "
         "Gymnasium's. Difference of the mean returns, with 95 % interval: "
         + ' and '.join(
             f'{row["difference"]:+.1f} ({row["difference_interval"][0]:+.1f} to '
             f'{row["difference_interval"][1]:+.1f}) with {row["action"]} actions'
             for row in f['heuristic'])
-        + '. The column "published" has the returns that EnvPool publishes.')
+        + '. The column "published" has the returns published by EnvPool.')
 
 
 def _transfer(f: Figures) -> str:
     low, high = f['difference_interval']
     return (
-        'A policy for `lunar_lander`, from the newest run or else the one that ships, flown '
-        "unchanged in Gymnasium's LunarLander. Mean return: "
+        'The `lunar_lander` policy of the newest run, or the shipped one if there is no run, '
+        "flies unchanged in Gymnasium's LunarLander. Mean return: "
         f'{f["ours"]:.1f} here, {f["gymnasium"]:.1f} there, difference '
         f'{f["difference"]:+.1f} ({low:+.1f} to {high:+.1f}, 95 % interval).')
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of simulator and agent with a recorder beside them, and without.
+"""Speed of simulator and agent, with and without a recorder.
 
-One simulator and one agent run all the time; the recorder is started and ended in turns, so that
-both cases see the same processes and what disturbs the machine disturbs both. Each turn beside it
-is compared with those before and after it. The interval is Student's, for the mean logarithm of
-these ratios: turns differ by more than a recorder costs, so it takes many of them. Twice: an agent
-that trains, of which some flights are recorded, and a policy that flies, all of whose flights (of
-the first four rockets) are recorded.
+One simulator and one agent run all the time, and the recorder is started and ended alternately. In
+this way both cases have the same processes and the same disturbances. Each turn with a recorder is
+compared with the turns before and after it. The interval is Student's, for the mean logarithm of
+these ratios. Turns differ by more than a recorder costs, so many of them are needed. This is done
+for an agent that trains, some of whose flights are recorded, and for a policy that flies, with all
+flights of the first four rockets recorded.
 """
 from __future__ import annotations
 
@@ -186,11 +186,14 @@ def flying(folder: Path, turns: int, seconds: float) -> Speeds:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench recorder', description=__doc__.split('\n')[0])
-    parser.add_argument('--turns', type=int, default=7, help='with a recorder, and without')
-    parser.add_argument('--iterations', type=int, default=3, help='of training, in a turn')
-    parser.add_argument('--seconds', type=float, default=8.0, help='of flying, in a turn')
-    parser.add_argument('--parts', nargs='+', choices=PARTS, default=list(PARTS))
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument(
+        '--turns', type=int, default=7, help='turns with a recorder, and as many without')
+    parser.add_argument(
+        '--iterations', type=int, default=3, help='iterations of training per turn')
+    parser.add_argument('--seconds', type=float, default=8.0, help='seconds of flying per turn')
+    parser.add_argument(
+        '--parts', nargs='+', choices=PARTS, default=list(PARTS), help='parts to measure')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     if options.turns < 2:
         parser.error(f'--turns: got {options.turns}, expected 2 or more: one has no interval')

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time to a result: from the start of the processes to an evaluation that passes.
+"""Time to a result, from the start of the processes to an evaluation that passes.
 
-`lunar_lander`: ours, simulator and agent as nodes over DDS with preset `quick`, beside a tuned PPO
-in one process on EnvPool and stable-baselines3 with the settings of its zoo; 100 deterministic
-episodes in its own lander have to return 200 on average. Afterwards each policy that passed
-flies in Gymnasium's lander, untimed. `rocket`: ours alone, preset `quick`, from nothing to 99 %
-of 2 000 fresh starts landed on level 7. All runs have the same cores, one run at a time, seed by
-seed. Imports, discovery and evaluations count; reading libraries from the disk does not.
+`lunar_lander`: ours (simulator and agent as nodes over DDS, preset `quick`), a tuned PPO in one
+process on EnvPool, and stable-baselines3 with the settings of its zoo. 100 deterministic episodes
+in the contestant's own lander must return 200 on average. Afterwards each policy that has passed
+flies in Gymnasium's lander, untimed. `rocket`: only ours, preset `quick`, until 99 % of 2 000
+fresh starts on level 7 land. All runs use the same cores, one run at a time, seed by seed. The
+time includes imports, discovery and evaluations, but not reading libraries from the disk.
 """
 from __future__ import annotations
 
@@ -180,23 +180,33 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog='bench result', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--worlds', nargs='+', choices=WORLDS, default=list(WORLDS))
     parser.add_argument(
-        '--contestants', nargs='+', choices=list(CONTESTANTS), default=list(CONTESTANTS))
-    parser.add_argument('--seeds', type=int, nargs='*', default=[1, 2, 3, 4, 5])
-    parser.add_argument('--sb3-seeds', type=int, nargs='*', default=[1, 2])
-    parser.add_argument('--rocket-seeds', type=int, nargs='+', default=[1, 2, 3])
-    parser.add_argument('--target', type=float, default=200.0, help='mean return that passes')
-    parser.add_argument('--cap', type=float, default=1800.0, help='s a run may take')
+        '--worlds', nargs='+', choices=WORLDS, default=list(WORLDS), help='worlds to train in')
+    parser.add_argument(
+        '--contestants', nargs='+', choices=list(CONTESTANTS), default=list(CONTESTANTS),
+        help='contestants to train')
+    parser.add_argument(
+        '--seeds', type=int, nargs='*', default=[1, 2, 3, 4, 5], help='training seeds')
+    parser.add_argument(
+        '--sb3-seeds', type=int, nargs='*', default=[1, 2],
+        help='training seeds of stable-baselines3')
+    parser.add_argument(
+        '--rocket-seeds', type=int, nargs='+', default=[1, 2, 3],
+        help='training seeds for the rocket')
+    parser.add_argument(
+        '--target', type=float, default=200.0, help='mean return that has to be reached')
+    parser.add_argument('--cap', type=float, default=1800.0, help='time limit of a run, s')
     parser.add_argument(
         '--verify', type=int, default=500, help="untimed episodes in Gymnasium's lander")
     parser.add_argument(
-        '--cores', type=int, default=2, help='that all processes of a run have together')
+        '--cores', type=int, default=2, help='number of cores for all processes of a run')
     parser.add_argument(
-        '--set', nargs='+', default=[], metavar='NAME=VALUE', help="our lander agent's parameters")
+        '--set', nargs='+', default=[], metavar='NAME=VALUE',
+        help="parameters of our lander's agent")
     parser.add_argument(
-        '--set-rocket', nargs='+', default=[], metavar='NAME=VALUE', help="the rocket agent's")
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+        '--set-rocket', nargs='+', default=[], metavar='NAME=VALUE',
+        help="parameters of the rocket's agent")
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     cores = sorted(os.sched_getaffinity(0))[:options.cores]
     os.sched_setaffinity(0, cores)

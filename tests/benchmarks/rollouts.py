@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training roll-outs over DDS, in one and in two simulators, beside the same loop in one process.
+"""Speed of training roll-outs over DDS, with one and two simulators, and in one process.
 
-Beside all rockets in one world of the process, which is quickest there, and beside as many worlds
-as there are simulators, where each loop does exactly the same.
-
-The same policy, the same flights, the same buffers; only who moves the rockets differs. Measured
-in turns, medians are reported; what was flown is compared, bit for bit. Beside it what one
-simulator could make at best: the loop in process, with nothing added but a TCP ping-pong of the
-same bytes a step, between two cores.
+The same policy flies the same flights into the same buffers; only the way to the worlds differs.
+In process, there are two cases: all rockets in one world, which is fastest there, and as many
+worlds as there are simulators, where both loops do exactly the same. All cases are measured
+alternately and medians are reported; the flights are compared, bit for bit. A bound shows what one
+simulator could reach at best: the loop in process plus a TCP ping-pong of the same bytes per step
+between two cores.
 """
 from __future__ import annotations
 
@@ -167,10 +166,11 @@ def ratio(values: list[float], others: list[float]) -> float:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench rollouts', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=9)
-    parser.add_argument('--steps', type=int, default=256, help='of a roll-out, per rocket')
-    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='rockets')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=9, help='number of rounds')
+    parser.add_argument('--steps', type=int, default=256, help='steps per rocket in a roll-out')
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES),
+                        help='numbers of rockets')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     policy = shipped_policy()

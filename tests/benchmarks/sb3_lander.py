@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """stable-baselines3's PPO on Gymnasium's LunarLander-v3 with the settings of its zoo.
 
-The settings are those of rl-baselines3-zoo, `hyperparams/ppo.yml`, entry LunarLander; what that
-does not name is stable-baselines3's default.
+The settings are those of rl-baselines3-zoo, `hyperparams/ppo.yml`, entry LunarLander, and the
+defaults of stable-baselines3 for everything else.
 """
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ THREADS = 1
 def main() -> None:
     """Learn until an evaluation passes, then fly again."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--target', type=float, default=200.0)
-    parser.add_argument('--threads', type=int, default=THREADS, help='of torch')
-    parser.add_argument('--subprocesses', action='store_true', help='SubprocVecEnv')
+    parser.add_argument('--seed', type=int, default=1, help='seed')
+    parser.add_argument('--target', type=float, default=200.0, help='mean return at which to stop')
+    parser.add_argument('--threads', type=int, default=THREADS, help='threads of torch')
+    parser.add_argument('--subprocesses', action='store_true', help='use SubprocVecEnv')
     parser.add_argument('--verify', type=int, default=500, help='episodes after the run')
     options = parser.parse_args()
     torch.set_num_threads(options.threads)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worth of a preset: trained with several seeds, each flown on fresh starts without noise.
+"""Trains a preset with several seeds and flies each policy from fresh starts without noise.
 
-Trainings run one after the other through `launch_scripts/train`, simulator and agent as nodes over
-DDS, or all in this process with --in-process, which is slower on a quiet machine and cheaper on a
-busy one; a run that is there already is taken as it is. Clone and policy are then flown in
-process, which gives the same bits as over DDS.
+Trainings run one after the other through `launch_scripts/train`, with simulator and agent as nodes
+over DDS, or all in this process with --in-process, which is slower on an idle machine and faster
+on a busy one. An existing run is used as it is. Clone and policy then fly in process, which gives
+the same results as over DDS, bit for bit.
 """
 from __future__ import annotations
 
@@ -147,22 +147,23 @@ def row(label: str, task: str, one: dict[str, Any]) -> str:
 def main() -> None:
     """Train, fly, print and write the figures."""
     parser = argparse.ArgumentParser(prog='bench seeds', description=__doc__)
-    parser.add_argument('--world', default='rocket', choices=worlds.names())
-    parser.add_argument('--preset', default='default')
-    parser.add_argument('--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5])
+    parser.add_argument('--world', default='rocket', choices=worlds.names(), help='world')
+    parser.add_argument('--preset', default='default', help='preset')
+    parser.add_argument(
+        '--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5], help='training seeds')
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
-                        help='conditions and level, such as mix:7; lander: nominal')
+                        help='conditions and level, such as mix:7; for the lander: nominal')
     parser.add_argument(
         '--pilots', nargs='*', default=['scripted'],
-        help='who flies beside clone and policy: scripted, random, expert_estimator, names of '
-        'policies that ship, files')
-    parser.add_argument('--episodes', type=int, default=10_000, help='for each task')
-    parser.add_argument('--seed', type=int, default=SEED, help='of the fresh starts')
+        help='further pilots besides clone and policy: scripted, random, expert_estimator, names '
+        'of shipped policies, policy files')
+    parser.add_argument('--episodes', type=int, default=10_000, help='episodes for each task')
+    parser.add_argument('--seed', type=int, default=SEED, help='seed of the fresh starts')
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
     parser.add_argument('--in-process', action='store_true', help='train without nodes')
     parser.add_argument(
-        '--num-envs', type=int, default=256, help='rockets or landers, with --in-process')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+        '--num-envs', type=int, default=256, help='number of rockets or landers with --in-process')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     torch.set_num_threads(1)
     found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long training among kills: whether memory, open files, /dev/shm and steps/s stay flat.
+"""A long training with kills, to check that memory, open files, /dev/shm and steps/s stay flat.
 
-Two simulators, an agent that trains in both, and a recorder for each run as processes of their
-own. About once a minute something happens to one of them: `kill -9` and a new one in its place, or
-a stop for 3 s. Every few seconds each is looked at. At the end each figure has its slope
-an hour with a 95 % interval (see soak_slopes). It is flat when the interval holds zero, or when
-the slope is below 1 % of the mean.
+Two simulators, an agent that trains in both, and a recorder for each simulator run as separate
+processes. About once a minute one of them is killed with `kill -9` and replaced, or stopped for
+3 s. Every few seconds all of them are sampled. At the end each figure has its slope per hour with
+a 95 % interval (see soak_slopes). It is flat if the interval contains zero, or if the slope is
+below 1 % of the mean.
 
-Each node has a row of its own, for those of its lives that last a fifth of the soak: `sim_0` and
-`recorder_0` live through it all, an agent for two thirds. Who is killed every few minutes is never
-old enough to lose much; its lives are compared with each other at the same age, a minute, so that
-what a later one might find there and take over would show.
+Each node has its own row, for those of its processes that last a fifth of the soak: `sim_0` and
+`recorder_0` run all the time, an agent for two thirds. A process that is killed every few minutes
+is never old enough to leak much. Such processes are compared with each other at the age of a
+minute, which would show leaks that are passed on from one to the next.
 
-Steps/s are those of spells of 10 s of training during which nothing happened, nor shortly before.
-Steps per second of processor time, of agent and simulators, are what other load on the machine
-disturbs less; steps in the time that a fixed piece of work takes (`soak_samples.piece_of_work`),
-what is disturbed less by a machine that is faster at one time than at another.
+Steps/s are measured in periods of 10 s of training during which, and shortly before which, nothing
+happened. Steps per second of processor time, of agent and simulators, are less sensitive to other
+load on the machine. Steps in the time that a fixed piece of work takes
+(`soak_samples.piece_of_work`) are less sensitive to a machine whose speed changes.
 """
 from __future__ import annotations
 
@@ -200,16 +200,17 @@ def failures(figures: dict[str, Any]) -> list[str]:
 def main() -> None:
     """Print the table, write the figures; end with 1 when a whole soak is not flat."""
     parser = argparse.ArgumentParser(prog='bench soak', description=__doc__.split('\n')[0])
-    parser.add_argument('--minutes', type=float, default=60.0)
-    parser.add_argument('--every', type=float, default=60.0, help='s between faults, on average')
-    parser.add_argument('--period', type=float, default=5.0, help='s between looks at the nodes')
-    parser.add_argument('--num-envs', type=int, default=128, help='rockets in a simulator')
-    parser.add_argument('--steps', type=int, default=128, help='of a roll-out, per rocket')
-    parser.add_argument('--seed', type=int, default=1, help='of the faults')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
-    parser.add_argument('--again', type=Path, help='fit to the samples of a soak that was, CSV')
+    parser.add_argument('--minutes', type=float, default=60.0, help='duration in minutes')
+    parser.add_argument('--every', type=float, default=60.0, help='average time between faults, s')
+    parser.add_argument('--period', type=float, default=5.0, help='time between samples, s')
+    parser.add_argument('--num-envs', type=int, default=128, help='rockets per simulator')
+    parser.add_argument('--steps', type=int, default=128, help='steps per rocket in a roll-out')
+    parser.add_argument('--seed', type=int, default=1, help='seed of the faults')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
+    parser.add_argument('--again', type=Path, help='only fit the samples of an earlier soak, CSV')
     parser.add_argument('--between', type=float, nargs=2, default=(0.0, float('inf')),
-                        metavar='MINUTE', help='with --again: use the samples between these only')
+                        metavar='MINUTE',
+                        help='with --again: use only samples between these minutes')
     options = parser.parse_args()
     if options.again:
         first, last = (60.0 * minute for minute in options.between)

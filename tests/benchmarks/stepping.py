@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps per second of `lunar_lander` and `rocket` beside EnvPool's and Gymnasium's, on one core.
+"""Steps per second of `lunar_lander`, `rocket`, EnvPool and Gymnasium on one core.
 
-Random actions, episodes and resets included. The peers are measured in turns with ours, several
-rounds, and medians are reported: what disturbs the machine disturbs all.
+Random actions, episodes and resets are included. The peers and this project are measured
+alternately in several rounds, so that disturbances affect all of them. Medians are reported.
 """
 from __future__ import annotations
 
@@ -82,10 +82,11 @@ def rate(step: Stepper, actions: NDArray[Any], seconds: float) -> float:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench stepping', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=5)
-    parser.add_argument('--seconds', type=float, default=0.5, help='of one measurement')
-    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES))
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
+    parser.add_argument(
+        '--seconds', type=float, default=0.5, help='duration of one measurement, s')
+    parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     peers = {

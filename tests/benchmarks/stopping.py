@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long Ctrl-C takes, from the key to the end of the last process, by stage of a training.
+"""Time from Ctrl-C to the end of the last process, by stage of a training.
 
-The training is that of the world's preset, with fewer iterations and longer ones, so that each
-stage is soon there and takes its time; it is interrupted in its middle, with all nodes running.
+The training uses the world's preset with fewer and longer iterations, so that each stage begins
+soon and lasts long enough. It is interrupted in the middle of a stage, with all nodes running.
 """
 from __future__ import annotations
 
@@ -77,9 +77,10 @@ def interrupt(process: Process) -> float:
 def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench stopping', description=__doc__.split('\n')[0])
-    parser.add_argument('--rounds', type=int, default=3)
-    parser.add_argument('--stages', nargs='+', choices=STAGES, default=list(STAGES))
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--rounds', type=int, default=3, help='number of rounds')
+    parser.add_argument(
+        '--stages', nargs='+', choices=STAGES, default=list(STAGES), help='stages to interrupt')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     table: dict[str, list[float]] = {}
     print(f'seconds from Ctrl-C to the end of the last process, {options.rounds} rounds')
@@ -98,7 +99,7 @@ def main() -> None:
                         wait_for_update(process)
                     seconds.append(interrupt(process))
                     said += bool(re.search(
-                        r'stopped; go on with:\n .* resume:=true', process.output()))
+                        r'stopped; continue with:\n .* resume:=true', process.output()))
                 finally:
                     processes.end()
         table[stage] = seconds

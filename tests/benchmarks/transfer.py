@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A policy trained in our `lunar_lander`, flown unchanged in Gymnasium's."""
+"""Flies a policy that was trained in our `lunar_lander`, unchanged, in Gymnasium's."""
 from __future__ import annotations
 
 import argparse
@@ -21,11 +21,13 @@ SOLVED = 200.0
 def main() -> None:
     """Fly it in both, print the means, write the figures."""
     parser = argparse.ArgumentParser(prog='bench transfer', description=__doc__)
-    parser.add_argument('--policy', default='', help='policy file; default: the newest')
-    parser.add_argument('--episodes', type=int, default=500, help='in each world')
-    parser.add_argument('--seed', type=int, default=20_000_000, help='never used in training')
-    parser.add_argument('--continuous', action='store_true', help='the policy has two numbers')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--policy', default='', help='policy file; by default the newest')
+    parser.add_argument('--episodes', type=int, default=500, help='episodes in each world')
+    parser.add_argument(
+        '--seed', type=int, default=20_000_000, help='seed of the starts, never used in training')
+    parser.add_argument(
+        '--continuous', action='store_true', help='for policies with the two continuous actions')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     path = find_policy(options.policy, 'lunar_lander')
     world = worlds.make('lunar_lander', num_envs=20, continuous=options.continuous)

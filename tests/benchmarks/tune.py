@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gains of a scripted pilot of rockets, tuned on conditions by CMA-ES, and what they are worth."""
+"""Tunes the gains of a scripted rocket pilot under conditions with CMA-ES, and evaluates them."""
 from __future__ import annotations
 
 import argparse
@@ -85,21 +85,28 @@ def draw(path: Path, found: list[Generation]) -> None:
 def main() -> None:
     """Tune, check on fresh starts, print and write the figures."""
     parser = argparse.ArgumentParser(prog='bench tune', description=__doc__)
-    parser.add_argument('--world', default='rocket')
-    parser.add_argument('--conditions', default='nominal')
-    parser.add_argument('--pilot', default='expert', choices=sorted(ROCKET_PILOTS))
-    parser.add_argument('--levels', type=int, nargs='+', default=[7, 8])
-    parser.add_argument('--weights', type=float, nargs='+', default=[1.0, 0.2])
-    parser.add_argument('--starts', type=int, default=512, help='for each candidate and level')
-    parser.add_argument('--seconds', type=float, default=240, help='of processor time')
-    parser.add_argument('--seed', type=int, default=1000, help='of the starts tuned on')
-    parser.add_argument('--sigma', type=float, default=0.15, help='first deviation, of logarithms')
-    parser.add_argument('--population', type=int, default=12)
-    parser.add_argument('--gains', nargs='+', help='that are searched, by default all')
-    parser.add_argument('--start', nargs='+', default=[], metavar='GAIN=VALUE')
-    parser.add_argument('--check', type=int, default=10_000, help='fresh starts')
-    parser.add_argument('--check-seed', type=int, default=20_000_000)
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON')
+    parser.add_argument('--world', default='rocket', help='world')
+    parser.add_argument('--conditions', default='nominal', help='set of conditions')
+    parser.add_argument(
+        '--pilot', default='expert', choices=sorted(ROCKET_PILOTS), help='pilot to tune')
+    parser.add_argument('--levels', type=int, nargs='+', default=[7, 8], help='levels')
+    parser.add_argument('--weights', type=float, nargs='+', default=[1.0, 0.2],
+                        help='weights of the levels in the score')
+    parser.add_argument('--starts', type=int, default=512, help='starts per candidate and level')
+    parser.add_argument('--seconds', type=float, default=240, help='processor time, s')
+    parser.add_argument('--seed', type=int, default=1000, help='seed of the starts for tuning')
+    parser.add_argument(
+        '--sigma', type=float, default=0.15,
+        help='initial standard deviation of the logarithms of gains')
+    parser.add_argument('--population', type=int, default=12, help='population size of CMA-ES')
+    parser.add_argument('--gains', nargs='+', help='gains to tune; by default all')
+    parser.add_argument('--start', nargs='+', default=[], metavar='GAIN=VALUE',
+                        help='initial values of gains')
+    parser.add_argument(
+        '--check', type=int, default=10_000, help='number of fresh starts for the check')
+    parser.add_argument('--check-seed', type=int, default=20_000_000,
+                        help='seed of the fresh starts')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     start = {name: float(value) for name, value in (a.split('=') for a in options.start)}
     began = time.process_time()

@@ -116,7 +116,7 @@ def test_a_canceled_training_goes_on_to_its_end(
     operator.cancel(first)
     status, result = operator.result(first)
     assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Train.Result.CANCELED), result
-    assert result.message == f'canceled; go on with the goal resume: true, run_dir: {run}'
+    assert result.message == f'canceled; continue with the goal resume: true, run_dir: {run}'
     assert not (run / 'evaluation.json').exists()
     assert (run / 'checkpoints').is_dir()
     refused = operator.result(operator.send('train', **goal))[1]

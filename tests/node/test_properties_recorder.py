@@ -5,9 +5,11 @@ from __future__ import annotations
 import array
 import copy
 import io
+import os
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -236,7 +238,7 @@ def test_so_does_a_display_in_place(data: Any) -> None:
         run='run', folder='run', stages=['clone', 'finetune'], stage='finetune', iteration=3,
         iterations=9, unit='iterations', mean_return=1.0)
     screen = Screen()
-    with Terminal(screen) as terminal:
+    with patch.dict(os.environ, {'TERM': 'xterm'}), Terminal(screen) as terminal:
         assert terminal.live
         for _ in range(3):
             terminal.show(status_from_message(data.draw(harmed(message))))

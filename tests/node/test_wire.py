@@ -510,10 +510,16 @@ def test_a_listener_counts_what_it_missed(simulator: Process, make_client: MakeC
     client, listener = make_client(), make_client()
     client.reset(1)
     stalled, deep = GapCounter(), GapCounter()
+    noted: list[int] = []
+
+    def note(counter: GapCounter, message: msg.Observation) -> None:
+        counter.note(message.session, message.step)
+        if counter is stalled:
+            noted.append(message.step)
+
     for counter, depth in ((stalled, qos.STREAM.depth), (deep, 100)):
         listener.node.create_subscription(
-            msg.Observation, 'observation',
-            lambda m, counter=counter: counter.note(m.session, m.step),
+            msg.Observation, 'observation', partial(note, counter),
             QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE))
 
     def fly(steps: int) -> None:
@@ -534,7 +540,8 @@ def test_a_listener_counts_what_it_missed(simulator: Process, make_client: MakeC
         lambda: heard[-1] == client.connection.step and stalled.missed > 0, 5.0)
     listener.waiter.linger(lambda: False, 0.2)
     assert client.connection.step == before + 50
-    assert stalled.missed == 50 - qos.STREAM.depth
+    # Its history holds fewer than 50; on a busy machine some arrive only while it reads.
+    assert 0 < stalled.missed == 50 - sum(step > before for step in noted)
     assert deep.missed == 0
 
 

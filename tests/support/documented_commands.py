@@ -177,7 +177,6 @@ KINDS = (
     Kind(r'colcon test && colcon test-result',
          tested='tests/system/test_foreign_workspace.py::'
          'test_colcon_runs_the_tests_of_the_packages_and_counts_them'),
-    Kind(r'ros2 launch launch_scripts/land\.launch\.yaml .*', FLY),
     # Benchmarks
     Kind(r'\./launch_scripts/bench PART --help'),
     Kind(r'\./launch_scripts/bench( PART)?', reason=_HOURS),

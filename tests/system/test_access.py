@@ -154,7 +154,9 @@ def test_every_command_has_this_machine_as_its_default() -> None:
     texts = {path: path.read_text() for path in folder.rglob('*') if path.suffix in (
         '.yaml', '.sh', '.py', '') and path.is_file()}
     assert [path.name for path, text in texts.items() if RANGE in text] == ['env.sh']
-    for path in folder.glob('*.launch.yaml'):
+    launch_files = [*folder.parent.glob('*/launch/*.launch.yaml')]
+    assert len(launch_files) == 5
+    for path in launch_files:
         entries = yaml.safe_load(path.read_text())['launch']
         for entry in entries:
             assert 'set_env' not in entry, path

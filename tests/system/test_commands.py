@@ -52,8 +52,8 @@ def test_train_and_resume_in_a_folder_with_an_awkward_name(
     refused = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'gamma:=0.5')
     assert refused.wait(60.0) == 2
     assert 'gamma of the run is' in refused.output()
-    assert f'train: not resumed, the run is as it was: {run}' in refused.output()
-    assert 'go on with' not in refused.output(), 'that has just failed'
+    assert f'train: the run was not resumed and is unchanged: {run}' in refused.output()
+    assert 'continue with' not in refused.output(), 'that has just failed'
     assert 'Traceback' not in refused.output()
     assert not (run / '.unfinished').exists()
 
@@ -127,7 +127,7 @@ def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) 
 
 def test_a_refused_recorder_ends_a_launch_of_land(processes: Processes, tmp_path: Path) -> None:
     land = processes.start(
-        'ros2', 'launch', str(SCRIPTS / 'land.launch.yaml'), f'output:={tmp_path}/landing.rrd',
+        'ros2', 'launch', 'ppo_agent_node', 'land.launch.yaml', f'output:={tmp_path}/landing.rrd',
         'connect:=nonsense', 'policy:=default', 'episodes:=0')
     assert land.wait(60.0) != 0, 'it would fly for ever'
     assert "connect: got 'nonsense'" in land.output()

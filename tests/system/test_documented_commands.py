@@ -53,7 +53,8 @@ def project(
     for path in ROOT.iterdir():
         if path.name not in ('runs', '.git'):
             (folder / path.name).symlink_to(path)
-    shutil.copy(ROOT / 'launch_scripts' / 'parameters' / 'simulator.yaml', folder / 'heavy.yaml')
+    shutil.copy(
+        ROOT / 'ppo_agent_node/launch/parameters/simulator.yaml', folder / 'heavy.yaml')
     group = Processes(tmp_path_factory.mktemp('logs'))
     try:
         for text in (

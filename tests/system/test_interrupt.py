@@ -52,7 +52,7 @@ def assert_stopped_well(process: Process, run: Path, status: int, count: int) ->
     for word in ('escalating', 'Traceback', 'has died'):
         assert word not in output
     *_, before, last = output.splitlines()
-    assert before == 'stopped; go on with:'
+    assert before == 'stopped; continue with:'
     assert last.split()[:3] == [TRAIN, f'run_dir:={run}', 'resume:=true']
 
 
@@ -103,7 +103,7 @@ def test_interrupted_before_it_began_the_advice_has_all_settings(
     assert process.wait(60.0) == 143, process.output()
     assert not [pid for pid in nodes(process.output()) if runs(pid)]
     before, advice = process.output().splitlines()[-2:]
-    assert before == 'stopped; go on with:'
+    assert before == 'stopped; continue with:'
     assert shlex.split(advice) == [
         TRAIN, f'run_dir:={run}', 'resume:=true', 'world:=rocket_planar', 'seed:=7']
 
@@ -122,7 +122,7 @@ def test_on_a_terminal_nothing_but_the_display_is_shown(
     for other in ('[INFO]', '[launch]', '[ppo_agent', '[simulator', 'Traceback'):
         assert other not in plain
     assert plain.rstrip().splitlines()[-2:] == [
-        'stopped; go on with:', f'  {TRAIN} run_dir:={run} resume:=true']
+        'stopped; continue with:', f'  {TRAIN} run_dir:={run} resume:=true']
 
 
 def test_a_file_of_settings_and_settings_beside_it_are_refused(processes: Processes) -> None:

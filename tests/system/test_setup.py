@@ -192,7 +192,7 @@ def test_a_sourced_ros_2_is_used_whatever_its_age(project: Project) -> None:
     sourced = {'ROS_DISTRO': 'lyrical', 'AMENT_PREFIX_PATH': '/opt/ros/lyrical'}
     status, output = project.run(**sourced)
     assert status == 0, output
-    assert output.count('Note: ROS 2 lyrical has not been tried') == 1
+    assert output.count('Note: ROS 2 lyrical has not been tested') == 1
     pins = (project.root / '.venv/.hoverslam/requirements').read_text()
     lock = (project.root / 'launch_scripts/requirements.lock').read_text()
     (numpy,) = (line for line in lock.splitlines() if line.startswith('numpy=='))
@@ -274,7 +274,7 @@ def test_an_interrupted_set_up_says_so_and_can_go_on(project: Project) -> None:
     time.sleep(0.2)
     os.killpg(process.pid, signal.SIGINT)
     output = process.stdout.read()
-    assert 'interrupted; run it again to go on' in output
+    assert 'interrupted; run it again to continue' in output
     assert process.wait(10) == 130
     project.calls()
     assert project.run()[0] == 0

@@ -27,6 +27,7 @@ from reference_pages.python_api import PUBLIC
 from rocket_sim_node import worlds
 
 SCRIPTS = ROOT / 'launch_scripts'
+LAUNCH_FILES = ROOT / 'ppo_agent_node' / 'launch'
 COMMANDS = commands()
 
 
@@ -70,11 +71,11 @@ def test_arguments_of_a_command_are_known(
     name = script.rpartition('/')[2]
     given = [word for word in words if word != '--help']
     if '--help' in words:
-        found = arguments.parse(name, SCRIPTS / f'{name}.launch.yaml', [])
+        found = arguments.parse(name, LAUNCH_FILES / f'{name}.launch.yaml', [])
         known = {info.name for group in arguments.agent_settings(name).values() for info in group}
         assert set(given) <= known | found.declared.keys()
     else:
-        arguments.parse(name, SCRIPTS / f'{name}.launch.yaml', given)
+        arguments.parse(name, LAUNCH_FILES / f'{name}.launch.yaml', given)
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,6 @@ def test_the_header_is_that_of_the_hub(name: str) -> None:
 
 def test_flights_are_those_of_the_card() -> None:
     """The first of the many, flown again: equal starts, equal policy."""
-    again = cards.fly('lunar_lander', 20)['tasks']['as Gymnasium has it']
+    again = cards.fly('lunar_lander', 20)['tasks']['default settings']
     assert again['landed'] == 20
     assert again['mean_return'] > 250

@@ -45,7 +45,7 @@ def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str,
     :param decided: arguments of the launch that the command decides.
     """
     values = resolved(found.declared, {**decided, **found.launch}, folder)
-    root = f'{folder.parent}/'
+    root = f'{folder.parents[1]}/'
     lines = [f'Usage: {script} [NAME:=VALUE ...]', '']
     lines += [*textwrap.wrap(PURPOSE[found.command], WIDTH), '', 'Arguments:']
     for name, argument in found.declared.items():

@@ -49,6 +49,7 @@ _OF_THE_START = ('run_dir', 'resume')
 _OF_EACH_START = ('record', 'loggers', 'namespace', 'connect', 'serve_web', 'web_port', 'web_host')
 """arguments that a run does not store"""
 _HIGHEST_PORT = 65535
+_LAUNCH_FILES = Path('ppo_agent_node', 'launch')
 
 
 @dataclass
@@ -67,9 +68,14 @@ class Start:
     """variables for the script"""
 
     @property
-    def folder(self) -> Path:
-        """Folder of the scripts and launch files."""
-        return Path.cwd() / Path(self.script).parent
+    def project(self) -> Path:
+        """Folder of the project."""
+        return (Path.cwd() / self.script).parent.parent
+
+    @property
+    def launch_files(self) -> Path:
+        """Folder of the launch files and of their files of parameters."""
+        return self.project / _LAUNCH_FILES
 
     def node(self, name: str) -> str:
         """Return the full name of a node of the launch."""
@@ -78,7 +84,7 @@ class Start:
     @property
     def runs(self) -> Path:
         """Folder of all runs."""
-        return self.folder.parent / 'runs'
+        return self.project / 'runs'
 
 
 def decided(start: Start) -> dict[str, str]:
@@ -167,8 +173,9 @@ def _check_room(recording: Path) -> None:
 
 def _write_simulator(start: Start, path: Path) -> None:
     """Write a file of simulator parameters: the one that was named, and the world's settings."""
-    base = resolved(start.arguments.declared, start.launch, start.folder)['simulator_parameters']
-    write_parameters(path, start.node('simulator'), start.arguments.simulator, Path(base))
+    values = resolved(start.arguments.declared, start.launch, start.launch_files)
+    write_parameters(path, start.node('simulator'), start.arguments.simulator,
+                     Path(values['simulator_parameters']))
     start.launch['simulator_parameters'] = str(path)
 
 
@@ -271,8 +278,8 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
     asked = {'-h', '--help'} & set(texts)
     words = [text for text in texts if text not in ('-h', '--help')]
     names = [word for word in words if asked and ':=' not in word]
-    found = parse(path.name, path.with_name(f'{path.name}.launch.yaml'), [
-        word for word in words if word not in names])
+    file = (Path.cwd() / path).parent.parent / _LAUNCH_FILES / f'{path.name}.launch.yaml'
+    found = parse(path.name, file, [word for word in words if word not in names])
     start = Start(script, pid, scratch, found)
     if not asked:
         prepare(start)
@@ -280,8 +287,8 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
         return ''
     told = {**decided(start), **placeholders(start)}
     if names:
-        return explanation(names, start.folder, found, told)
-    return help_text(script, start.folder, found, told)
+        return explanation(names, start.launch_files, found, told)
+    return help_text(script, start.launch_files, found, told)
 
 
 def placeholders(start: Start) -> dict[str, str]:

@@ -11,16 +11,16 @@ from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import make_config
 
 _LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-"""safe, and where libyaml is there ten times as fast"""
+"""The safe loader; with libyaml, one that is ten times as fast."""
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
 DEFAULT = 'default'
-"""the preset of a run that names none"""
+"""Preset of a run that names none."""
 _NUM_ENVS = {('lunar_lander', 'original'): 8, ('lunar_lander', 'quick'): 128}
-"""of the presets that were made for fewer vehicles than most, by world and name"""
+"""Number of vehicles of presets that do not have the usual 256, by world and name."""
 
 
 def preset_names(world: str | None = None) -> tuple[str, ...]:
-    """Return the names of the built-in presets of a world, or of any."""
+    """Return the names of the built-in presets of a world, or of all worlds."""
     return tuple(sorted({
         preset.name.removesuffix('.yaml') for folder in _PRESETS.iterdir()
         if folder.is_dir() and world in (None, folder.name)
@@ -30,10 +30,11 @@ def preset_names(world: str | None = None) -> tuple[str, ...]:
 def preset_values(name: str, world: str) -> dict[str, Any]:
     """Return the unchecked values of a world's preset, by name.
 
-    Presets are files `presets/<world>/<name>.yaml`. The key `like` names a world whose preset of
-    the same name is applied first, or a preset by world and name, as in `rocket/from_scratch`.
+    Presets are files `presets/<world>/<name>.yaml`. The key `like` names a preset whose values are
+    applied first: either a world, whose preset of the same name is meant, or a world and a name,
+    as in `rocket/from_scratch`.
 
-    :raises ValueError: when there is no such preset.
+    :raises ValueError: if there is no such preset.
     """
     known = preset_names(world)
     if name not in known:
@@ -49,12 +50,12 @@ def preset_values(name: str, world: str) -> dict[str, Any]:
 
 
 def preset_num_envs(name: str, world: str) -> int:
-    """Return how many vehicles a preset of a world was made for."""
+    """Return the number of vehicles for which a world's preset was made."""
     return _NUM_ENVS.get((world, name), 256)
 
 
 def load_preset(name: str, world: str = 'rocket', **overrides: object) -> Config:
-    """Return the settings of a world's preset, some of them overridden.
+    """Return the settings of a world's preset, with some values overridden.
 
     :raises ValueError: for an unknown preset or setting, or a value out of range.
     :raises TypeError: for a value of the wrong type.

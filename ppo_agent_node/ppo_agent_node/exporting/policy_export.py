@@ -27,35 +27,35 @@ from rocket_sim_node.worlds.base import F32
 OBSERVATIONS = 10_000
 """Observations on which the graph is compared with PyTorch."""
 TOLERANCE = 1e-5
-"""Greatest difference of an action; of a choice, of its logit from the greatest."""
+"""Largest allowed difference of an action; for discrete actions, of the logits."""
 _WIDE = 5.0
-"""Random observations are drawn up to this where a world does not bound them."""
+"""Bound of random observations for entries that the world does not bound."""
 _FLOWN_ENVS, _FLOWN_EVERY = 100, 9
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export has found."""
+    """An exported file and its comparison with PyTorch."""
 
     path: Path
     size: int
-    """bytes"""
+    """Bytes."""
     difference: float
-    """greatest difference from PyTorch"""
+    """Largest difference from PyTorch."""
     spread: float
-    """greatest difference of PyTorch from itself, one observation at a time and all at once"""
+    """Largest difference in PyTorch between one observation at a time and all in one batch."""
     observations: int
-    """how many were compared"""
+    """Number of observations compared."""
 
 
 def export(path: Path, output: Path) -> Exported:
     """Write a policy as an ONNX file.
 
     :param path: a policy file.
-    :raises ValueError: when it is damaged, its world is not one of this version, a package is
-        missing, or the graph differs from PyTorch by more than 1e-5, and by more than PyTorch from
-        itself; the message names file and reason.
-    :raises OSError: when a file cannot be read or written.
+    :raises ValueError: if the file is damaged, its world does not exist in this version, a package
+        is missing, or the graph differs from PyTorch by more than both 1e-5 and `spread`; the
+        message names file and reason.
+    :raises OSError: if a file cannot be read or written.
     """
     content = sealed_file.read(path, POLICY).content
     spec = world_of(path, content)
@@ -68,7 +68,7 @@ def export(path: Path, output: Path) -> Exported:
             "pip install './ppo_agent_node[export]'") from error
     observations = sample(path, spec)
     told = description(path, content, spec)
-    # The file that is compared is the one that is written, but for the result itself.
+    # Compare the file as it will be written, except for the result of the comparison.
     difference, spread = _compare(_sealed(model, told), policy, spec, observations)
     told['check'] = {
         'observations': len(observations), 'greatest_difference': difference,
@@ -84,9 +84,9 @@ def export(path: Path, output: Path) -> Exported:
 
 
 def world_of(path: Path, content: dict[str, Any]) -> WorldSpec:
-    """Return the world that a policy was trained in, reduced to what it observes.
+    """Return the description of the world in which a policy was trained.
 
-    :raises ValueError: when it is not a world of this version.
+    :raises ValueError: if this version does not have that world.
     """
     name = content.get('world')
     settings = content.get('world_settings')
@@ -101,7 +101,7 @@ def world_of(path: Path, content: dict[str, Any]) -> WorldSpec:
 
 
 def description(path: Path, content: dict[str, Any], spec: WorldSpec) -> dict[str, Any]:
-    """Return what the file says about its policy."""
+    """Return the metadata of the file, which describes its policy."""
     low, high = observation_bounds(spec)
     seen, done = units.observation_units(spec), units.action_units(spec)
     return {
@@ -118,12 +118,12 @@ def description(path: Path, content: dict[str, Any], spec: WorldSpec) -> dict[st
 
 
 def _finite(values: F32) -> list[float | None]:
-    """Return bounds as JSON can hold them; null: none."""
+    """Return bounds in a form that JSON supports; None means no bound."""
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
 def sample(path: Path, spec: WorldSpec, count: int = OBSERVATIONS) -> F32:
-    """Return observations `(count, D)`: half of the policy's own flights, half drawn at random."""
+    """Return observations `(count, D)`, half from the policy's flights, half drawn at random."""
     world = worlds.make(
         spec.name, _FLOWN_ENVS, 1, **worlds.settings_from(spec.name, spec.settings))
     pilot, seen = PolicyPilot(path, world.spec), []
@@ -150,11 +150,11 @@ def _sealed(model: Any, told: dict[str, Any]) -> bytes:
 def _compare(
     data: bytes, policy: Policy, spec: WorldSpec, observations: F32,
 ) -> tuple[float, float]:
-    """Return the greatest difference of a file's actions from PyTorch's, and of PyTorch's.
+    """Return the largest difference of a file's actions from PyTorch's, and PyTorch's own spread.
 
-    PyTorch multiplies one observation by other kernels than many, which add in another order. In
-    a network of large weights the actions of the two differ by some 1e-5, without either being
-    wrong: no closer agreement can be asked of another library.
+    For a single observation PyTorch uses other matrix kernels than for a batch, and these add in
+    another order. In a network with large weights the two results differ by about 1e-5, although
+    both are correct. Another library cannot be expected to agree more closely than that.
     """
     module = graph.DeterministicPolicy(policy, spec).eval()
     with torch.inference_mode():
@@ -165,6 +165,6 @@ def _compare(
     spread = float((output - singly).abs().max())
     if spec.continuous:
         return float((found - output).abs().max()), spread
-    # Two choices that are alike may change places.
+    # If two choices have almost equal logits, either may be chosen, so compare the logits.
     chosen = output.gather(1, found[:, None])[:, 0]
     return float((output.amax(1) - chosen).max()), spread

@@ -56,18 +56,19 @@ def arguments() -> argparse.Namespace:
     """Return what the command line says."""
     parser = argparse.ArgumentParser(
         prog='bench experiments', formatter_class=argparse.RawDescriptionHelpFormatter,
-        description='Experiments on learning; docs/results/experiments.md tells what they found.',
+        description='Runs experiments on learning; docs/results/experiments.md has the results.',
         epilog='\n'.join(f'  {name:<12} {one.measuring.__doc__.splitlines()[0]}'
                          for name, one in EXPERIMENTS.items()))
     parser.add_argument('name', choices=list(EXPERIMENTS))
-    parser.add_argument('--seeds', type=int, nargs='+', default=list(SEEDS), help='of trainings')
-    parser.add_argument('--episodes', type=int, help='that each policy flies of each task')
-    parser.add_argument('--seed', type=int, default=FLIGHT_SEED, help='of these fresh starts')
-    parser.add_argument('--runs', type=Path, help='folder of the runs; those there are taken')
-    parser.add_argument('--quick', action='store_true', help='only to try the program')
+    parser.add_argument('--seeds', type=int, nargs='+', default=list(SEEDS), help='training seeds')
+    parser.add_argument('--episodes', type=int, help='episodes per policy and task')
+    parser.add_argument('--seed', type=int, default=FLIGHT_SEED, help='seed of the fresh starts')
+    parser.add_argument('--runs', type=Path, help='folder of the runs; existing runs are used')
+    parser.add_argument('--quick', action='store_true', help='only check that the program works')
     parser.add_argument(
-        '--page', action='store_true', help='put it into docs/results/experiments.md')
-    parser.add_argument('--output', type=Path, help='file for the figures, JSON; plot beside it')
+        '--page', action='store_true', help='put the results into docs/results/experiments.md')
+    parser.add_argument(
+        '--output', type=Path, help='JSON file for the figures; the plot is saved beside it')
     return parser.parse_args()
 
 

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The claims of the work that the task comes from: PPO alone fails; after cloning it refines.
+"""Tests the claims of the original work: PPO alone fails; after cloning, PPO refines the policy.
 
-Four claims: direct PPO fails; a policy that was cloned first lands; PPO then softens the
-touchdown; and it generalises, to what neither clone nor PPO has met. Each is tried with the
-hyper-parameters of that work (preset `original`) and with ours of the time before DAgger.
+There are four claims: direct PPO fails; a policy that was cloned first lands; PPO then softens the
+touchdown; and it generalises to starts and conditions that were not used in training. Each is
+tested with the hyper-parameters of that work (preset `original`) and with our settings from before
+DAgger.
 
-What PPO makes of a clone is the policy of its last iteration. The one that a run keeps, the best
-of some, cannot be worse than the clone and would hide it.
+The result of PPO is the policy of its last iteration. The policy that a run keeps is the best of
+several, one of which is the clone, so it could not show that PPO did harm.
 """
 from __future__ import annotations
 

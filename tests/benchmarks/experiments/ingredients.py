@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each ingredient of preset `default` is worth: changed alone, with the same seeds.
+"""Measures the contribution of each ingredient of preset `default`, changed one at a time.
 
 The variants are those of `variants`. All differences are paired by training seed, on the same
-starts; variants of PPO have the clone of the base, bit for bit, which is flown once. What PPO
-makes of a clone is the policy of its last iteration, as the best one kept would hide what harms.
+starts. Variants of PPO have the clone of the base, bit for bit, which is flown once. The result of
+PPO is the policy of its last iteration, because the best policy kept would hide harm.
 """
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all experiments can be told."""
+"""Options that all experiments share."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,10 +13,10 @@ class Options(NamedTuple):
     """Seeds, sizes and folders of an experiment."""
 
     seeds: Sequence[int]
-    """of the trainings"""
+    """Training seeds."""
     sample: Sample
-    """what each policy flies of each task"""
+    """Episodes and seed of the flights of each policy in each task."""
     runs: Path
-    """folder of the runs"""
+    """Folder of the runs."""
     quick: bool
-    """so little of everything that only the program is tried"""
+    """Whether to do so little of everything that only the program is tested."""

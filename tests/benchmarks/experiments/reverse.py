@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The reverse curriculum's reach H over time: preset `from_scratch`, without demonstrations.
+"""Shows the reach H of the reverse curriculum over time, with preset `from_scratch`.
 
-Drawn from the `train.jsonl` of each run, with what its policy reaches on fresh starts.
+The curves are from the `train.jsonl` of each run; the figures are of its policy on fresh starts.
 """
 from __future__ import annotations
 

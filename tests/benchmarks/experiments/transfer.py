@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Transfer: policies flown in the worlds and conditions that they were not trained in.
+"""Flies policies in worlds and conditions in which they were not trained.
 
-Each policy flies every condition of the evaluation's table in both worlds of rockets, beside the
-expert. The lander's transfer to Gymnasium's LunarLander is `bench transfer`.
+Each policy and the expert fly every condition of the evaluation's table in both rocket worlds. The
+lander's transfer to Gymnasium's LunarLander is `bench transfer`.
 """
 from __future__ import annotations
 

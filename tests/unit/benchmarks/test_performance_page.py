@@ -34,7 +34,7 @@ def test_the_newest_figures_are_taken_and_drawn(tmp_path: Path) -> None:
     assert 'a new table' in page
     assert 'an old table' not in page
     assert '`./launch_scripts/bench hosts --rounds 3`' in page
-    assert '1.50 times one within the host' in page
+    assert '1.50 times as long as one within the host' in page
     assert '2026-01-02, commit abc: 2 cores of P' in page
     assert 'envpool' not in page.split('## Two hosts')[1].split('##')[0]
     picture = imread(tmp_path / 'performance_hosts.png')

@@ -10,7 +10,7 @@ import yaml
 from ros2.launch.actions import carry_out
 from ros2.launch.context import Context
 
-SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
+ROOT = Path(__file__).parents[3]
 FOLDER = {'run_dir': '/run', 'output': '/out.rrd'}
 
 
@@ -33,7 +33,7 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def told(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
     """Return the parameters of a node that a launch file starts, the later ones winning."""
-    path = SCRIPTS / f'{file}.launch.yaml'
+    path = ROOT / 'ppo_agent_node/launch' / f'{file}.launch.yaml'
     context = Context({**FOLDER, **arguments}, tmp_path / 'log')
     command, = (
         plan.command for plan in carry_out(path, context) if plan.command[0].endswith(f'/{node}'))
@@ -86,7 +86,7 @@ def test_files_of_the_agent_lie_on_top_of_each_other(tmp_path: Path) -> None:
 def test_what_a_recorder_is_needed_for_starts_one(
     tmp_path: Path, given: dict[str, str], recorded: bool,
 ) -> None:
-    path = SCRIPTS.parent / 'rocket_sim_node/launch/simulate.launch.yaml'
+    path = ROOT / 'rocket_sim_node/launch/simulate.launch.yaml'
     commands = [plan.command[0] for plan in carry_out(path, Context(given, tmp_path / 'log'))]
     names = [Path(command).name for command in commands]
     assert names == ['simulator', *(['rerun_recorder'] if recorded else [])]

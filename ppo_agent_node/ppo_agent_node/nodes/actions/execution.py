@@ -81,11 +81,11 @@ class Execution:
         return read_figures(self._place / _FIGURES)
 
     def _advice(self) -> str:
-        """Return how to go on with a run."""
+        """Return how to continue a run."""
         if self.command != 'train':
             return ''
         if self._begun:
-            return f'go on with the goal resume: true, run_dir: {self._place}'
+            return f'continue with the goal resume: true, run_dir: {self._place}'
         return 'the run had not begun: send the same goal again'
 
     @property

@@ -40,7 +40,7 @@ def comparison_page(groups: Sequence[Group], curves: Path | None, folder: Path) 
             ('group', 'evaluated', 'landed, mean', 'lowest', 'mean return, median',
              'lowest to highest'), [_group_row(group) for group in groups], 'numbers')]
     if curves is not None:
-        parts += [html.tag('h2', 'Learning curves over seeds'),
+        parts += [html.tag('h2', 'Learning curves over the seeds'),
                   html.figure(curves, 'Return and landing rate', CAPTION)]
     parts += [
         html.tag('h2', 'Runs'),

@@ -139,32 +139,32 @@ def _scores(run: Run) -> Figure | None:
 
 CATALOGUE = {
     'outcomes': _Entry('How the episodes ended', EVALUATION, _outcomes, (
-        'All episodes by outcome, as a pie and as bars with counts. Green is landed; every other '
-        'colour is a kind of failure.')),
+        'All episodes by outcome, as a pie and as bars with counts. Green means landed; every '
+        'other colour is a kind of failure.')),
     'returns': _Entry('Reward per episode', EVALUATION, _returns, (
         'Each dot is the return of one episode, in the colour of its outcome; the histogram on '
         'the right counts them. Landings form a thin line at the top; crashes lie far below.')),
-    'touchdown': _Entry('Touchdowns', EVALUATION, _touchdown, (
+    'touchdown': _Entry('Speed, tilt and distance at touchdown', EVALUATION, _touchdown, (
         'Speed, tilt and distance from the centre at touchdown. Further left is better; 95 % of '
         'the touchdowns lie to the left of the dashed line.')),
     'footprint': _Entry('Touchdown points', EVALUATION, _footprint, (
         'Touchdown points seen from above (from the side if all flights lie in one plane), on '
-        'the whole pad and magnified. A cloud away from the cross shows a bias; a wide cloud '
-        'shows scatter.')),
-    'optimum': _Entry('Distance from the optimum', EVALUATION, _optimum, (
-        'Landings of the solved starts, sorted by their distance from the optimum. A bar is the '
-        'fuel, or the time, used beyond the minimum of a soft landing from the same start with a '
-        'thrust vector that can turn instantly.')),
-    'fuel': _Entry('Fuel against a straight drop', EVALUATION, _fuel, (
-        'Fuel of each episode over its speed at the start. The line is the minimum of a straight '
-        'drop to rest. The gap to it (on the right: the ratio) was wasted, or used for tilt, '
-        'drift and offset.')),
+        'the whole pad and magnified. Dots away from the cross show a bias; widely spread dots '
+        'show scatter.')),
+    'optimum': _Entry('Fuel and time compared with the optimum', EVALUATION, _optimum, (
+        'Landings from starts whose optimum was computed, sorted. A bar shows the fuel, or the '
+        'time, used beyond the minimum for a soft landing from the same start with a thrust '
+        'vector that can turn instantly.')),
+    'fuel': _Entry('Fuel compared with a straight drop', EVALUATION, _fuel, (
+        'Fuel of each episode over its speed at the start. The line is the minimum for a straight '
+        'drop to rest. Fuel beyond it (on the right: the ratio) was wasted, or was needed to '
+        'correct tilt, drift and offset.')),
     'initial_conditions': _Entry('Landing rate by initial condition', EVALUATION, _starts, (
         'Episodes in bins of equal count along each initial condition. Where an interval lies '
         'below the grey band, the policy is weaker there than its average.')),
-    'conditions': _Entry('Under every condition', CONDITIONS, _conditions, (
+    'conditions': _Entry('Landing rate and return by condition', CONDITIONS, _conditions, (
         'One row per condition, one column per pilot, all from the same starts: the landing rate '
-        'and the mean return, failures included. The return is also low where rockets land late, '
+        'and the mean return, failures included. The return is also low if rockets land late, '
         'hard or off the centre.')),
     'training': _Entry('Learning curves', TRAINING, _training, (
         'Mean return (raw and smoothed), landing rate with its 95 % interval, and level, by '
@@ -172,10 +172,13 @@ CATALOGUE = {
         'best policy.')),
     'cloning': _Entry('Cloning the expert', TRAINING, _cloning, (
         'Imitation loss on the demonstrations (blue) and on held-out episodes (red), by epoch. '
-        'Red rising while blue falls would be overfitting; the star marks the policy kept.')),
-    'diagnostics': _Entry('Losses, entropy, divergence', TRAINING, _diagnostics, (
-        'What each update did. The divergence (KL) should stay near its target or below, entropy '
-        'should fall slowly, and explained variance should rise towards 1 where returns differ.')),
-    'score': _Entry('Score, episode by episode', TRAINING, _scores, (
-        'The score of each training episode as it ended, and the average of the last 50.')),
+        'If red rises while blue falls, the policy overfits. The star marks the policy that was '
+        'kept.')),
+    'diagnostics': _Entry('Losses, entropy and divergence', TRAINING, _diagnostics, (
+        'Diagnostics of each update. The divergence (KL) should stay near its target or below, '
+        'entropy should fall slowly, and explained variance should rise towards 1 if returns '
+        'differ.')),
+    'score': _Entry('Score of each episode', TRAINING, _scores, (
+        'The score of each training episode, in the order in which they ended, and the average '
+        'of the last 50.')),
 }

@@ -60,10 +60,10 @@ def short_return(value: float) -> str:
 
 
 _FIGURES = (
-    _Figure('landing_rate', 'Landed, %', (0, 50, 80, 90, 95, 98, 99, 99.9, 100), 100.0,
+    _Figure('landing_rate', 'Landing rate (%)', (0, 50, 80, 90, 95, 98, 99, 99.9, 100), 100.0,
             short_rate),
-    _Figure('mean_return', 'Mean return', (-100, 0, 100, 200, 240, 260, 280, 290, 300), 1.0,
-            short_return),
+    _Figure('mean_return', 'Mean return (reward points)',
+            (-100, 0, 100, 200, 240, 260, 280, 290, 300), 1.0, short_return),
 )
 
 

@@ -87,7 +87,7 @@ def returns_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure
     left.axhline(returns.mean(), color=INK, lw=1.2, ls='--')
     solved = SOLVED.get(figures['world'])
     if solved is not None:
-        left.axhline(solved, color=GREEN, lw=1.2, label=f'counts as solved, {solved:g}')
+        left.axhline(solved, color=GREEN, lw=1.2, label=f'solved, {solved:g} or more')
         right.axhline(solved, color=GREEN, lw=1.2)
     left.set_xlim(0, len(returns) + 1)
     style.whole_ticks(left)
@@ -98,7 +98,7 @@ def returns_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure
                    f'(95 % interval {low:.2f} to {high:.2f})')
     right.hist(returns, bins=40, orientation='horizontal', color=GREY)
     right.axhline(returns.mean(), color=INK, lw=1.2, ls='--', label='mean')
-    right.set_xlabel('episodes in a bin')
+    right.set_xlabel('episodes per bin')
     handles, labels = left.get_legend_handles_labels()
     more, names = right.get_legend_handles_labels()
     figure.legend(handles + more, labels + names, loc='outside lower center', markerscale=2.5,

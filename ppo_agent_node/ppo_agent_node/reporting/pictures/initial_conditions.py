@@ -130,6 +130,6 @@ def _draw(axes: Axes, rates: BinnedRate) -> None:
     axes.errorbar(
         (left + right) / 2, rate, (np.maximum(rate - low, 0), np.maximum(high - rate, 0)),
         color=BLUE, fmt='o', ms=5, lw=1.5, capsize=3.5,
-        label='landed in a bin, with its 95 % interval (Wilson)')
-    axes.plot([], [], color=style.GREY, lw=8, alpha=0.5, label='95 % interval of all episodes')
+        label='landing rate of a bin with its 95 % interval (Wilson)')
+    axes.plot([], [], color=style.GREY, lw=8, alpha=0.5, label='95 % interval for all episodes')
     axes.tick_params(labelleft=True)

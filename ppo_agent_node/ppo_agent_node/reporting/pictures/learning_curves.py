@@ -177,7 +177,7 @@ def seeds_figure(found: Sequence[Group]) -> Figure | None:
         [named[text] for text in texts], texts, loc='outside lower center', ncols=1)
     figure.align_ylabels()
     figure.suptitle(
-        'Learning curves over seeds: line, median; band, lowest to highest; thin, each seed',
+        'Learning curves: median (line) and range (band) over the seeds; thin lines: single seeds',
         x=0.01, ha='left')
     return figure
 

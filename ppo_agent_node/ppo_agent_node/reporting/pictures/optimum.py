@@ -35,8 +35,8 @@ def optimum_figure(figures: Mapping[str, Any], episodes: EpisodeTable) -> Figure
         _bars(axes, 100 * (used / least - 1), what, colour)
     left = int(solved.sum() - shown.sum())
     figure.suptitle(
-        f'{subject(figures)}: {int(shown.sum())} landings against their optimum'
-        + (f' ({left} other starts ended in a failure)' if left else ''), x=0.01, ha='left')
+        f'{subject(figures)}: {int(shown.sum())} landings compared with the optimum'
+        + (f' ({left} more flights failed)' if left else ''), x=0.01, ha='left')
     return figure
 
 
@@ -46,9 +46,9 @@ def _bars(axes: Axes, excess: F64, what: str, colour: str) -> None:
     axes.bar(place, np.sort(excess), color=colour)
     axes.axhline(0.0, color=INK, lw=2)
     axes.axhline(float(excess.mean()), color=INK, lw=1.2, ls='--')
-    axes.set_xlabel('starts, in order')
+    axes.set_xlabel('landings, sorted')
     axes.set_ylabel(f'{what} beyond the optimum (%)')
     axes.set_xlim(0.3, len(excess) + 0.7)
     axes.set_title(
-        f'{what}: mean {excess.mean():.2f} % (dashed), maximum {excess.max():.2f} %',
+        f'excess {what}: mean {excess.mean():.2f} % (dashed), maximum {excess.max():.2f} %',
         fontsize=10, fontweight='normal')

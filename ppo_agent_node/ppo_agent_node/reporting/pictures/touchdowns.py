@@ -53,10 +53,11 @@ def touchdown_figure(figures: Figures, episodes: EpisodeTable, limits: Limits) -
         (panels[2], 'distance_m', 'landed_distance', "distance from the pad's centre", 'm'),
     ):
         _histogram(axes, episodes.numbers[column][ground], landed, limits.get(limit), what, unit)
-    panels[0].set_ylabel('touchdowns in a bin' if rocket else 'episodes in a bin')
+    panels[0].set_ylabel('touchdowns per bin' if rocket else 'episodes per bin')
     crashes = int((~landed).sum())
     figure.suptitle(
-        f'{subject(figures)}: {len(landed)} {"touchdowns" if rocket else "on the ground"}',
+        f'{subject(figures)}: speed, tilt and distance of {len(landed)} '
+        + ('touchdowns' if rocket else 'flights that ended on the ground'),
         x=0.01, ha='left')
     handles = [Patch(color=GREEN, label=f'{int(landed.sum())} landed')]
     if crashes:
@@ -120,14 +121,15 @@ def footprint_figure(
             axes.yaxis.set_major_locator(MaxNLocator(6))
             axes.set_xlabel('x (m)')
             axes.set_ylabel('z (m)')
-        whole.set_title(f'pad, radius {radius:g} m' if radius else 'all', fontsize=10.5,
-                        fontweight='normal')
-        near.set_title('the middle, with 99 % of touchdowns', fontsize=10.5, fontweight='normal')
+        whole.set_title(f'whole pad, radius {radius:g} m' if radius else 'all touchdowns',
+                        fontsize=10.5, fontweight='normal')
+        near.set_title('centre, with 99 % of touchdowns', fontsize=10.5, fontweight='normal')
         handles, labels = whole.get_legend_handles_labels()
         figure.legend(handles, labels, loc='outside lower center', ncols=len(handles),
                       markerscale=1.5)
-    figure.suptitle(f'{subject(figures)}: {int(ground.sum())} touchdown points\n',
-                    x=0.01, ha='left')
+    figure.suptitle(
+        f'{subject(figures)}: 95 % of {int(ground.sum())} touchdowns within '
+        f'{np.quantile(distance, 0.95):.2g} m of the centre\n', x=0.01, ha='left')
     return figure
 
 
@@ -157,10 +159,10 @@ def _strip(
             axes.set_yscale('log')
             axes.set_ylim(0.7, None)
     whole, near = figure.axes
-    whole.set_ylabel('touchdowns in a bin')
-    whole.set_title(f'pad, {radius:g} m to either side' if radius else 'all', fontsize=10.5,
-                    fontweight='normal')
-    near.set_title('the middle, with 99 % of touchdowns', fontsize=10.5, fontweight='normal')
+    whole.set_ylabel('touchdowns per bin')
+    whole.set_title(f'whole pad, {radius:g} m to either side' if radius else 'all touchdowns',
+                    fontsize=10.5, fontweight='normal')
+    near.set_title('centre, with 99 % of touchdowns', fontsize=10.5, fontweight='normal')
     handles, labels = whole.get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=len(handles))
     return figure
@@ -177,7 +179,8 @@ def fuel_figure(figures: Figures, episodes: EpisodeTable) -> Figure:
         figure.subplots(),)
     dots(left, speed, used, episodes, figures['outcomes'], np.isfinite(used))
     order = np.argsort(speed)
-    left.plot(speed[order], bound[order], '-', color=INK, lw=2, label='minimum of a straight drop')
+    left.plot(speed[order], bound[order], '-', color=INK, lw=2,
+              label='minimum for a straight drop')
     if np.ptp(speed) < 1e-6:
         left.plot(speed[:1], bound[:1], '_', color=INK, ms=30, mew=2)
         left.set_xlim(speed[0] - 1, speed[0] + 1)
@@ -188,11 +191,13 @@ def fuel_figure(figures: Figures, episodes: EpisodeTable) -> Figure:
         right.axvline(1.0, color=INK, lw=2)
         right.axvline(ratio.mean(), color=INK, lw=1.2, ls='--')
         right.set_xlabel('fuel used / minimum (no unit)')
-        right.set_ylabel('landings in a bin')
+        right.set_ylabel('landings per bin')
         right.set_title(f'mean {ratio.mean():.3f} (dashed), median {np.median(ratio):.3f}',
                         fontsize=10, fontweight='normal')
-    note = f'landings used {ratio.mean():.3f} times the minimum' if ratio.size else 'none landed'
-    figure.suptitle(f'{subject(figures)}: fuel, {note}', x=0.01, ha='left')
+    finding = (
+        f'landings use {ratio.mean():.3f} times the minimum fuel' if ratio.size
+        else 'fuel of flights, none of which landed')
+    figure.suptitle(f'{subject(figures)}: {finding}', x=0.01, ha='left')
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', markerscale=2.5, ncols=5)
     return figure

@@ -48,14 +48,14 @@ def cloning_figure(lines: Lines) -> Figure:
     if np.isfinite(validation[first:]).any():
         best = first + int(np.nanargmin(validation[first:]))
         axes.plot(epoch[best], validation[best], color=VERMILION, marker='*', ms=15, ls='',
-                  label='kept')
-    title = 'Cloning the expert'
+                  label='kept policy')
+    title = 'Loss of the clone in each epoch'
     if len(rounds):
-        title = (f'DAgger takes the clone from {100 * landed[rounds[0]]:.0f} % landed to '
-                 f'{100 * landed[rounds[-1]]:.0f} %')
+        title = (f'With DAgger the clone lands {100 * landed[rounds[-1]]:.0f} % instead of '
+                 f'{100 * landed[rounds[0]]:.0f} %')
     _dress(axes, 'epoch', 'loss (no unit)', title)
     axes.set_yscale('log')
-    axes.margins(y=0.3)  # the labels of the rounds stand above the curves
+    axes.margins(y=0.3)  # room for the labels of the rounds above the curves
     figure.legend(loc='outside lower center', ncols=3)
     return figure
 
@@ -68,7 +68,7 @@ def training_figure(lines: Lines) -> Figure:
     curricula = [
         (values, label, scale) for values, label, scale in (
             (column(lines, 'level'), 'level (1 to 8)', 'linear'),
-            (column(lines, 'reach'), 'highest starts (m)', 'log'))
+            (column(lines, 'reach'), 'highest start (m)', 'log'))
         if (values > 0).any()]
     figure = Figure(figsize=(9, 8.4))
     returns, landing, *below = figure.subplots(
@@ -103,10 +103,12 @@ def training_figure(lines: Lines) -> Figure:
             axes.set_ylim(np.nanmin(values) - 0.6, np.nanmax(values) + 0.6)
         _dress(axes, 'iteration' if axes is below[-1] else '', label)
     figure.align_ylabels()
-    title = 'Fine-tuning by PPO'
+    title = 'Return and landing rate during PPO'
     if flown.sum() > 1:
         first, best = selection[flown][0], np.max(selection[flown])
-        title = f'PPO takes the return without noise from {first:.2f} to {best:.2f}'
+        title = (
+            f'PPO raises the return without noise from {first:.2f} to {best:.2f}' if best > first
+            else f'PPO does not raise the return without noise above {first:.2f}')
     figure.suptitle(title, x=0.01, ha='left')
     return figure
 
@@ -138,7 +140,10 @@ def score_figure(scores: F64) -> Figure:
     axes.plot(episode, scores, color=BLUE, alpha=0.4, lw=0.8, label='score of an episode')
     axes.plot(episode, moving_average(scores), color=VERMILION, lw=1.8,
               label=f'average of the last {WINDOW}')
-    _dress(axes, 'episode', 'score (reward points)', 'Training, episode by episode')
+    _dress(
+        axes, 'episode', 'score (reward points)',
+        f'Score of {len(scores)} training episodes; average of the last {WINDOW}: '
+        f'{moving_average(scores)[-1]:.1f}')
     figure.legend(loc='outside lower center', ncols=2)
     return figure
 
@@ -149,7 +154,7 @@ def diagnostics_figure(lines: Lines) -> Figure:
         ('policy_loss', 'policy loss'), ('value_loss', 'value loss'),
         ('explained_variance', 'explained variance'), ('approx_kl', 'approx. KL (nats)'),
         ('clipfrac', 'clipped (% of samples)'), ('entropy', 'entropy (nats)'),
-        ('learning_rate', 'learning rate'), ('log_std', 'ln of standard dev.'),
+        ('learning_rate', 'learning rate'), ('log_std', 'ln of std. deviation'),
     ]
     # A categorical policy has no standard deviation; other entries are missing during warm-up
     # only.
@@ -172,7 +177,8 @@ def diagnostics_figure(lines: Lines) -> Figure:
         grid[-2, 1].set_xlabel('iteration')
         grid[-2, 1].xaxis.set_tick_params(labelbottom=True)
     figure.align_ylabels()
-    figure.suptitle('What the updates of policy and critic did', x=0.01, ha='left')
+    figure.suptitle(
+        'Losses, divergence, entropy and learning rate of each iteration', x=0.01, ha='left')
     return figure
 
 

@@ -21,10 +21,11 @@ from rocket_sim_node.nodes.simulation import SimulatorParameters
 from rocket_sim_node.wire.dds import qos
 
 SCRIPTS = Path(__file__).parents[4] / 'launch_scripts'
+LAUNCH_FILES = SCRIPTS.parent / 'ppo_agent_node' / 'launch'
 
 
 def parse(command: str, *texts: str) -> Arguments:
-    return arguments.parse(command, SCRIPTS / f'{command}.launch.yaml', texts)
+    return arguments.parse(command, LAUNCH_FILES / f'{command}.launch.yaml', texts)
 
 
 def test_each_argument_goes_where_it_belongs() -> None:

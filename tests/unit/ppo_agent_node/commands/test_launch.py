@@ -21,7 +21,8 @@ import yaml
 from ppo_agent_node.commands import launch
 from rocket_sim_node.recording.sinks import rerun_program
 
-SCRIPTS = Path(__file__).parents[4] / 'launch_scripts'
+ROOT = Path(__file__).parents[4]
+SCRIPTS, LAUNCH_FILES = ROOT / 'launch_scripts', ROOT / 'ppo_agent_node' / 'launch'
 
 
 class Project:
@@ -32,9 +33,8 @@ class Project:
         self.scripts = self.root / 'launch_scripts'
         self.scratch.mkdir()
         self.scripts.mkdir(parents=True)
-        for file in SCRIPTS.glob('*.launch.yaml'):
-            shutil.copy(file, self.scripts)
-        shutil.copytree(SCRIPTS / 'parameters', self.scripts / 'parameters')
+        self.launch_files = self.root / 'ppo_agent_node' / 'launch'
+        shutil.copytree(LAUNCH_FILES, self.launch_files)
 
     def run(self, command: str, *texts: str) -> str:
         """Return what is printed."""
@@ -263,12 +263,12 @@ def test_the_pilot_of_fly_gets_its_parameters(
 @pytest.mark.parametrize('command', ['train', 'land', 'evaluate', 'fly'])
 def test_help_names_each_argument_with_its_default(project: Project, command: str) -> None:
     told = project.run(command, '--help')
-    declared = yaml.safe_load((SCRIPTS / f'{command}.launch.yaml').read_text())['launch']
+    declared = yaml.safe_load((LAUNCH_FILES / f'{command}.launch.yaml').read_text())['launch']
     for entry in declared:
         if 'arg' in entry:
             assert f'\n  {entry["arg"]["name"]} ' in told
     assert '$(' not in told and "['" not in told
-    assert '[launch_scripts/parameters/simulator.yaml]' in told
+    assert '[ppo_agent_node/launch/parameters/simulator.yaml]' in told
     assert 'max_thrust:=470880' in told
     assert max(map(len, told.splitlines()[1:-1])) <= 99
     assert not (project.root / 'runs').exists() and not list(project.scratch.iterdir())
@@ -276,11 +276,11 @@ def test_help_names_each_argument_with_its_default(project: Project, command: st
 
 def test_help_has_the_defaults_that_go_with_what_is_given(project: Project) -> None:
     told = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
-    assert 'one batch; the script train chooses by world and preset [128]' in ' '.join(
+    assert 'one batch; the script train chooses the number by world and preset [128]' in ' '.join(
         told.split())
     assert 'hidden_sizes:=[64,64]' in told and 'runs/lunar_lander-DATE' in told
     assert 'engine_lag' not in told
-    (project.scripts / 'parameters' / 'agent.yaml').write_text(
+    (project.launch_files / 'parameters' / 'agent.yaml').write_text(
         '/**:\n  ros__parameters: {clip_range: 0.125}\n')
     assert 'clip_range:=0.125' in project.run('train', '-h')
 
@@ -382,7 +382,7 @@ def test_a_recording_that_was_not_finished_is_told_and_can_be_repaired(
     ended = run()
     assert ended.returncode == 1, ended.stderr
     told, repair = ended.stderr.splitlines()
-    assert told.startswith(f'{command}: the recording is not finished')
+    assert told.startswith(f'{command}: the recording is incomplete')
     subprocess.run(repair, shell=True, check=True, timeout=30)
     rerun_program.verify(whole)
     assert [path.name for path in whole.parent.glob('*.rrd')] == ['recording.rrd']

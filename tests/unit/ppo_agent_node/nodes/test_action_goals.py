@@ -50,7 +50,7 @@ def test_arguments_that_contradict_the_goal(given: list[str], complaint: str) ->
 @pytest.mark.parametrize('name', list(KINDS))
 def test_a_field_at_its_default_means_that_of_the_command(name: str) -> None:
     """A field at its default is not passed on."""
-    declared = read_launch_file(ROOT / 'launch_scripts' / f'{name}.launch.yaml')
+    declared = read_launch_file(ROOT / 'ppo_agent_node' / 'launch' / f'{name}.launch.yaml')
     usual = KINDS[name].Goal()
     for field in usual.get_fields_and_field_types():
         if field == 'arguments' or (name, field) in CHOSEN:

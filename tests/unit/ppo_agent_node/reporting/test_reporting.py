@@ -233,7 +233,7 @@ def test_a_reverse_curriculum_has_a_curve_of_its_heights(tmp_path: Path) -> None
     *_, level, reach = training_figure(higher).axes
     assert level.get_ylabel() == 'level (1 to 8)'
     assert reach.lines[0].get_ydata() == pytest.approx(reaches)
-    assert (reach.get_ylabel(), reach.get_yscale()) == ('highest starts (m)', 'log')
+    assert (reach.get_ylabel(), reach.get_yscale()) == ('highest start (m)', 'log')
     assert (level.get_xlabel(), reach.get_xlabel()) == ('', 'iteration')
 
 
@@ -243,7 +243,7 @@ def test_every_axis_has_a_name_and_a_unit() -> None:
     for figure in (returns_figure(figures, episodes), fuel_figure(figures, episodes)):
         for axes in figure.axes:
             for text in (axes.get_xlabel(), axes.get_ylabel()):
-                assert re.search(r'\(.+\)|in a bin|^episode$|^$', text), text
+                assert re.search(r'\(.+\)|per bin|^episode$|^$', text), text
 
 
 def _flown_table() -> tuple[dict[str, object], EpisodeTable]:

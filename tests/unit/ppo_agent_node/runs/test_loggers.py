@@ -136,6 +136,6 @@ def test_without_tensorboard_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -
 
 def test_files_of_loggers_are_found_from_any_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir('/')
-    found = parse('train', ROOT / 'launch_scripts' / 'train.launch.yaml', [
+    found = parse('train', ROOT / 'ppo_agent_node' / 'launch' / 'train.launch.yaml', [
         'loggers:=tensorboard,mine.py:Mine,a.b:C'])
     assert found.launch['loggers'] == 'tensorboard,/mine.py:Mine,a.b:C'
