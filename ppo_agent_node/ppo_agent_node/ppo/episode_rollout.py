@@ -5,11 +5,15 @@ The mean return of a start's copies estimates its value, without a critic. Near 
 decisive: a critic's error of 0.1 hides the thousandths by which actions differ there, while the
 copies of a start differ by their actions alone.
 
-The advantage of an episode, one for all its steps, is its return less the mean of the other copies
-(the leave-one-out baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
+The advantage of an episode is its return less the mean of the other copies (the leave-one-out
+baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
 for free!', 2019), over their standard deviation, as in group relative policy optimization (Shao et
 al., 'DeepSeekMath', 2024, section 4.1), so that starts that always fail do not dominate the
 others.
+
+The last step of an episode gets the whole advantage, a step k earlier gamma^k of it: the rewards
+are paid at the end, and feedback corrects most of what an early action's noise did, so that early
+steps would contribute more noise than signal.
 """
 from __future__ import annotations
 
@@ -68,6 +72,7 @@ class EpisodeRollout:
         self._copies = copies
         self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
         self._returns = np.zeros((groups, rockets))
+        self._last = np.zeros((groups, rockets), np.int64)
         self.steps = 0
         """Rocket steps of the last roll-out, of all groups."""
 
@@ -83,6 +88,7 @@ class EpisodeRollout:
         flown: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
         finished: list[Ended] = []
         returns = np.zeros(self._returns.shape[1])
+        last = np.zeros(len(returns), np.int64)
         observation = yield begin
         flying = np.ones(len(returns), np.bool_)
         log_prob = torch.empty(_CHUNK, len(returns))
@@ -98,29 +104,33 @@ class EpisodeRollout:
                 seen[rows], action[rows], log_prob[step % _CHUNK][rows], rows))
             observation, reward, _, _, info = yield action.numpy()
             returns[flying] += reward[flying]
+            last[flying] = step
             episodes: Episodes = info['episodes']
             first = episodes.take(flying[episodes.row])
             if len(first):
                 finished.append((step, first))
             flying[info['final_rows']] = False
             step += 1
-        self._flown[group], self._returns[group] = flown, returns
+        self._flown[group], self._returns[group], self._last[group] = flown, returns, last
         return finished, (yield Snapshot())
 
     def batch(
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flattened, without targets; critic and discounts are not used.
+        """Return all samples, flattened, without targets.
 
-        The parameters are those of `rollout_buffer.Rollout.batch`.
+        The parameters are those of `rollout_buffer.Rollout.batch`; critic, lambda and scale are
+        not used.
         """
         advantage = torch.from_numpy(relative_advantages(
             self._returns.ravel(), self._copies).astype(np.float32))
         first = 0
         parts = []
-        for flown in self._flown:
-            parts += [(*sample, advantage[rows + first]) for *sample, rows in flown]
+        for flown, last in zip(self._flown, torch.from_numpy(self._last), strict=True):
+            parts += [
+                (*sample, advantage[rows + first] * gamma ** (last[rows] - step).float())
+                for step, (*sample, rows) in enumerate(flown)]
             first += self._returns.shape[1]
         observation, action, log_prob, advantages = map(torch.cat, zip(*parts, strict=True))
         self.steps = len(log_prob)

@@ -64,7 +64,7 @@ def test_a_roll_out_holds_each_first_episode_whole() -> None:
     rollout = EpisodeRollout(8, 4)
     finished, _ = fly(env, rollout.flight(
         0, Reset(5, {'spawn_copies': 4}), learner.policy, random_streams.generator(1, 'test')))
-    batch = rollout.batch(lambda seen: seen[:, 0], 0.9, 0.9, 0.01)
+    batch = rollout.batch(lambda seen: seen[:, 0], 1.0, 0.9, 0.01)
     episodes = [one for _, found in finished for one in zip(
         found.row, found.length, found.episode_return, strict=True)]
     assert sorted(row for row, _, _ in episodes) == list(range(8))
@@ -72,6 +72,13 @@ def test_a_roll_out_holds_each_first_episode_whole() -> None:
     returns = np.array([total for _, _, total in sorted(episodes)])
     expected = relative_advantages(returns, 4).astype(np.float32)
     assert sorted(set(batch.advantage.tolist())) == sorted(set(expected.tolist()))
+    # Discounted, the last step has the whole advantage and each one before it a share.
+    discounted = rollout.batch(lambda seen: seen[:, 0], 0.9, 0.9, 0.01).advantage
+    lengths = np.array([length for _, length, _ in sorted(episodes)])
+    rows = [row for step in range(lengths.max()) for row in np.flatnonzero(lengths > step)]
+    steps = [step for step in range(lengths.max()) for _ in np.flatnonzero(lengths > step)]
+    assert discounted.numpy() == pytest.approx(
+        expected[rows] * 0.9 ** (lengths[rows] - 1 - steps), rel=1e-5)
     # The copies begin alike, and the policy says how likely its own actions were.
     assert len(torch.unique(batch.observation[:8], dim=0)) == 2
     log_prob, _ = learner.policy.log_prob_entropy(batch.observation, batch.action)
