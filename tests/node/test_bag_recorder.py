@@ -24,6 +24,7 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 
+from rocket_sim_node.bags.bag_file import FLUSH
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
 from rocket_sim_node.nodes.bag_recorder import BagNode
@@ -123,7 +124,9 @@ def test_killed_and_started_again(
     simulator.begin(training=False)
     simulator.fall(FALL + 20)
     partial = tmp_path / 'bag.partial/bag_0.mcap'
-    wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000, 20.0)
+    # All of the fall has been written: nothing more came in the time of several flushes.
+    wait_until(lambda: partial.exists() and partial.stat().st_size > 10_000
+               and time.time() - partial.stat().st_mtime > 3 * FLUSH, 30.0)
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()
