@@ -219,16 +219,16 @@ def fuzzer(processes: Processes, make_client: Callable[..., Client], nightly: bo
 
 
 def test_thousands_of_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -> None:
-    """Five thousand are counted to the last one; then comes a flood, part of which may be lost.
+    """Four thousand are counted to the last one; then comes a flood, part of which may be lost.
 
-    It ends when the simulator has handled 25 thousand, or 300 thousand with `--nightly`. Every
+    It ends when the simulator has handled 20 thousand, or 300 thousand with `--nightly`. Every
     answer to a good action is that of a world in this process, to the bit; in the end the
     simulator is as large as before.
     """
-    many = 300_000 if nightly else 25_000
+    many = 300_000 if nightly else 20_000
     begun = time.monotonic()
     print(f'seed {fuzzer.seed}')
-    fuzzer.run(100_000 if nightly else 5_000, 1000 if nightly else 100)
+    fuzzer.run(100_000 if nightly else 4_000, 1000 if nightly else 100)
     expected = dict(fuzzer.expected)
     again = expected.pop('repeated answers')
 
