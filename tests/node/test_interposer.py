@@ -78,7 +78,7 @@ def test_training_learns_the_same(
         run = tmp_path / f'run_{seed}'
         node, output = interposer.start(processes, seed, SHARE / 4)
         trainer = agent(processes, run, resend_after=0.02, **BRIEF)
-        assert trainer.wait(120.0) == 0, f'seed {seed}'
+        assert trainer.wait(240.0) == 0, f'seed {seed}'
         counts += interposer.stop(node, output)
         assert_same_run(run, undisturbed)
     tell(counts)
