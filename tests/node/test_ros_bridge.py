@@ -115,7 +115,7 @@ def test_messages_agree_with_the_state(
     # Publishers of a rocket come with the description of its world.
     simulator.description.publish(conversion.world_to_message(
         make('rocket', 2, level=1, spawn_angle=1.0).spec, 1, 0, msg.World.LOCKSTEP))
-    listener.wait_until(lambda least=sent: all(
+    listener.wait_until(lambda: all(
         listener.node.count_publishers(topic) for topic in listener.heard))
     wait_until(lambda: simulator.state.get_subscription_count() == 2, 20.0)
     sent = 0
