@@ -207,11 +207,18 @@ def test_a_bag_is_shown_and_played_by_the_command(
     states: list[msg.RocketState] = []
     node.create_subscription(msg.World, 'world', worlds.append, qos.WORLD)
     node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
-    played = processes.start('ros2', 'bag', 'play', '-r', '10', str(path))
     expected = sum(1 for one in messages(path, topics=['/state']))
-    wait_until(lambda: executor.spin_once(timeout_sec=0.1) or len(states) == expected, 30.0,
-               lambda: f'{len(states)} of {expected}: {played.output()}')
-    assert played.wait(20.0) == 0
+    for _ in range(5):  # on a busy machine it is found later than the player waits for anybody
+        states.clear()
+        played = processes.start('ros2', 'bag', 'play', '-r', '10', str(path))
+        while played.running:
+            executor.spin_once(timeout_sec=0.1)
+        assert played.wait(1.0) == 0
+        for _ in range(expected):
+            executor.spin_once(timeout_sec=0.1)
+        if len(states) == expected:
+            break
+    assert len(states) == expected, played.output()
     assert worlds
     assert worlds[0].world == 'rocket'
     assert {int(step) for state in states for step in state.step} == set(range(FALL + 1))
