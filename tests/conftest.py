@@ -34,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(home.cleanup)
     set_hypothesis_home_dir(home.name)
     suite = settings(
-        derandomize=True, database=None, deadline=None, print_blob=True, max_examples=100,
+        derandomize=True, database=None, deadline=None, print_blob=True, max_examples=50,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])
     settings.register_profile('suite', suite)
     settings.register_profile('nightly', suite, derandomize=False, max_examples=5000)

@@ -162,7 +162,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_told(
         told = re.compile(
             rf'{name}: /forger/tester \(GID [0-9a-f.]+, on this machine\) calls as agent '
             rf'{agent}, which is another participant: refused')
-        assert client.waiter.until(lambda told=told: any(map(told.match, errors.texts)), 10.0)
+        assert client.waiter.until(lambda told=told: any(map(told.match, errors.texts)), 30.0)
         assert int(errors.counts['simulator'][f'dropped on {name}']) == 1
     assert simulator.output().count('ERROR') == len(calls)
     client.close()

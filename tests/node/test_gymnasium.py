@@ -53,7 +53,7 @@ def weights(envs: Any) -> str:
     from rocket_sim_node.gym.sb3 import HoverslamVecEnv
 
     model = PPO('MlpPolicy', VecNormalize(HoverslamVecEnv(envs)), n_steps=128, batch_size=128,
-                n_epochs=2, seed=3, device='cpu').learn(2048)
+                n_epochs=2, seed=3, device='cpu').learn(1024)
     found = hashlib.sha256()
     for tensor in model.policy.state_dict().values():
         found.update(tensor.numpy().tobytes())

@@ -22,6 +22,10 @@ from rocket_sim_node.worlds import make
 N = 8
 SHARE = 0.04
 """of messages that suffer each of the four faults"""
+BRIEF = {
+    'demonstration_episodes': 8, 'iterations': 2, 'selection_interval': 2,
+    'evaluation_episodes': 8}
+"""One flight of each rocket in each stage: each message that is resent costs its time."""
 
 
 def tell(counts: Counter[str]) -> None:
@@ -63,7 +67,7 @@ def test_each_step_is_taken_once(
 @pytest.fixture(scope='module')
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in one process, without ROS."""
-    return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run')
+    return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run', **BRIEF)
 
 
 def test_training_learns_the_same(
@@ -73,8 +77,8 @@ def test_training_learns_the_same(
     for seed in range(1, 51 if nightly else 2):
         run = tmp_path / f'run_{seed}'
         node, output = interposer.start(processes, seed, SHARE / 4)
-        trainer = agent(processes, run, resend_after=0.02, evaluation_episodes=8)
-        assert trainer.wait(120.0) == 0, f'seed {seed}'
+        trainer = agent(processes, run, resend_after=0.02, **BRIEF)
+        assert trainer.wait(240.0) == 0, f'seed {seed}'
         counts += interposer.stop(node, output)
         assert_same_run(run, undisturbed)
     tell(counts)

@@ -277,7 +277,7 @@ class Bridge:
 
 
 @pytest.mark.parametrize('world', WORLDS)
-@settings(max_examples=max(10, settings.default.max_examples // 10))
+@settings(max_examples=max(5, settings.default.max_examples // 10))
 @given(data=st.data())
 def test_a_bridge_goes_on_whatever_it_hears(world: str, data: Any) -> None:
     bridge = Bridge()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -112,6 +113,20 @@ def in_use(domain: int) -> bool:
     return any(first <= int(line.split()[1].split(':')[1], 16) < first + 250 for line in lines)
 
 
+def reserve(domain: int) -> socket.socket | None:
+    """Return what keeps a ROS domain from all other tests of this machine until it is closed.
+
+    A name that the kernel forgets with the process that has it; None where another has it.
+    """
+    kept = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        kept.bind(f'\0hoverslam-test-domain-{domain}')
+    except OSError:
+        kept.close()
+        return None
+    return kept
+
+
 class Processes:
     """All processes of one test, in a ROS domain of their own."""
 
@@ -123,8 +138,10 @@ class Processes:
         for _ in range(_DOMAINS):
             self.domain = _FIRST_DOMAIN + (os.getpid() + Processes._domains) % _DOMAINS
             Processes._domains += 1
-            if not in_use(self.domain):
+            self._reserved = reserve(self.domain)
+            if self._reserved and not in_use(self.domain):
                 break
+            self._release()
         self._started: list[Process] = []
 
     @property
@@ -165,3 +182,9 @@ class Processes:
         finally:  # also when the time of the test is over
             for process in self._started:
                 process.signal(signal.SIGKILL)
+            self._release()
+
+    def _release(self) -> None:
+        if self._reserved:
+            self._reserved.close()
+            self._reserved = None

@@ -21,10 +21,10 @@ from rocket_sim_node.recording.reader import trajectories
 
 SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
 SMALL = (
-    'num_envs:=8', 'demonstration_episodes:=16', 'dagger_rounds:=1', 'dagger_epochs:=1',
+    'num_envs:=8', 'demonstration_episodes:=8', 'dagger_rounds:=1', 'dagger_epochs:=1',
     'clone_epochs:=2', 'hidden_sizes:=[16,16]',
-    'iterations:=4', 'n_steps:=64', 'batch_size:=256', 'selection_interval:=2',
-    'selection_episodes:=8', 'evaluation_episodes:=20', 'critic_warmup_iterations:=1',
+    'iterations:=2', 'n_steps:=64', 'batch_size:=256', 'selection_interval:=2',
+    'selection_episodes:=8', 'evaluation_episodes:=8', 'critic_warmup_iterations:=1',
     'threads:=1',
 )
 
@@ -43,11 +43,11 @@ def test_train_and_resume_in_a_folder_with_an_awkward_name(
     for name in ('config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json'):
         assert (run / name).is_file(), name
     assert (run / 'recording.rrd').is_file()
-    assert len((run / 'train.jsonl').read_text().splitlines()) == 12
+    assert len((run / 'train.jsonl').read_text().splitlines()) == 8
     # The size of the batch and all settings come from the run.
     again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
     assert again.wait(90.0) == 0, processes.logs()
-    assert len((run / 'train.jsonl').read_text().splitlines()) == 12
+    assert len((run / 'train.jsonl').read_text().splitlines()) == 8
     # Refused, it is as finished as before: `land` flies its policy.
     refused = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'gamma:=0.5')
     assert refused.wait(60.0) == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -36,8 +37,13 @@ MODULES = modules()
 IS_PACKAGE = {name for name, path in MODULES.items() if path.name == '__init__.py'}
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Yield the modules that a file imports, anywhere in it, by their longest known name."""
+@cache
+def imported(path: Path) -> tuple[str, ...]:
+    """Return the modules that a file imports, anywhere in it, by their longest known name."""
+    return tuple(_imported(path))
+
+
+def _imported(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -13,7 +13,7 @@ from ppo_agent_node.pilots.expert.descent import DescentProfile
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from rocket_sim_node import worlds
 
-ROWS = 500
+ROWS = 250
 
 
 def _fly(level: int, seed: int = 11, rows: int = ROWS, **settings: float) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def _fly(level: int, seed: int = 11, rows: int = ROWS, **settings: float) -> dic
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('level', range(1, 8))
+@pytest.mark.parametrize('level', [1, 3, 5, 7])
 def test_lands_every_rocket_softly(level: int) -> None:
     summary = _fly(level)
     assert summary['landed'] == ROWS, summary['outcomes']
@@ -48,8 +48,8 @@ def test_lands_from_far_off_the_axis_and_never_hangs_above_the_ground() -> None:
     {'spawn_height': 150.0}, {'position_scale': 80.0, 'velocity_scale': 30.0},
 ], ids=str)
 def test_reads_the_vehicle_from_the_world(change: dict[str, float]) -> None:
-    summary = _fly(7, rows=200, **change)
-    assert summary['landed'] == 200, summary['outcomes']
+    summary = _fly(7, rows=100, **change)
+    assert summary['landed'] == 100, summary['outcomes']
     assert summary['mean_return'] > 285
 
 
@@ -141,7 +141,7 @@ def test_time_to_go_is_that_of_flying_it(pace: float) -> None:
 def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
     """A leaning rocket touches before its origin is where it stands: the flare has to know."""
     world = worlds.make('rocket_planar', num_envs=250)
-    episodes = evaluate(world, ExpertPilot(world.spec), 500, 4, level=level).episodes
+    episodes = evaluate(world, ExpertPilot(world.spec), 250, 4, level=level).episodes
     assert (episodes.outcome == 0).all()
     assert episodes.touchdown_speed.max() < 0.1
     assert episodes.episode_return.mean() > 294
