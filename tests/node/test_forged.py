@@ -159,9 +159,11 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_told(
         assert future.result().code == future.result().BUSY
         assert 'another process controls this simulator' in future.result().message
         assert_same(client.step(still), world.step(still))
+        # At once, even where its node's name has not arrived yet.
         told = re.compile(
-            rf'{name}: /forger/tester \(GID [0-9a-f.]+, on this machine\) calls as agent '
-            rf'{agent}, which is another participant: refused')
+            rf'{name}: (/forger/tester|a participant whose node is not known) '
+            rf'\(GID [0-9a-f.]+, on this machine\) calls as agent {agent}, which is another '
+            'participant: refused')
         assert client.waiter.until(lambda told=told: any(map(told.match, errors.texts)), 30.0)
         assert int(errors.counts['simulator'][f'dropped on {name}']) == 1
     assert simulator.output().count('ERROR') == len(calls)

@@ -133,7 +133,8 @@ class FarEnd:
 
         :param topic: or service.
         :param why: the text after the name of the sender.
-        :param known: the names of the writers; None: those of the topic.
+        :param known: the names of a service's clients, one of which called: it is reported at once,
+            as no other call may follow. None: the names of the topic's writers.
         """
         self.dropped += 1
         source = topic, participant_of(gid)
@@ -144,7 +145,7 @@ class FarEnd:
             if now < again:
                 return ''
             name = self.named(gid, known or writers(self._node, topic))
-            if name.startswith(_NAMELESS) and now < until:
+            if known is None and name.startswith(_NAMELESS) and now < until:
                 self._unnamed[source] = until, now + _LOOK_AGAIN
                 return ''
             return f'{topic}: {name} {why}'
