@@ -133,8 +133,8 @@ class FarEnd:
 
         :param topic: or service.
         :param why: the text after the name of the sender.
-        :param known: the names of a service's clients, one of which called: it is reported at once,
-            as no other call may follow. None: the names of the topic's writers.
+        :param known: the names of a service's clients, one of which called: it is reported at
+            once, as no other call may follow. None: the names of the topic's writers.
         """
         self.dropped += 1
         source = topic, participant_of(gid)
