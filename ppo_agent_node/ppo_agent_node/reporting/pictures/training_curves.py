@@ -67,8 +67,8 @@ def training_figure(lines: Lines) -> Figure:
     """
     curricula = [
         (values, label, scale) for values, label, scale in (
-            (column(lines, 'level'), 'level (1 to 8)', 'linear'),
-            (column(lines, 'reach'), 'highest start (m)', 'log'))
+            (column(lines, 'level'), 'level\n(1 to 8)', 'linear'),
+            (column(lines, 'reach'), 'highest\nstart (m)', 'log'))
         if (values > 0).any()]
     figure = Figure(figsize=(9, 8.4))
     returns, landing, *below = figure.subplots(
