@@ -231,9 +231,9 @@ def test_a_reverse_curriculum_has_a_curve_of_its_heights(tmp_path: Path) -> None
     reaches = [0.4, 0.4, 0.48, 20.0, 194.8, 194.8]
     higher = [{**line, 'reach': reach} for line, reach in zip(lines, reaches, strict=True)]
     *_, level, reach = training_figure(higher).axes
-    assert level.get_ylabel() == 'level (1 to 8)'
+    assert level.get_ylabel() == 'level\n(1 to 8)'
     assert reach.lines[0].get_ydata() == pytest.approx(reaches)
-    assert (reach.get_ylabel(), reach.get_yscale()) == ('highest start (m)', 'log')
+    assert (reach.get_ylabel(), reach.get_yscale()) == ('highest\nstart (m)', 'log')
     assert (level.get_xlabel(), reach.get_xlabel()) == ('', 'iteration')
 
 
