@@ -110,7 +110,7 @@ def test_table_page_and_picture_show_it(
     # Without it the next evaluation shows the straight drop again.
     episode_table.write(tmp_path / 'episodes.csv', episode_table.from_result(result))
     write_json(tmp_path / 'evaluation.json', summarise(result))
-    assert 'minimum of a straight drop' in write_report(tmp_path).read_text()
+    assert 'minimum for a straight drop' in write_report(tmp_path).read_text()
     assert not (tmp_path / 'plots' / 'optimum.png').exists()
 
 

@@ -232,7 +232,7 @@ def test_the_picture_marks_the_clone_of_the_last_round() -> None:
          'dagger_round': 1, 'landing_rate': 0.81},
         {'stage': 'clone', 'iteration': 3, 'clone_loss': 0.4, 'clone_validation_loss': 0.3}]
     (axes,) = cloning_figure(lines).axes
-    (star,) = (line for line in axes.lines if line.get_label() == 'kept')
+    (star,) = (line for line in axes.lines if line.get_label() == 'kept policy')
     assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([3.0], [0.3])
     assert [text.get_text() for text in axes.texts] == ['81 % landed']
 
