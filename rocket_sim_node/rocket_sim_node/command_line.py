@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TypeVar
 
 from rocket_sim_node import settings
@@ -96,12 +97,24 @@ def watch_with(recording: Path) -> str:
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: with clean-up and without output."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    came = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        came = True
+        signal.default_int_handler(number, frame)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, interrupt)
     try:
         yield
     except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception:
+        # A library in C++ that was interrupted may raise an error of its own instead.
+        if not came:
+            raise
         sys.exit(130)
 
 

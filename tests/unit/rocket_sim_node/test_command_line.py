@@ -13,8 +13,10 @@ import pytest
 from rocket_sim_node import command_line
 
 
+@pytest.mark.parametrize('replaced', [(), ('replaced',)])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_told_to_end_it_tidies_up(number: signal.Signals, tmp_path: Path) -> None:
+def test_told_to_end_it_tidies_up(
+        number: signal.Signals, replaced: tuple[str, ...], tmp_path: Path) -> None:
     left = tmp_path / 'left'
     left.touch()
     code = (
@@ -26,12 +28,16 @@ def test_told_to_end_it_tidies_up(number: signal.Signals, tmp_path: Path) -> Non
         '        try:\n'
         "            print('ready', flush=True)\n"
         '            time.sleep(60)\n'
+        '        except KeyboardInterrupt as error:\n'
+        '            if sys.argv[2:]:  # as libraries in C++ do\n'
+        "                raise RuntimeError('replaced') from None\n"
+        '            raise\n'
         '        finally:\n'
         '            Path(sys.argv[1]).unlink()\n'
         'except OSError:\n'
         '    sys.exit(2)\n')
     run = subprocess.Popen(
-        [sys.executable, '-c', code, str(left)], text=True, stdout=subprocess.PIPE,
+        [sys.executable, '-c', code, str(left), *replaced], text=True, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE)
     assert run.stdout is not None
     assert run.stdout.readline() == 'ready\n'
