@@ -13,7 +13,6 @@ from ppo_agent_node.commands.arguments import Arguments
 from ppo_agent_node.commands.arguments import agent_settings
 from ppo_agent_node.commands.arguments import full_name
 from ppo_agent_node.commands.arguments import unknown
-from ppo_agent_node.commands.launch_file import resolved
 from ppo_agent_node.commands.parameter_file import read_parameters
 from ppo_agent_node.config import presets
 from rocket_sim_node import worlds
@@ -36,16 +35,15 @@ _FILES = ('agent_parameters', 'agent_overrides', 'agent_settings')
 """launch arguments that name parameter files of the agent, each on top of those before it"""
 
 
-def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str, str]) -> str:
+def help_text(script: str, found: Arguments, decided: Mapping[str, str]) -> str:
     """Return how to call a command.
 
     :param script: the command, as it was called.
-    :param folder: of the launch files.
     :param found: arguments given beside `--help`, on which the defaults depend.
     :param decided: arguments of the launch that the command decides.
     """
-    values = resolved(found.declared, {**decided, **found.launch}, folder)
-    root = f'{folder.parents[1]}/'
+    values = found.values({**decided, **found.launch})
+    root = f'{found.file.parents[2]}/'
     lines = [f'Usage: {script} [NAME:=VALUE ...]', '']
     lines += [*textwrap.wrap(PURPOSE[found.command], WIDTH), '', 'Arguments:']
     for name, argument in found.declared.items():
@@ -63,13 +61,13 @@ def help_text(script: str, folder: Path, found: Arguments, decided: Mapping[str,
 
 
 def explanation(
-    names: Iterable[str], folder: Path, found: Arguments, decided: Mapping[str, str],
+    names: Iterable[str], found: Arguments, decided: Mapping[str, str],
 ) -> str:
     """Return what arguments mean, and their defaults.
 
     :raises ValueError: for a name that the command does not know.
     """
-    values = resolved(found.declared, {**decided, **found.launch}, folder)
+    values = found.values({**decided, **found.launch})
     lines: list[str] = []
     groups = [(info, told) for _, infos, told in _groups(found, values) for info in infos]
     known = {info.name: (info, told) for info, told in groups}

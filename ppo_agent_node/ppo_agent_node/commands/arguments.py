@@ -19,6 +19,7 @@ from typing import Any
 
 from ppo_agent_node.commands.launch_file import LaunchArgument
 from ppo_agent_node.commands.launch_file import read_launch_file
+from ppo_agent_node.commands.launch_file import resolved
 from ppo_agent_node.config import presets
 from ppo_agent_node.config import training_config
 from ppo_agent_node.config.connection_config import FleetConfig
@@ -53,6 +54,8 @@ class Arguments:
     """The arguments of a command, by whom they are for."""
 
     command: str
+    file: Path
+    """the launch file"""
     declared: Mapping[str, LaunchArgument]
     world: str
     given: dict[str, str] = field(default_factory=dict)
@@ -68,6 +71,10 @@ class Arguments:
     def preset(self) -> str:
         """The preset of a training."""
         return self.launch.get('preset', presets.DEFAULT)
+
+    def values(self, given: Mapping[str, str]) -> dict[str, str]:
+        """Return the value of each argument of the launch: the one given, or else its default."""
+        return resolved(self.declared, given, self.file.parent)
 
     def of_launch(self, name: str) -> str:
         """Return an argument of the launch: given, the run's or by default; empty: none."""
@@ -86,7 +93,7 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
     given = {name: _plain(name, value, declared) for name, value in _pairs(texts)}
     saved = _saved(given) if command == 'train' and given.get('resume') == 'true' else {}
     world = given.get('world') or saved.get('world') or declared['world'].default or ''
-    found = Arguments(command, declared, world, given, saved=saved)
+    found = Arguments(command, file, declared, world, given, saved=saved)
     one_of('world', world, worlds.names())
     agent = {info.name: info for group in agent_settings(command).values() for info in group}
     simulator = {info.name: info for info in worlds.settings(world)}

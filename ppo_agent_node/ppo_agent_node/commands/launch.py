@@ -22,7 +22,6 @@ from ppo_agent_node.commands.arguments import ALL
 from ppo_agent_node.commands.arguments import Arguments
 from ppo_agent_node.commands.arguments import full_name
 from ppo_agent_node.commands.arguments import parse
-from ppo_agent_node.commands.launch_file import resolved
 from ppo_agent_node.commands.parameter_file import LARGEST
 from ppo_agent_node.commands.parameter_file import require_parameters
 from ppo_agent_node.commands.parameter_file import write_parameters
@@ -50,7 +49,11 @@ _OF_THE_START = ('run_dir', 'resume')
 _OF_EACH_START = ('record', 'loggers', 'namespace', 'connect', 'serve_web', 'web_port', 'web_host')
 """arguments that a run does not store"""
 _HIGHEST_PORT = 65535
-_LAUNCH_FILES = Path('ppo_agent_node', 'launch')
+
+
+def project_of(script: str) -> Path:
+    """Return the folder of the project to which a script of `launch_scripts` belongs."""
+    return (Path.cwd() / script).parent.parent
 
 
 @dataclass
@@ -68,16 +71,6 @@ class Start:
     told: dict[str, str | list[str]] = field(default_factory=dict)
     """variables for the script"""
 
-    @property
-    def project(self) -> Path:
-        """Folder of the project."""
-        return (Path.cwd() / self.script).parent.parent
-
-    @property
-    def launch_files(self) -> Path:
-        """Folder of the launch files and of their files of parameters."""
-        return self.project / _LAUNCH_FILES
-
     def node(self, name: str) -> str:
         """Return the full name of a node of the launch."""
         return full_name(self.launch.get('namespace', ''), name)
@@ -85,7 +78,7 @@ class Start:
     @property
     def runs(self) -> Path:
         """Folder of all runs."""
-        return self.project / 'runs'
+        return project_of(self.script) / 'runs'
 
 
 def decided(start: Start) -> dict[str, str]:
@@ -174,7 +167,7 @@ def _check_room(recording: Path) -> None:
 
 def _write_simulator(start: Start, path: Path) -> None:
     """Write a file of simulator parameters: the one that was named, and the world's settings."""
-    values = resolved(start.arguments.declared, start.launch, start.launch_files)
+    values = start.arguments.values(start.launch)
     write_parameters(path, start.node('simulator'), start.arguments.simulator,
                      Path(values['simulator_parameters']))
     start.launch['simulator_parameters'] = str(path)
@@ -279,7 +272,7 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
     asked = {'-h', '--help'} & set(texts)
     words = [text for text in texts if text not in ('-h', '--help')]
     names = [word for word in words if asked and ':=' not in word]
-    file = (Path.cwd() / path).parent.parent / _LAUNCH_FILES / f'{path.name}.launch.yaml'
+    file = project_of(script) / 'ppo_agent_node' / 'launch' / f'{path.name}.launch.yaml'
     found = parse(path.name, file, [word for word in words if word not in names])
     start = Start(script, pid, scratch, found)
     if not asked:
@@ -288,8 +281,8 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
         return ''
     told = {**decided(start), **placeholders(start)}
     if names:
-        return explanation(names, start.launch_files, found, told)
-    return help_text(script, start.launch_files, found, told)
+        return explanation(names, found, told)
+    return help_text(script, found, told)
 
 
 def placeholders(start: Start) -> dict[str, str]:

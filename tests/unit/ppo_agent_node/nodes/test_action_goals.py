@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from rocket_msgs.msg import Episodes
 
 from ppo_agent_node.commands.launch_file import read_launch_file
 from ppo_agent_node.nodes.actions.execution import KINDS
 from ppo_agent_node.nodes.actions.goals import goal_arguments
+from ppo_agent_node.nodes.actions.goals import start_of
 from ppo_agent_node.nodes.actions.job import Job
 from ppo_agent_node.nodes.actions.tally import LANDED
 from ppo_agent_node.nodes.actions.tally import Tally
@@ -45,6 +47,18 @@ def test_a_goal_as_arguments(name: str, fields: dict[str, Any], expected: list[s
 def test_arguments_that_contradict_the_goal(given: list[str], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         goal_arguments(KINDS['train'].Goal(arguments=given))
+
+
+@pytest.mark.parametrize('name', list(KINDS))
+def test_settings_of_the_world_lie_on_top_of_the_installed_parameters(
+        name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    goal = KINDS[name].Goal(arguments=['max_thrust:=500000'])
+    start = start_of(name, goal, '/', tmp_path)
+    written = yaml.safe_load(Path(start.launch['simulator_parameters']).read_text())
+    usual = yaml.safe_load((ROOT / 'ppo_agent_node/launch/parameters/simulator.yaml').read_text())
+    assert written['/**']['ros__parameters'] == {
+        **usual['/**']['ros__parameters'], 'max_thrust': 500000.0}
 
 
 @pytest.mark.parametrize('name', list(KINDS))
