@@ -7,7 +7,6 @@ import os
 from typing import Any
 
 import rclpy
-import yaml
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -39,12 +38,8 @@ def send_goal(args: argparse.Namespace) -> None:
     # Otherwise a value of the wrong type aborts the process.
     os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
     kind = graph.load_type(args.action_type, 'action')
-    try:
-        values = yaml.safe_load(args.goal)
-    except yaml.YAMLError as error:
-        raise CommandError(f'Failed to populate message fields: {error}') from None
     goal = kind.Goal()
-    messages.fill(goal, values or {})
+    messages.fill_from_yaml(goal, args.goal, 'Failed to populate message fields')
 
     # rclpy's own handler would shut the context down, and nothing could be cancelled any more.
     with graph.direct_node(SignalHandlerOptions.NO) as node:

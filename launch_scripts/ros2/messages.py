@@ -42,6 +42,19 @@ def to_yaml(value: Any) -> str:
         sort_keys=False)
 
 
+def fill_from_yaml(message: Any, text: str, failure: str) -> None:
+    """Set fields of a message from YAML text; empty text leaves them as they are.
+
+    :param failure: begins the error for text that is not YAML.
+    :raises CommandError: when it is not YAML, a field does not exist or a value does not fit.
+    """
+    try:
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise CommandError(f'{failure}: {error}') from None
+    fill(message, values or {})
+
+
 def fill(message: Any, values: Any, where: str = '') -> None:
     """Set fields of a message from a dictionary.
 

@@ -6,7 +6,6 @@ import argparse
 import os
 
 import rclpy
-import yaml
 
 from ros2 import graph
 from ros2 import messages
@@ -30,12 +29,8 @@ def call(args: argparse.Namespace) -> None:
     kind = graph.load_type(args.service_type, 'srv')
     if not hasattr(kind, 'Request'):
         raise CommandError('The passed type is not a service')
-    try:
-        values = yaml.safe_load(args.values)
-    except yaml.YAMLError as error:
-        raise CommandError(f'Failed to populate field: {error}') from None
     request = kind.Request()
-    messages.fill(request, values or {})
+    messages.fill_from_yaml(request, args.values, 'Failed to populate field')
     with graph.direct_node() as node:
         client = node.create_client(kind, args.service_name)
         if not client.service_is_ready():

@@ -146,7 +146,8 @@ def test_a_canceled_training_goes_on_to_its_end(
     ('evaluate', {'pilot': 'nobody'}, "pilot: got 'nobody', expected one of policy"),
     ('evaluate', {'conditions': 'all'}, "conditions: got 'all', expected one set"),
     ('land', {'policy': 'none'}, "policy: got 'none', expected a file or the name"),
-    ('land', {'output': '/tmp/landing.txt'}, "output: got '/tmp/landing.txt', expected a name")])
+    ('land', {'output': '/flights/landing.txt'},
+     "output: got '/flights/landing.txt', expected a name")])
 def test_an_invalid_goal_is_answered_in_one_line_that_names_the_field(
     operator: Operator, action: str, fields: dict[str, Any], complaint: str,
 ) -> None:
