@@ -55,13 +55,13 @@ _MEANING = {
     '/clock': 'Simulated time, if parameter `clock` is set.',
 }
 _ANY = '/*'
-"""What bag_recorder reads."""
+"""Topics that bag_recorder reads."""
 _OF_ROS = (
     '/parameter_events', '/rosout', '~/*', 'reset/_service_event', 'restore/_service_event',
     'release/_service_event', '~/simulate_steps/_action/feedback',
     '~/simulate_steps/_action/status')
-"""What every node has, or a service with introspection or an action; only who reads /rosout is
-worth a word."""
+"""Names that every node, service with introspection or action has; the page only mentions readers
+of /rosout."""
 _NEEDED_MOST = {
     'simulator': (
         'world', 'num_envs', 'seed', 'mode', 'level', 'conditions', 'observation',

@@ -8,7 +8,7 @@ FULL = 'a full ROS 2 supports more'
 
 
 class CommandError(Exception):
-    """What is wrong, for the person at the terminal."""
+    """An error, as text for the person at the terminal."""
 
 
 def unknown(found: str, known: Iterable[str]) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a launch file knows while it is carried out, and the error that names a place in it."""
+"""Context of a launch file that is carried out, and the error that names a place in it."""
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -31,7 +31,7 @@ class Log:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         if isinstance(sys.stdout, io.TextIOWrapper):
-            # What the terminal cannot show must not end whoever passes it on.
+            # Text that the terminal cannot show must not end the process that passes it on.
             sys.stdout.reconfigure(errors='backslashreplace')
         self.quiet = False
         self._file = (folder / 'launch.log').open('a', encoding='utf-8', buffering=1)

@@ -39,7 +39,7 @@ class Service:
         loop = asyncio.get_running_loop()
         loop.add_signal_handler(signal.SIGINT, self._on_interrupt)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            # What is ignored stays so: nohup ignores SIGHUP.
+            # An ignored signal stays ignored: nohup ignores SIGHUP.
             if signal.getsignal(number) is not signal.SIG_IGN:
                 loop.add_signal_handler(number, self._on_terminate, number)
         await asyncio.gather(*(self._keep(process) for process in self._processes))

@@ -29,7 +29,7 @@ PURPOSE = {
     'evaluate': 'Flies a policy or a pilot for many episodes and prints a table. With an output '
                 'folder it also writes evaluation.json, plots and a report page.',
     'fly': 'Lets you fly with the keys of this terminal and shows the flight live in Rerun.'}
-"""What each command does."""
+"""Purpose of each command."""
 _WHOSE = {'train': 'agent', 'fly': 'pilot'}
 _FILES = ('agent_parameters', 'agent_overrides', 'agent_settings')
 """launch arguments that name parameter files of the agent, each on top of those before it"""

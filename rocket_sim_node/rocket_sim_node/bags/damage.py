@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the libraries raise for files that are cut short or damaged."""
+"""Errors that the libraries raise for files that are cut short or damaged."""
 from __future__ import annotations
 
 import struct

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the nodes that only listen have in common."""
+"""Functions and constants shared by the nodes that only listen."""
 from __future__ import annotations
 
 import time

@@ -110,7 +110,7 @@ class SimulationServices:
         response.features.custom_info = (
             'Hoverslam; see docs/how-to/simulation-interfaces.md of the project')
 
-    # What moves the world
+    # Calls that move the world
 
     def _check_control(self) -> None:
         """Refuse to move the world while an agent has control, or the action steps."""

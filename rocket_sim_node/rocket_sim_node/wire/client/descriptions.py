@@ -28,7 +28,7 @@ _MOST = 8
 
 @dataclass
 class _Described:
-    """What one participant published."""
+    """The descriptions that one participant published."""
 
     gid: bytes = b''
     world: msg.World | None = None
@@ -41,7 +41,7 @@ class _Described:
 
 
 class Descriptions:
-    """What the simulator says about itself; other participants' descriptions are put aside."""
+    """The simulator's descriptions of itself; other participants' descriptions are put aside."""
 
     def __init__(
         self, node: Node, prefix: str, far: FarEnd, accept: Callable[[msg.World], bool],

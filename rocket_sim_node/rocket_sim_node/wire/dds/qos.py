@@ -55,7 +55,7 @@ VIEWS = _reliable(100, DurabilityPolicy.VOLATILE)
 `state` brings up to 50 steps at once."""
 
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
-"""What changes rarely: late joiners receive the last one."""
+"""For messages that change rarely: late joiners receive the last one."""
 
 CLOCK = _reliable(1, DurabilityPolicy.VOLATILE)
 """`/clock`: only the newest time counts."""
