@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer
@@ -39,7 +40,8 @@ class SimulateStepsServer:
         self._timer = create_timer(node, _PERIOD, self._fly)
         self._timer.cancel()  # it runs while there is a goal
         self._action = ActionServer(
-            node, SimulateSteps, '~/simulate_steps', self._execute,
+            node, SimulateSteps, '~/simulate_steps', execute_callback=lambda _: None,
+            handle_accepted_callback=self._begin,
             cancel_callback=lambda _: CancelResponse.ACCEPT)
 
     @property
@@ -51,16 +53,22 @@ class SimulateStepsServer:
         """Remove it from DDS; destroying the node does not."""
         self._action.destroy()
 
-    async def _execute(self, goal: Any) -> Any:
+    def _begin(self, goal: Any) -> None:
+        """Take the goal on, or note why not, before the node serves any other call."""
         code, why = self._refusal()
+        ended = Future()
         if code == Result.RESULT_OK:
-            unattended = self._server.unattended
-            unattended.step(0)  # takes control from an agent whose lease has expired
+            self._server.unattended.step(0)  # takes control from an agent whose lease has expired
             self._goal, self._done, self._session = goal, 0, self._server.present[0]
-            self._ended = Future()
+            self._ended = ended
             self._timer.reset()
-            why = await self._ended
-            code = Result.RESULT_OPERATION_FAILED if why else Result.RESULT_OK
+        else:
+            ended.set_result((code, why))
+        goal.execute(partial(self._execute, ended))
+
+    @staticmethod
+    async def _execute(ended: Future, goal: Any) -> Any:
+        code, why = await ended
         if code == Result.RESULT_OK:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -92,4 +100,7 @@ class SimulateStepsServer:
         if why or self._done == steps:
             self._timer.cancel()
             ended, self._ended = self._ended, None
-            ended.set_result(why and f'{why}; {self._done} of {steps} steps were flown')
+            ended.set_result(
+                (Result.RESULT_OPERATION_FAILED,
+                 f'{why}; {self._done} of {steps} steps were flown') if why
+                else (Result.RESULT_OK, ''))
