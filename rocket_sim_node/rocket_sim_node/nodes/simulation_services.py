@@ -36,8 +36,8 @@ from simulation_interfaces.srv import StepSimulation
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes.simulate_steps import SimulateStepsServer
 from rocket_sim_node.standard_views import entities
-from rocket_sim_node.standard_views.stamps import NANOSECONDS
-from rocket_sim_node.standard_views.stamps import Stamps
+from rocket_sim_node.telemetry.stamps import NANOSECONDS
+from rocket_sim_node.telemetry.stamps import Stamps
 from rocket_sim_node.wire.node.diagnostics import shortened
 from rocket_sim_node.wire.server.server import Server
 from rocket_sim_node.worlds.base import SimulatedWorld

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from rocket_sim_node import frames
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
-from rocket_sim_node.standard_views.stamps import Stamps
 from rocket_sim_node.telemetry.gaps import GapCounter
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Samples
+from rocket_sim_node.telemetry.stamps import Stamps
 
 F64 = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from visualization_msgs.msg import MarkerArray
 
 from rocket_sim_node.standard_views import markers
 from rocket_sim_node.standard_views.motion import RocketView
-from rocket_sim_node.standard_views.stamps import NANOSECONDS
 from rocket_sim_node.standard_views.vehicle_model import THROTTLE
 from rocket_sim_node.standard_views.vehicle_model import VehicleModel
+from rocket_sim_node.telemetry.stamps import NANOSECONDS
 
 WORLD = 'world'
 """Name of the world's frame, on the ground at the pad's centre."""

@@ -14,10 +14,10 @@ from rocket_sim_node import palette
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.standard_views import markers
 from rocket_sim_node.standard_views.motion import MotionViews
-from rocket_sim_node.standard_views.stamps import Stamps
 from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.stamps import Stamps
 from rocket_sim_node.worlds import make
 
 
