@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from ppo_agent_node import __version__
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import describe
 from ppo_agent_node.runs.sealed_file import Sealed
@@ -76,12 +76,8 @@ class RunState:
 
 def description(spec: WorldSpec, config: Config) -> dict[str, Any]:
     """Return every setting of a run, for `config.yaml`."""
-    try:
-        version = metadata.version('ppo_agent_node')
-    except metadata.PackageNotFoundError:
-        version = 'not installed'
     return {
-        'version': version, 'world': spec.name, 'num_envs': spec.num_envs, **_launched(spec),
+        'version': __version__, 'world': spec.name, 'num_envs': spec.num_envs, **_launched(spec),
         'training': config.flat(), 'world_settings': spec.settings,
     }
 
