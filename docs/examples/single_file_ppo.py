@@ -33,6 +33,8 @@ class Options:
     name: str = rocket_sim_node.gym.IDS['lunar_lander']
     simulators: str = ''
     """Namespaces such as `/sim_*` to fly simulators over DDS; empty: in process."""
+    curriculum: bool = False
+    """begin rockets' episodes near the ground, and ever higher"""
     num_envs: int = 64
     num_steps: int = 256
     """steps of each environment in a roll-out"""
@@ -112,12 +114,12 @@ def collect(envs: Any, agent: Agent, observation: np.ndarray, o: Options) -> tup
         observation, raw, terminated, truncated, info = envs.step(action.numpy())
         reward[step] = raw / 100
         done[step] = terminated | truncated
-        for row in np.flatnonzero(done[step]):
-            returns.append(float(info['final_info']['episode_return'][row]))
-            if truncated[row]:
-                with torch.no_grad():
-                    last = agent.value(torch.as_tensor(info['final_obs'][row][None]))
-                reward[step, row] += o.gamma * last.item()
+        if info:
+            returns += info['final_info']['episode_return'][info['_final_info']].tolist()
+        for row in np.flatnonzero(truncated):
+            with torch.no_grad():
+                last = agent.value(torch.as_tensor(info['final_obs'][row][None]))
+            reward[step, row] += o.gamma * last.item()
     batch = {name: torch.stack(values) for name, values in kept.items()}
     with torch.no_grad():
         following = agent.value(torch.as_tensor(observation)).numpy()
@@ -160,6 +162,8 @@ def train(o: Options) -> Agent:
     torch.set_num_threads(1)
     envs = gymnasium.make_vec(
         o.name, num_envs=o.num_envs, seed=o.seed, simulators=o.simulators)
+    if o.curriculum:
+        envs = rocket_sim_node.gym.ReverseCurriculum(envs)
     agent = Agent(envs)
     optimiser = torch.optim.Adam(agent.parameters(), o.learning_rate, eps=1e-5)
     observation, _ = envs.reset()
@@ -180,8 +184,11 @@ def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=__doc__)
     for field in fields(Options):
-        parser.add_argument(
-            f'--{field.name.replace("_", "-")}', type=type(field.default), default=field.default)
+        name = f'--{field.name.replace("_", "-")}'
+        if field.type == 'bool':
+            parser.add_argument(name, action='store_true')
+        else:
+            parser.add_argument(name, type=type(field.default), default=field.default)
     torch.save(train(Options(**vars(parser.parse_args()))).state_dict(), 'single_file_ppo.pt')
 
 
