@@ -23,8 +23,8 @@ SETTINGS: dict[str, Any] = {
     'learning_rate': 7e-4, 'batch_size': 256, 'gamma': 0.99, 'tau': 0.01, 'ent_coef': 'auto',
     'learning_starts': 10_000, 'train_freq': 1, 'gradient_steps': 2,
     'policy_kwargs': {'net_arch': [128, 128]}}
-"""2 updates for each step of 16 environments, where rl-baselines3-zoo has one for each step of one:
-fewer seconds, more steps"""
+"""2 updates for each step of 16 environments, where rl-baselines3-zoo has 1 for each step of one
+environment: fewer seconds, more steps"""
 
 
 def train(

@@ -25,8 +25,8 @@ from torchrl.envs import GymWrapper
 from torchrl.envs import RewardScaling
 from torchrl.envs import RewardSum
 from torchrl.envs import TransformedEnv
-from torchrl.modules import IndependentNormal
 from torchrl.modules import MLP
+from torchrl.modules import IndependentNormal
 from torchrl.modules import ProbabilisticActor
 from torchrl.modules import ValueOperator
 from torchrl.objectives import ClipPPOLoss
@@ -76,7 +76,8 @@ def train(
     if curriculum:
         envs = rocket_sim_node.gym.ReverseCurriculum(envs)
     env = TransformedEnv(
-        GymWrapper(envs), Compose(RewardSum(), RewardScaling(0.0, 0.01)))
+        GymWrapper(envs, categorical_action_encoding=True),
+        Compose(RewardSum(), RewardScaling(0.0, 0.01)))
     actor, critic = make_models(env)
     each = num_envs * num_steps
     collector = Collector(
@@ -99,8 +100,8 @@ def train(
                 for batch in buffer:
                     losses = loss(batch)
                     optimiser.zero_grad()
-                    sum(losses[key] for key in losses.keys()
-                        if key in ('loss_objective', 'loss_critic', 'loss_entropy')).backward()
+                    (losses['loss_objective'] + losses['loss_critic']
+                     + losses['loss_entropy']).backward()
                     nn.utils.clip_grad_norm_(loss.parameters(), 0.5)
                     optimiser.step()
             collector.update_policy_weights_()

@@ -59,6 +59,7 @@ class ReverseCurriculum(VectorWrapper):
         if window < 1:
             raise ValueError(f'window: got {window}, expected 1 or more')
         super().__init__(env)
+        self.autoreset_mode = env.autoreset_mode
         self.reach = reach
         """m, maximum height of a start above touchdown."""
         self.over = False
