@@ -2,6 +2,8 @@
 """PPO in one file, for reading and changing: Gymnasium, NumPy and PyTorch, nothing else.
 
 python docs/examples/single_file_ppo.py --steps 2000000
+python docs/examples/single_file_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256 \
+    --learning-rate 1e-3 --gamma 0.998 --gae-lambda 0.99 --entropy-weight 0
 
 The update follows Schulman et al., Proximal Policy Optimization Algorithms (2017), with
 generalised advantages (Schulman et al., 2016). Episodes that were cut short (truncated) are
