@@ -115,6 +115,18 @@ def facts(runs: Sequence[dict[str, Any]], command: str) -> str:
     return f'`{command}`: {dates}, commit {commits}; {len(runs)} runs, {processors}.'
 
 
+def repeating(options: argparse.Namespace, world: str) -> str:
+    """Return what repeats it, with what is not as by default."""
+    words = ['./launch_scripts/bench examples --worlds', world]
+    if list(options.examples) != list(NAMES):
+        words += ['--examples', *options.examples]
+    if options.seeds:
+        words += ['--seeds', *map(str, options.seeds)]
+    if options.steps:
+        words += ['--steps', str(options.steps)]
+    return ' '.join(words)
+
+
 def main() -> None:
     """Train, print, draw, and write the figures."""
     parser = argparse.ArgumentParser(prog='bench examples', description=__doc__)
@@ -132,22 +144,24 @@ def main() -> None:
         '--page', action='store_true', help='put the results into docs/results/libraries.md')
     parser.add_argument('--output', type=Path, help='JSON file for the figures; pictures beside')
     options = parser.parse_args()
+    missing = [name for name in options.examples
+               if importlib.util.find_spec(NEEDS.get(name, 'torch')) is None]
+    for name in missing:
+        print(f'{NAMES[name]}: left out, package {NEEDS[name]} is not installed')
+    examples = [name for name in options.examples if name not in missing]
+    if not examples:
+        parser.error('none of the examples can run')
     figures: dict[str, Any] = {}
     for world in options.worlds:
         runs = []
-        for example in options.examples:
-            needed = NEEDS.get(example, 'torch')
-            if importlib.util.find_spec(needed) is None:
-                print(f'{NAMES[example]}: left out, package {needed} is not installed')
-                continue
-            for seed in options.seeds or SEEDS[world]:
+        for seed in options.seeds or SEEDS[world]:
+            for example in examples:
                 runs.append(train(options, example, world, seed))
                 tell(runs[-1])
-        if not runs:
-            continue
+        runs.sort(key=lambda run: list(NAMES).index(run['example']))
         text = table(world, runs)
         print(f'\n{text}\n')
-        command = f'./launch_scripts/bench examples --worlds {world}'
+        command = repeating(options, world)
         figures[world] = {'runs': runs, 'command': command}
         if options.output:
             picture = options.output.with_name(f'{options.output.stem}_{world}.png')

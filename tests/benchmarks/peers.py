@@ -261,7 +261,8 @@ def main() -> None:
     for name, reason in missing.items():
         print(f'{name}: not measured: {reason}')
     described = machine.describe()
-    command = f'./launch_scripts/bench peers --rounds {options.rounds} --seconds {options.seconds:g}'
+    command = (f'./launch_scripts/bench peers --rounds {options.rounds} '
+               f'--seconds {options.seconds:g}')
     if options.output:
         write_json(options.output, {**figures, 'command': command, 'machine': described})
     if options.page:
