@@ -22,8 +22,10 @@ setup(
         'bags': ['mcap', 'pyyaml'],
         'recording': ['pyarrow', 'rerun-sdk'],
         'ros': ['lxml'],  # beside rclpy and rocket_msgs, which come with ROS 2
+        'rsl_rl': ['rsl-rl-lib'],
         'sb3': ['stable-baselines3'],
         'test': ['pytest'],  # for colcon test
+        'torchrl': ['torchrl'],
     },
     zip_safe=False,
     maintainer='Hoverslam maintainers',
