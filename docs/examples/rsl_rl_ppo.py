@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO of rsl_rl in a world of Hoverslam, in process or over DDS: pip install rsl-rl-lib.
 
-python docs/examples/rsl_rl_ppo.py --steps 2000000
-python docs/examples/rsl_rl_ppo.py --name hoverslam/Rocket-v1 --curriculum
+python docs/examples/rsl_rl_ppo.py --steps 1000000
+python docs/examples/rsl_rl_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256
 
 The PPO of rsl_rl needs continuous actions, so the lander has its two throttles instead of the
 four choices.
@@ -24,7 +24,7 @@ import rocket_sim_node.gym
 
 
 class RslRlEnv(VecEnv):
-    """A vector environment for rsl_rl; rewards are in units of 100."""
+    """A vector environment for rsl_rl; rewards are in units of 50."""
 
     def __init__(self, envs: Any) -> None:
         """Wrap an environment that `gymnasium.make_vec` has made."""
@@ -50,7 +50,7 @@ class RslRlEnv(VecEnv):
         if info and info['_final_info'].any():
             returns = info['final_info']['episode_return'][info['_final_info']]
             extras['log'] = {'/episode/return': float(returns.mean())}
-        return self.get_observations(), torch.as_tensor(reward) / 100, done, extras
+        return self.get_observations(), torch.as_tensor(reward) / 50, done, extras
 
 
 def settings(num_steps: int, learning_rate: float, entropy_weight: float) -> dict[str, Any]:
@@ -65,16 +65,16 @@ def settings(num_steps: int, learning_rate: float, entropy_weight: float) -> dic
             'class_name': 'GaussianDistribution', 'init_std': 0.5, 'std_type': 'log'}},
         'critic': network,
         'algorithm': {
-            'class_name': 'PPO', 'num_learning_epochs': 4, 'num_mini_batches': 16,
-            'gamma': 0.998, 'lam': 0.98, 'learning_rate': learning_rate, 'schedule': 'adaptive',
+            'class_name': 'PPO', 'num_learning_epochs': 8, 'num_mini_batches': 16,
+            'gamma': 0.999, 'lam': 0.98, 'learning_rate': learning_rate, 'schedule': 'adaptive',
             'desired_kl': 0.01, 'entropy_coef': entropy_weight, 'value_loss_coef': 1.0,
             'max_grad_norm': 1.0}}
 
 
 def train(
-    name: str = rocket_sim_node.gym.IDS['lunar_lander'], num_envs: int = 256,
-    steps: int = 2_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
-    num_steps: int = 128, log: str | None = None,
+    name: str = rocket_sim_node.gym.IDS['lunar_lander'], num_envs: int = 64,
+    steps: int = 1_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
+    num_steps: int = 64, log: str | None = None,
 ) -> OnPolicyRunner:
     """Train a policy and return the runner.
 
@@ -102,8 +102,8 @@ def main() -> None:
     """Train; the runner saves."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--name', default=rocket_sim_node.gym.IDS['lunar_lander'])
-    parser.add_argument('--num-envs', type=int, default=256)
-    parser.add_argument('--steps', type=int, default=2_000_000)
+    parser.add_argument('--num-envs', type=int, default=64)
+    parser.add_argument('--steps', type=int, default=1_000_000)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument(
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')

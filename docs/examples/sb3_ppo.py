@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO of stable-baselines3 in a world of Hoverslam, in process or over DDS.
 
-python docs/examples/sb3_ppo.py --steps 2000000
+python docs/examples/sb3_ppo.py --steps 1000000
 python docs/examples/sb3_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256
 """
 from __future__ import annotations
@@ -30,7 +30,7 @@ ROCKET: dict[str, Any] = {
 
 def train(
     name: str = rocket_sim_node.gym.IDS['lunar_lander'], num_envs: int = 16,
-    steps: int = 2_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
+    steps: int = 1_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
     verbose: int = 1, **settings: Any,
 ) -> PPO:
     """Train a policy and return the model.
@@ -58,7 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--name', default=rocket_sim_node.gym.IDS['lunar_lander'])
     parser.add_argument('--num-envs', type=int, default=16)
-    parser.add_argument('--steps', type=int, default=2_000_000)
+    parser.add_argument('--steps', type=int, default=1_000_000)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument(
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')

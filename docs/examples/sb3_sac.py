@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """SAC of stable-baselines3 in a world of Hoverslam, in process or over DDS.
 
-python docs/examples/sb3_sac.py --steps 500000
+python docs/examples/sb3_sac.py --steps 300000
 python docs/examples/sb3_sac.py --name hoverslam/Rocket-v1 --curriculum
 
 SAC needs continuous actions, so the lander has its two throttles instead of the four choices.
@@ -29,7 +29,7 @@ environment: fewer seconds, more steps"""
 
 def train(
     name: str = rocket_sim_node.gym.IDS['lunar_lander'], num_envs: int = 16,
-    steps: int = 500_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
+    steps: int = 300_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
     verbose: int = 1, **settings: Any,
 ) -> SAC:
     """Train a policy and return the model.
@@ -60,7 +60,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--name', default=rocket_sim_node.gym.IDS['lunar_lander'])
     parser.add_argument('--num-envs', type=int, default=16)
-    parser.add_argument('--steps', type=int, default=500_000)
+    parser.add_argument('--steps', type=int, default=300_000)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument(
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')

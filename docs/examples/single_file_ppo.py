@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO in one file, for reading and changing: Gymnasium, NumPy and PyTorch, nothing else.
 
-python docs/examples/single_file_ppo.py --steps 2000000
+python docs/examples/single_file_ppo.py --steps 1000000
 python docs/examples/single_file_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256 \
-    --learning-rate 1e-3 --gamma 0.998 --gae-lambda 0.99 --entropy-weight 0
+    --num-steps 128 --minibatches 8 --epochs 4 --learning-rate 1e-3 --gamma 0.998 \
+    --entropy-weight 0
 
 The update follows Schulman et al., Proximal Policy Optimization Algorithms (2017), with
 generalised advantages (Schulman et al., 2016). Episodes that were cut short (truncated) are
@@ -38,20 +39,20 @@ class Options:
     curriculum: bool = False
     """begin rockets' episodes near the ground, and ever higher"""
     num_envs: int = 64
-    num_steps: int = 256
+    num_steps: int = 64
     """steps of each environment in a roll-out"""
-    steps: int = 2_000_000
+    steps: int = 1_000_000
     """steps of all environments together"""
     seed: int = 1
-    learning_rate: float = 5e-4
+    learning_rate: float = 2e-3
     gamma: float = 0.999
     gae_lambda: float = 0.98
-    epochs: int = 4
+    epochs: int = 8
     minibatches: int = 16
     clip_range: float = 0.2
-    entropy_weight: float = 0.01
+    entropy_weight: float = 0.003
     value_weight: float = 0.5
-    max_grad_norm: float = 0.5
+    max_grad_norm: float = 1.0
 
 
 class Agent(nn.Module):
@@ -85,7 +86,7 @@ class Agent(nn.Module):
         return policy.entropy() if self.discrete else policy.entropy().sum(-1)
 
     def value(self, observation: Tensor) -> Tensor:
-        """Return the expected return, `(N,)`, in units of 100."""
+        """Return the expected return, `(N,)`, in units of 50."""
         return self.critic(observation).squeeze(-1)
 
 
@@ -114,7 +115,7 @@ def collect(envs: Any, agent: Agent, observation: np.ndarray, o: Options) -> tup
         for values, tensor in zip(kept.values(), found, strict=True):
             values.append(tensor)
         observation, raw, terminated, truncated, info = envs.step(action.numpy())
-        reward[step] = raw / 100
+        reward[step] = raw / 50
         done[step] = terminated | truncated
         if info:
             returns += info['final_info']['episode_return'][info['_final_info']].tolist()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO of TorchRL in a world of Hoverslam, in process or over DDS: pip install torchrl.
 
-python docs/examples/torchrl_ppo.py --steps 2000000
+python docs/examples/torchrl_ppo.py --steps 1000000
 python docs/examples/torchrl_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256
 """
 from __future__ import annotations
@@ -62,8 +62,9 @@ def make_models(env: TransformedEnv) -> tuple[ProbabilisticActor, ValueOperator]
 
 def train(
     name: str = rocket_sim_node.gym.IDS['lunar_lander'], num_envs: int = 64,
-    steps: int = 2_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
-    num_steps: int = 256, epochs: int = 4, minibatches: int = 16,
+    steps: int = 1_000_000, seed: int = 1, simulators: str = '', curriculum: bool = False,
+    num_steps: int = 64, epochs: int = 8, minibatches: int = 16,
+    learning_rate: float = 2e-3,
 ) -> ProbabilisticActor:
     """Train a policy and return it.
 
@@ -77,7 +78,7 @@ def train(
         envs = rocket_sim_node.gym.ReverseCurriculum(envs)
     env = TransformedEnv(
         GymWrapper(envs, categorical_action_encoding=True),
-        Compose(RewardSum(), RewardScaling(0.0, 0.01)))
+        Compose(RewardSum(), RewardScaling(0.0, 0.02)))
     actor, critic = make_models(env)
     each = num_envs * num_steps
     collector = Collector(
@@ -85,11 +86,11 @@ def train(
     buffer = TensorDictReplayBuffer(
         storage=LazyTensorStorage(each), sampler=SamplerWithoutReplacement(),
         batch_size=each // minibatches)
-    advantage = GAE(gamma=0.998, lmbda=0.98, value_network=critic)
+    advantage = GAE(gamma=0.999, lmbda=0.98, value_network=critic)
     loss = ClipPPOLoss(
         actor, critic, clip_epsilon=0.2, entropy_coeff=0.003, critic_coeff=0.5,
         loss_critic_type='l2', normalize_advantage=True)
-    optimiser = torch.optim.Adam(loss.parameters(), 5e-4, eps=1e-5)
+    optimiser = torch.optim.Adam(loss.parameters(), learning_rate, eps=1e-5)
     flown = 0
     try:
         for data in collector:
@@ -102,7 +103,7 @@ def train(
                     optimiser.zero_grad()
                     (losses['loss_objective'] + losses['loss_critic']
                      + losses['loss_entropy']).backward()
-                    nn.utils.clip_grad_norm_(loss.parameters(), 0.5)
+                    nn.utils.clip_grad_norm_(loss.parameters(), 1.0)
                     optimiser.step()
             collector.update_policy_weights_()
             flown += data.numel()
@@ -120,7 +121,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--name', default=rocket_sim_node.gym.IDS['lunar_lander'])
     parser.add_argument('--num-envs', type=int, default=64)
-    parser.add_argument('--steps', type=int, default=2_000_000)
+    parser.add_argument('--steps', type=int, default=1_000_000)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument(
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')

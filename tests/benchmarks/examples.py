@@ -33,8 +33,8 @@ NEEDS = {
     'sb3_ppo': 'stable_baselines3', 'rsl_rl_ppo': 'rsl_rl', 'torchrl_ppo': 'torchrl',
     'sb3_sac': 'stable_baselines3'}
 STEPS = {
-    'lunar_lander': {'sb3_sac': 300_000, 'default': 2_000_000},
-    'rocket': {'sb3_sac': 200_000, 'default': 5_000_000}}
+    'lunar_lander': {'sb3_sac': 300_000, 'default': 1_000_000},
+    'rocket': {'sb3_sac': 100_000, 'default': 3_000_000}}
 """budgets"""
 TARGETS = {'lunar_lander': 200.0, 'rocket': 1000.0}
 """mean returns at which a run ends; no rocket reaches its own, so that budgets are used up"""

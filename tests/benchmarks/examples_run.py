@@ -34,8 +34,8 @@ POINTS = 200
 
 ROCKETS: dict[str, dict[str, Any]] = {
     'sb3_sac': {}, 'single_file_ppo': {
-        'num_envs': 256, 'learning_rate': 1e-3, 'gamma': 0.998, 'gae_lambda': 0.99,
-        'entropy_weight': 0.0}}
+        'num_envs': 256, 'num_steps': 128, 'minibatches': 8, 'epochs': 4,
+        'learning_rate': 1e-3, 'gamma': 0.998, 'entropy_weight': 0.0}}
 """what an example is called with for rockets, beside their name; others: 256 rockets"""
 
 
