@@ -96,11 +96,10 @@ def _envpool(num_envs: int) -> Any:
 def _pyflyt(num_envs: int) -> Any:
     import PyFlyt.gym_envs  # noqa: F401
 
-    with _silence():
-        env = gymnasium.vector.SyncVectorEnv(
-            [lambda: gymnasium.make('PyFlyt/Rocket-Landing-v4', disable_env_checker=True)]
-            * num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
-        env.reset(seed=_SEED)
+    env = gymnasium.vector.SyncVectorEnv(
+        [lambda: gymnasium.make('PyFlyt/Rocket-Landing-v4', disable_env_checker=True)] * num_envs,
+        autoreset_mode=AutoresetMode.SAME_STEP)
+    env.reset(seed=_SEED)
     return env.step, env
 
 
@@ -162,8 +161,8 @@ def _observed(step: Callable[[NDArray[Any]], Any], actions: NDArray[Any], count:
 def digest(name: str) -> str:
     """Return a digest of the observations of the first steps of one environment."""
     peer = PEERS[name]
-    step, env = peer.make(1)
     with _silence():
+        step, env = peer.make(1)
         seen = _observed(step, peer.actions(1), CHECKED)
     _close(env)
     return hashlib.sha256(seen).hexdigest()
@@ -178,25 +177,21 @@ def elsewhere(name: str) -> str:
 
 
 def copied(name: str) -> str:
-    """Return whether a copy goes on with the same bits, or the error of making one."""
+    """Return whether a copy goes on with the same bits, or the error that it ends in."""
     peer = PEERS[name]
-    step, env = peer.make(1)
     actions = peer.actions(1)
     with _silence():
+        step, env = peer.make(1)
         _observed(step, actions, 40)
         try:
+            kept = env.snapshot() if peer.copies == 'snapshot' else copy.deepcopy(env)
+            first = _observed(step, actions, 40)
             if peer.copies == 'snapshot':
-                kept = env.snapshot()
-            else:
-                kept = copy.deepcopy(env)
+                env.restore(kept)
+            second = _observed(
+                step if peer.copies == 'snapshot' else kept.step, actions, 40)
         except Exception as error:  # noqa: BLE001  any error is an answer here
-            return type(error).__name__
-        first = _observed(step, actions, 40)
-        if peer.copies == 'snapshot':
-            env.restore(kept)
-            second = _observed(step, actions, 40)
-        else:
-            second = _observed(kept.step, actions, 40)
+            return f'no: {type(error).__name__}'
     _close(env)
     return 'same bits' if first == second else 'other bits'
 
@@ -204,10 +199,11 @@ def copied(name: str) -> str:
 def measure(names: list[str], rounds: int, seconds: float) -> dict[str, dict[int, float]]:
     """Return the median of steps/s by peer and number of environments."""
     made = {}
-    for name in names:
-        peer = PEERS[name]
-        for size in peer.sizes:
-            made[name, size] = peer.make(size)[0], peer.actions(size)
+    with _silence():
+        for name in names:
+            peer = PEERS[name]
+            for size in peer.sizes:
+                made[name, size] = peer.make(size)[0], peer.actions(size)
     samples: dict[tuple[str, int], list[float]] = {key: [] for key in made}
     with _silence():
         for step, actions in made.values():
@@ -238,7 +234,8 @@ def main() -> None:
         print(digest(options.digest))
         return
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    missing = available(options.only)
+    with _silence():
+        missing = available(options.only)
     names = [name for name in options.only if name not in missing]
     table = measure(names, options.rounds, options.seconds)
     rows: list[tuple[str, ...]] = [(
