@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -63,7 +64,8 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
         return found
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.examples_run', example, world, str(seed), str(steps),
-         str(TARGETS[world])], check=True, stdout=subprocess.PIPE, text=True)
+         str(TARGETS[world])], check=True, stdout=subprocess.PIPE, text=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
     found = {**json.loads(done.stdout), 'budget': steps, 'machine': machine.describe()}
     options.runs.mkdir(parents=True, exist_ok=True)
     write_json(path, found)
