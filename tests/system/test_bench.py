@@ -77,6 +77,15 @@ def test_stepping(tmp_path: Path) -> None:
     assert 'x Gymnasium' in text
 
 
+def test_threads(tmp_path: Path) -> None:
+    text, figures = run('threads', tmp_path / 'out.json', '--sizes', '8', '--steps', '5')
+    assert [row['world'] for row in figures['threads']] == ['lunar_lander', 'rocket']
+    for row in figures['threads']:
+        assert row['gain_over_whole'] == pytest.approx(
+            row['fast']['whole'] / row['fast']['threads'])
+    assert 'in two threads' in text
+
+
 def test_peers(tmp_path: Path) -> None:
     ours = ['ours, lunar_lander', 'ours, rocket', 'ours, rocket_planar']
     text, figures = run(
