@@ -34,13 +34,13 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'ppo_agent = ppo_agent_node.nodes.ppo_agent:main',
-            'expert_pilot = ppo_agent_node.nodes.expert_pilot:main',
-            'keyboard_pilot = ppo_agent_node.nodes.keyboard_pilot:main',
-            'random_pilot = ppo_agent_node.nodes.random_pilot:main',
-            'evaluate = ppo_agent_node.nodes.evaluate:main',
-            'watch = ppo_agent_node.nodes.watch:main',
-            'action_server = ppo_agent_node.nodes.action_server:main',
+            'ppo_agent = ppo_agent_node.entry_points:ppo_agent',
+            'expert_pilot = ppo_agent_node.entry_points:expert_pilot',
+            'keyboard_pilot = ppo_agent_node.entry_points:keyboard_pilot',
+            'random_pilot = ppo_agent_node.entry_points:random_pilot',
+            'evaluate = ppo_agent_node.entry_points:evaluate',
+            'watch = ppo_agent_node.entry_points:watch',
+            'action_server = ppo_agent_node.entry_points:action_server',
         ],
     },
 )

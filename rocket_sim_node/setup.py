@@ -22,8 +22,10 @@ setup(
         'bags': ['mcap', 'pyyaml'],
         'recording': ['pyarrow', 'rerun-sdk'],
         'ros': ['lxml'],  # beside rclpy and rocket_msgs, which come with ROS 2
+        'rsl_rl': ['rsl-rl-lib'],
         'sb3': ['stable-baselines3'],
         'test': ['pytest'],  # for colcon test
+        'torchrl': ['torchrl'],
     },
     zip_safe=False,
     maintainer='Hoverslam maintainers',
@@ -34,10 +36,10 @@ setup(
         # Gymnasium itself has not read this group since 1.0: import rocket_sim_node.gym.
         'gymnasium.envs': ['hoverslam = rocket_sim_node.gym.registration:register'],
         'console_scripts': [
-            'simulator = rocket_sim_node.nodes.simulator:main',
-            'rerun_recorder = rocket_sim_node.nodes.rerun_recorder:main',
-            'bag_recorder = rocket_sim_node.nodes.bag_recorder:main',
-            'ros_bridge = rocket_sim_node.nodes.ros_bridge:main',
+            'simulator = rocket_sim_node.entry_points:simulator',
+            'rerun_recorder = rocket_sim_node.entry_points:rerun_recorder',
+            'bag_recorder = rocket_sim_node.entry_points:bag_recorder',
+            'ros_bridge = rocket_sim_node.entry_points:ros_bridge',
         ],
     },
 )

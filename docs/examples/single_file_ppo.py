@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """PPO in one file, for reading and changing: Gymnasium, NumPy and PyTorch, nothing else.
 
-python docs/examples/single_file_ppo.py --steps 2000000
+python docs/examples/single_file_ppo.py --steps 1000000
+python docs/examples/single_file_ppo.py --name hoverslam/Rocket-v1 --curriculum --num-envs 256 \
+    --num-steps 128 --minibatches 8 --epochs 4 --learning-rate 1e-3 --gamma 0.998 \
+    --entropy-weight 0
 
 The update follows Schulman et al., Proximal Policy Optimization Algorithms (2017), with
 generalised advantages (Schulman et al., 2016). Episodes that were cut short (truncated) are
@@ -33,21 +36,23 @@ class Options:
     name: str = rocket_sim_node.gym.IDS['lunar_lander']
     simulators: str = ''
     """Namespaces such as `/sim_*` to fly simulators over DDS; empty: in process."""
+    curriculum: bool = False
+    """begin rockets' episodes near the ground, and ever higher"""
     num_envs: int = 64
-    num_steps: int = 256
+    num_steps: int = 64
     """steps of each environment in a roll-out"""
-    steps: int = 2_000_000
+    steps: int = 1_000_000
     """steps of all environments together"""
     seed: int = 1
-    learning_rate: float = 5e-4
+    learning_rate: float = 2e-3
     gamma: float = 0.999
     gae_lambda: float = 0.98
-    epochs: int = 4
+    epochs: int = 8
     minibatches: int = 16
     clip_range: float = 0.2
-    entropy_weight: float = 0.01
+    entropy_weight: float = 0.003
     value_weight: float = 0.5
-    max_grad_norm: float = 0.5
+    max_grad_norm: float = 1.0
 
 
 class Agent(nn.Module):
@@ -81,7 +86,7 @@ class Agent(nn.Module):
         return policy.entropy() if self.discrete else policy.entropy().sum(-1)
 
     def value(self, observation: Tensor) -> Tensor:
-        """Return the expected return, `(N,)`, in units of 100."""
+        """Return the expected return, `(N,)`, in units of 50."""
         return self.critic(observation).squeeze(-1)
 
 
@@ -110,14 +115,14 @@ def collect(envs: Any, agent: Agent, observation: np.ndarray, o: Options) -> tup
         for values, tensor in zip(kept.values(), found, strict=True):
             values.append(tensor)
         observation, raw, terminated, truncated, info = envs.step(action.numpy())
-        reward[step] = raw / 100
+        reward[step] = raw / 50
         done[step] = terminated | truncated
-        for row in np.flatnonzero(done[step]):
-            returns.append(float(info['final_info']['episode_return'][row]))
-            if truncated[row]:
-                with torch.no_grad():
-                    last = agent.value(torch.as_tensor(info['final_obs'][row][None]))
-                reward[step, row] += o.gamma * last.item()
+        if info:
+            returns += info['final_info']['episode_return'][info['_final_info']].tolist()
+        for row in np.flatnonzero(truncated):
+            with torch.no_grad():
+                last = agent.value(torch.as_tensor(info['final_obs'][row][None]))
+            reward[step, row] += o.gamma * last.item()
     batch = {name: torch.stack(values) for name, values in kept.items()}
     with torch.no_grad():
         following = agent.value(torch.as_tensor(observation)).numpy()
@@ -160,6 +165,8 @@ def train(o: Options) -> Agent:
     torch.set_num_threads(1)
     envs = gymnasium.make_vec(
         o.name, num_envs=o.num_envs, seed=o.seed, simulators=o.simulators)
+    if o.curriculum:
+        envs = rocket_sim_node.gym.ReverseCurriculum(envs)
     agent = Agent(envs)
     optimiser = torch.optim.Adam(agent.parameters(), o.learning_rate, eps=1e-5)
     observation, _ = envs.reset()
@@ -180,8 +187,11 @@ def main() -> None:
     """Train and save."""
     parser = argparse.ArgumentParser(description=__doc__)
     for field in fields(Options):
-        parser.add_argument(
-            f'--{field.name.replace("_", "-")}', type=type(field.default), default=field.default)
+        name = f'--{field.name.replace("_", "-")}'
+        if field.type == 'bool':
+            parser.add_argument(name, action='store_true')
+        else:
+            parser.add_argument(name, type=type(field.default), default=field.default)
     torch.save(train(Options(**vars(parser.parse_args()))).state_dict(), 'single_file_ppo.pt')
 
 

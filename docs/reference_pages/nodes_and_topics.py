@@ -250,7 +250,7 @@ def _nodes(used: dict[str, dict[str, tuple[str, ...]]]) -> Iterable[str]:
         setup = (ROOT / package / 'setup.py').read_text('utf-8')
         yield f'## Nodes of `{package}`\n'
         yield '| node | publishes | subscribes | offers | calls |\n| --- | --- | --- | --- | --- |'
-        for node in re.findall(r"'(\w+) = \w+\.nodes\.", setup):
+        for node in re.findall(r"'(\w+) = \w+\.entry_points:", setup):
             cells = [
                 ', '.join(f'`{name}`' for name in used[node].get(does, ()))
                 for does in ('publish', 'subscribe', 'reply', 'request')]

@@ -20,7 +20,7 @@ PUBLIC = {
     'rocket_sim_node.wire.client.client': ('Client',),
     'rocket_sim_node.wire.client.connection': ('ConnectionOptions',),
     'rocket_sim_node.wire.client.fleet': ('SimulatorFleet',),
-    'rocket_sim_node.gym': ('HoverslamVectorEnv', 'HoverslamEnv'),
+    'rocket_sim_node.gym': ('HoverslamVectorEnv', 'HoverslamEnv', 'ReverseCurriculum'),
     'rocket_sim_node.gym.sb3': ('HoverslamVecEnv',),
     'rocket_sim_node.bags.reader': ('read', 'messages', 'Recorded'),
     'rocket_sim_node.recording.reader': ('trajectories', 'RecordedTrajectory'),

@@ -97,6 +97,15 @@ def _stepping(axes: Axes, f: Figures) -> None:
     _curves(axes, f['steps_per_second'], 'environments in a batch', 'steps/s on one core')
 
 
+def _threads(axes: Axes, f: Figures) -> None:
+    rows = f['threads']
+    names = {'whole': 'one world', 'halves': 'two halves', 'threads': 'two halves, two threads'}
+    _bars(axes, [f'{row["world"]},\n{row["size"]}' for row in rows], {
+        label: [row['fast']['whole'] / row['fast'][name] for row in rows]
+        for name, label in names.items()}, 'speed, one world = 1')
+    axes.tick_params(axis='x', labelsize=8)
+
+
 def _learner(axes: Axes, f: Figures) -> None:
     rows = f['learner']
     names = [f'{row["case"]["world"]}, {row["case"]["batch_size"]},\n{row["threads"]} thread'
@@ -150,7 +159,8 @@ def _key_latency(axes: Axes, f: Figures) -> None:
 
 _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
-    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'recorder': _recorder,
+    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'threads': _threads,
+    'recorder': _recorder,
     'loss': _loss, 'heuristic': _heuristic, 'transfer': _transfer, 'stopping': _stopping,
     'key_latency': _key_latency}
 

@@ -80,6 +80,12 @@ KINDS = (
          tested='tests/unit/test_examples.py::test_ppo_of_stable_baselines3_runs'),
     Kind(r'python docs/examples/single_file_ppo\.py .*',
          tested='tests/unit/test_examples.py::test_ppo_in_a_single_file_learns_something'),
+    Kind(r'python docs/examples/sb3_sac\.py .*',
+         tested='tests/unit/test_examples.py::test_sac_of_stable_baselines3_runs'),
+    Kind(r'python docs/examples/rsl_rl_ppo\.py .*',
+         tested='tests/unit/test_examples.py::test_ppo_of_rsl_rl_runs'),
+    Kind(r'python docs/examples/torchrl_ppo\.py .*',
+         tested='tests/unit/test_examples.py::test_ppo_of_torchrl_runs'),
     Kind(r'(pip install|python -m build) .*',
          tested='tests/system/test_wheels.py::'
          'test_worlds_adapters_training_evaluation_and_recording_work'),
@@ -185,11 +191,14 @@ KINDS = (
          'test_the_newest_figures_are_taken_and_drawn'),
     *(Kind(rf'\./launch_scripts/bench {part}( .*)?', tested=f'{_BENCH}{part}') for part in (
         'budget', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner', 'loss', 'recorder',
-        'result', 'rollouts', 'stepping', 'stopping')),
+        'result', 'rollouts', 'stepping', 'stopping', 'threads')),
     Kind(r'\./launch_scripts/bench soak( .*)?',
          tested=f'{_BENCH}soak_that_is_interrupted_ends_its_nodes_and_tells'),
     Kind(r'\./launch_scripts/bench (seeds|experiments|tune)( .*)?', reason=f'{_HOURS}; its '
          'arguments are checked'),
+    Kind(r'\./launch_scripts/bench examples( .*)?', tested='tests/unit/benchmarks/'
+         'test_examples_command.py::test_runs_are_trained_once_and_put_on_the_page'),
+    Kind(r'\./launch_scripts/bench peers( .*)?', tested=f'{_BENCH}peers'),
     Kind(r'\./launch_scripts/bench transfer .*', '--policy $LANDER --episodes 4'),
     Kind(r'\./launch_scripts/bench key_latency', '--presses 3'),
     Kind(r'\./launch_scripts/bench optimum', '--starts 1 --fine 1 --blocks 60 --levels 1'),

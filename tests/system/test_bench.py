@@ -77,6 +77,29 @@ def test_stepping(tmp_path: Path) -> None:
     assert 'x Gymnasium' in text
 
 
+def test_threads(tmp_path: Path) -> None:
+    text, figures = run('threads', tmp_path / 'out.json', '--sizes', '8', '--steps', '5')
+    assert [row['world'] for row in figures['threads']] == ['lunar_lander', 'rocket']
+    for row in figures['threads']:
+        assert row['gain_over_whole'] == pytest.approx(
+            row['fast']['whole'] / row['fast']['threads'])
+    assert 'in two threads' in text
+
+
+def test_peers(tmp_path: Path) -> None:
+    ours = ['ours, lunar_lander', 'ours, rocket', 'ours, rocket_planar']
+    text, figures = run(
+        'peers', tmp_path / 'out.json', '--rounds', '1', '--seconds', '0.02', '--only', *ours,
+        'Gymnasium LunarLander', 'PyFlyt Rocket-Landing')
+    for name in ours:
+        assert figures['exact'][name] == {
+            'same process': 'same bits', 'other process': 'same bits', 'copy': 'same bits'}
+        assert min(figures['steps_per_second'][name].values()) > 0
+    assert figures['exact']['Gymnasium LunarLander']['same process'] == 'same bits'
+    for name, reason in figures['missing'].items():  # PyFlyt, unless the command installed it
+        assert f'{name}: not measured: {reason}' in text
+
+
 def test_onnx(tmp_path: Path) -> None:
     pytest.importorskip('onnxscript')
     text, figures = run(

@@ -131,7 +131,7 @@ def test_the_page_of_nodes_lists_all_nodes_and_messages() -> None:
     page = (ROOT / 'docs' / 'reference' / 'nodes-and-topics.md').read_text()
     for package in PACKAGES[1:]:
         nodes = re.findall(
-            r"'(\w+) = \w+\.nodes\.", (ROOT / package / 'setup.py').read_text())
+            r"'(\w+) = \w+\.entry_points:", (ROOT / package / 'setup.py').read_text())
         assert nodes
         for node in nodes:
             assert f'`{node}`' in page, node

@@ -32,8 +32,40 @@ def test_ppo_in_a_single_file_learns_something(world: str) -> None:
     assert not all(torch.equal(first[name], more[name]) for name in first)
 
 
-def test_ppo_of_stable_baselines3_runs() -> None:
+@pytest.mark.parametrize('world', ['lunar_lander', 'rocket'])
+def test_ppo_of_stable_baselines3_runs(world: str) -> None:
     pytest.importorskip('stable_baselines3')
     example = runpy.run_path(str(EXAMPLES / 'sb3_ppo.py'))
-    model = example['train'](num_envs=4, steps=256, n_steps=64, verbose=0)
+    model = example['train'](
+        name=IDS[world], curriculum=world == 'rocket', num_envs=4, steps=256, n_steps=64,
+        batch_size=64, verbose=0)
     assert model.num_timesteps == 256
+
+
+@pytest.mark.parametrize('world', ['lunar_lander', 'rocket'])
+def test_sac_of_stable_baselines3_runs(world: str) -> None:
+    pytest.importorskip('stable_baselines3')
+    example = runpy.run_path(str(EXAMPLES / 'sb3_sac.py'))
+    model = example['train'](
+        name=IDS[world], curriculum=world == 'rocket', num_envs=4, steps=128, learning_starts=64,
+        batch_size=32, verbose=0)
+    assert model.num_timesteps == 128
+
+
+@pytest.mark.parametrize('world', ['lunar_lander', 'rocket'])
+def test_ppo_of_rsl_rl_runs(world: str, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('rsl_rl')
+    example = runpy.run_path(str(EXAMPLES / 'rsl_rl_ppo.py'))
+    runner = example['train'](
+        name=IDS[world], curriculum=world == 'rocket', num_envs=8, steps=512, num_steps=32)
+    assert runner.current_learning_iteration == 1
+
+
+@pytest.mark.parametrize('world', ['lunar_lander', 'rocket'])
+def test_ppo_of_torchrl_runs(world: str, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('torchrl')
+    example = runpy.run_path(str(EXAMPLES / 'torchrl_ppo.py'))
+    example['train'](
+        name=IDS[world], curriculum=world == 'rocket', num_envs=8, steps=512, num_steps=32,
+        minibatches=4)
+    assert '512 steps, return' in capsys.readouterr().out

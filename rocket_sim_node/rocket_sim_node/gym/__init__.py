@@ -8,6 +8,7 @@
 """
 from __future__ import annotations
 
+from rocket_sim_node.gym.curriculum import ReverseCurriculum
 from rocket_sim_node.gym.registration import IDS
 from rocket_sim_node.gym.registration import register
 from rocket_sim_node.gym.single_env import HoverslamEnv
@@ -15,4 +16,4 @@ from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 
 register()
 
-__all__ = ['IDS', 'HoverslamEnv', 'HoverslamVectorEnv', 'register']
+__all__ = ['IDS', 'HoverslamEnv', 'HoverslamVectorEnv', 'ReverseCurriculum', 'register']

@@ -35,10 +35,10 @@ class HoverslamVecEnv(VecEnv):
     def __init__(self, env: Any) -> None:
         """Use a vector environment, and close it with this one.
 
-        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP.
+        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP; wrappers are allowed.
         :raises ValueError: for any other environment.
         """
-        if not isinstance(env, HoverslamVectorEnv) or (
+        if not isinstance(getattr(env, 'unwrapped', None), HoverslamVectorEnv) or (
                 env.metadata['autoreset_mode'] is not AutoresetMode.SAME_STEP):
             raise ValueError(
                 f'env: got {env}, expected a HoverslamVectorEnv with autoreset_mode SAME_STEP')
@@ -66,11 +66,13 @@ class HoverslamVecEnv(VecEnv):
         if info:
             final = info['final_info']
             for row in np.flatnonzero(done).tolist():
-                figures = {name: final[name][row].item() for name in episode_info.NAMES}
                 infos[row] = {
-                    **figures, 'terminal_observation': info['final_obs'][row],
-                    'TimeLimit.truncated': bool(truncated[row] and not terminated[row]),
-                    'episode': {'r': figures['episode_return'], 'l': figures['episode_length']}}
+                    'terminal_observation': info['final_obs'][row],
+                    'TimeLimit.truncated': bool(truncated[row] and not terminated[row])}
+                if info['_final_info'][row]:  # False for episodes that a wrapper has cut short
+                    figures = {name: final[name][row].item() for name in episode_info.NAMES}
+                    infos[row] |= figures | {'episode': {
+                        'r': figures['episode_return'], 'l': figures['episode_length']}}
         return observation, reward, done, infos
 
     def close(self) -> None:

@@ -112,6 +112,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self.render_mode = render_mode
         self.metadata = {
             **METADATA, 'render_fps': round(1 / spec.dt), 'autoreset_mode': mode}
+        self.autoreset_mode = mode
+        """As in `metadata`; TorchRL looks for it here, where Gymnasium's own vectors have it."""
         self.single_observation_space = spaces.observation_space(spec)
         self.single_action_space = spaces.action_space(spec)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)

@@ -19,16 +19,29 @@ def write(page: Path, picture: Path, name: str, figures: Mapping[str, Any], tabl
     :param table: Markdown.
     :raises ValueError: when the page has no place for the experiment.
     """
+    image = keep_picture(page, picture, f'experiments_{name}.png')
+    put(page, name, '\n\n'.join((facts(figures), table, (
+        f'![{figures["finding"]}](../images/{image})'))))
+
+
+def keep_picture(page: Path, picture: Path, name: str) -> str:
+    """Copy a picture to docs/images for a page in a folder of docs; return its name."""
+    write_atomically(page.parents[1] / 'images' / name, picture.read_bytes())
+    return name
+
+
+def put(page: Path, name: str, block: str) -> None:
+    """Replace a section of a page.
+
+    :param block: Markdown.
+    :raises ValueError: when the page has no such section.
+    """
     text = page.read_text('utf-8')
     begin, end = f'<!-- {name} -->\n', f'<!-- end of {name} -->'
     if text.count(begin) != 1 or text.count(end) != 1:
         raise ValueError(f'{page}: expected {begin.strip()} and {end} once each')
-    image = page.parents[1] / 'images' / f'experiments_{name}.png'
-    write_atomically(image, picture.read_bytes())
     before, _, rest = text.partition(begin)
     after = rest.partition(end)[2]
-    block = '\n\n'.join((facts(figures), table, (
-        f'![{figures["finding"]}](../images/{image.name})')))
     write_atomically(page, f'{before}{begin}{block}\n{end}{after}'.encode())
 
 

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reverse curriculum for learners of other libraries."""
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector import VectorWrapper
+from numpy.typing import NDArray
+
+from rocket_sim_node import worlds
+from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
+from rocket_sim_node.gym.vector_env import Step
+from rocket_sim_node.worlds.base import F32
+
+
+class ReverseCurriculum(VectorWrapper):
+    """Lets episodes begin near the ground, and ever higher as they land.
+
+    >>> envs = ReverseCurriculum(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=256))
+
+    Florensa et al., 'Reverse curriculum generation for reinforcement learning', 2017: the reward
+    comes only at the end of a flight, so the end is learnt first. Starts are uniform in height up
+    to `reach` above touchdown (setting `spawn_reach`). When enough of the last episodes have
+    landed, the reach grows and all environments begin a new episode: those that were in flight
+    are truncated, with a last observation in `final_obs` and no entry in `final_info`. After the
+    full reach, episodes have the ordinary starts of the level.
+    """
+
+    def __init__(
+        self, env: Any, reach: float = 0.4, growth: float = 1.25, landing_rate: float = 0.95,
+        window: int = 1000,
+    ) -> None:
+        """Wrap a vector environment of rockets.
+
+        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP.
+        :param reach: m, first maximum of the start height above touchdown.
+        :param growth: factor by which the reach grows.
+        :param landing_rate: fraction of the window's episodes that must land.
+        :param window: number of episodes.
+        :raises ValueError: for another environment, or a value out of range.
+        """
+        if not isinstance(env, HoverslamVectorEnv) or (
+                env.metadata['autoreset_mode'] is not AutoresetMode.SAME_STEP):
+            raise ValueError(
+                f'env: got {env}, expected a HoverslamVectorEnv with autoreset_mode SAME_STEP')
+        spec = env.world_spec
+        if 'spawn_reach' not in worlds.reset_settings(spec.name):
+            raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
+        full = spec.settings['spawn_height'] - spec.settings['touchdown_height']
+        if not 0 < reach <= full:
+            raise ValueError(f'reach: got {reach}, expected more than 0, to {full:g} m')
+        if not growth > 1:
+            raise ValueError(f'growth: got {growth}, expected more than 1')
+        if not 0 <= landing_rate <= 1:
+            raise ValueError(f'landing_rate: got {landing_rate}, expected 0 to 1')
+        if window < 1:
+            raise ValueError(f'window: got {window}, expected 1 or more')
+        super().__init__(env)
+        self.autoreset_mode = env.autoreset_mode
+        self.reach = reach
+        """m, maximum height of a start above touchdown."""
+        self.over = False
+        """Whether episodes have the ordinary starts."""
+        self._full, self._growth, self._needed = full, growth, landing_rate
+        self._landed: deque[bool] = deque(maxlen=window)
+        self._options: dict[str, Any] = {}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None,
+    ) -> tuple[F32, dict[str, Any]]:
+        """Begin new episodes below the current reach; see `HoverslamVectorEnv.reset`."""
+        self._options = dict(options or {})
+        self._landed.clear()
+        return self._begin(seed)
+
+    def step(self, actions: NDArray[Any]) -> Step:
+        """Advance all environments by one step; the reach may grow after it."""
+        observation, reward, terminated, truncated, info = self.env.step(actions)
+        if not self.over and info:
+            final = info['final_info']
+            self._landed.extend(final['is_success'][info['_final_info']].tolist())
+            if len(self._landed) == self._landed.maxlen and (
+                    np.mean(self._landed) >= self._needed):
+                flying = np.flatnonzero(~(terminated | truncated))
+                for row in flying.tolist():
+                    info['final_obs'][row] = observation[row].copy()
+                info['_final_obs'][flying] = truncated[flying] = True
+                self.over = self.reach == self._full
+                self.reach = min(self._growth * self.reach, self._full)
+                self._landed.clear()
+                observation, _ = self._begin(None)
+        return observation, reward, terminated, truncated, info
+
+    def _begin(self, seed: int | None) -> tuple[F32, dict[str, Any]]:
+        reach = {'spawn_reach': 0.0 if self.over else self.reach}
+        found: tuple[F32, dict[str, Any]] = self.env.reset(
+            seed=seed, options={**self._options, **reach})
+        return found

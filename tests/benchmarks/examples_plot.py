@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of `bench examples`: learning curves over environment steps."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ppo_agent_node.reporting.pictures import style
+
+FULL_REACH = 194.8
+"""m, from the spawn height down to touchdown"""
+TITLES = {
+    'lunar_lander': 'Learning curves of the examples with the lander: mean return over steps',
+    'rocket': 'Learning curves of the examples with the rocket: height of the highest starts'}
+
+
+def draw(
+    world: str, runs: Sequence[Mapping[str, Any]], names: Mapping[str, str], target: float,
+    path: Path,
+) -> Path:
+    """Draw a line for each run, coloured by example: returns, or the reach of the curriculum."""
+    rockets = world != 'lunar_lander'
+    with style.styled():
+        figure = Figure(figsize=(9, 5))
+        axes = figure.add_subplot()
+        colours = dict(zip(names, style.CYCLE, strict=False))
+        labelled = set()
+        for run in runs:
+            example = run['example']
+            x = [point['steps'] for point in run['curve']]
+            y = [(point['reach'] or FULL_REACH) if rockets else point['mean_return']
+                 for point in run['curve']]
+            axes.plot(
+                x, y, color=colours[example], alpha=0.75, lw=1.3,
+                label='' if example in labelled else names[example])
+            labelled.add(example)
+            if run['passed']:
+                axes.plot(x[-1], y[-1], color=colours[example], marker='*', ms=11, ls='')
+        if rockets:
+            axes.axhline(FULL_REACH, color=style.INK, lw=1, ls=':')
+            axes.set(yscale='log', ylabel='m above touchdown, highest starts')
+            style.plain_logarithm(axes.yaxis)
+        else:
+            axes.axhline(target, color=style.INK, lw=1, ls=':')
+            axes.set(ylabel='mean return of the last 100 episodes')
+        axes.set(xscale='log', xlabel='environment steps', title=TITLES[world])
+        axes.legend()
+        return style.save(figure, path)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The reverse curriculum as a wrapper."""
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rocket_sim_node.gym import ReverseCurriculum
+
+N = 8
+IDLE = np.tile(np.float32([-1, 0, 0]), (N, 1))
+"""engine off: from less than a metre, that is a landing"""
+
+
+def make(**keywords: Any) -> ReverseCurriculum:
+    envs = gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, seed=1)
+    return ReverseCurriculum(envs, **{'window': N, 'landing_rate': 0.9, **keywords})
+
+
+def heights(envs: ReverseCurriculum) -> Any:
+    """Return heights above touchdown."""
+    settings = envs.unwrapped.world_spec.settings
+    return envs.unwrapped._simulated.position[1] - settings['touchdown_height']
+
+
+def test_the_reach_grows_when_enough_have_landed_and_the_rest_is_cut_short() -> None:
+    envs = make()
+    envs.reset()
+    assert heights(envs).max() <= 0.4
+    cut = 0
+    for _ in range(100):
+        before = envs.reach
+        observation, reward, terminated, truncated, info = envs.step(IDLE)
+        assert observation.shape == (N, 15) and reward.shape == (N,)
+        done = terminated | truncated
+        if envs.reach != before:
+            assert envs.reach == pytest.approx(1.25 * before)
+            assert done.all()
+            assert (heights(envs) <= envs.reach).all()
+            cut += int(truncated.sum())
+        else:
+            assert not truncated.any()
+        if info:
+            np.testing.assert_array_equal(info['_final_obs'], done)
+            np.testing.assert_array_equal(info['_final_info'], terminated)
+            assert all(info['final_obs'][row].shape == (15,) for row in np.flatnonzero(done))
+    assert envs.reach > 0.45
+    assert cut > 0
+
+
+def test_equal_seeds_give_equal_flights() -> None:
+    one, other = make(), make()
+    np.testing.assert_array_equal(one.reset(seed=3)[0], other.reset(seed=3)[0])
+    for _ in range(60):
+        mine, theirs = one.step(IDLE), other.step(IDLE)
+        for left, right in zip(mine[:4], theirs[:4], strict=True):
+            np.testing.assert_array_equal(left, right)
+    assert one.reach == other.reach > 0.4
+
+
+def test_after_the_full_reach_the_starts_are_the_ordinary_ones() -> None:
+    envs = make(reach=194.8, landing_rate=0.0, window=1)
+    envs.reset(seed=1)
+    while not envs.over:
+        envs.step(IDLE)
+    np.testing.assert_allclose(heights(envs), 194.8)
+    assert envs.reach == 194.8
+    envs.reset(seed=2)
+    np.testing.assert_allclose(heights(envs), 194.8)
+
+
+def test_stable_baselines3_sees_what_was_cut_short() -> None:
+    pytest.importorskip('stable_baselines3')
+    from rocket_sim_node.gym.sb3 import HoverslamVecEnv
+
+    env = HoverslamVecEnv(make())
+    env.reset()
+    cut = []
+    while not cut:
+        _, _, done, infos = env.step(IDLE)
+        cut = [info for info in infos if info.get('TimeLimit.truncated')]
+    assert done.all()
+    assert all(set(info) == {'terminal_observation', 'TimeLimit.truncated'} for info in cut)
+    assert any('episode' in info for info in infos)
+
+
+@pytest.mark.parametrize(('name', 'keywords', 'message'), [
+    ('LunarLander', {}, 'env: got world lunar_lander, expected one with setting spawn_reach'),
+    ('Rocket', {'reach': 0.0}, 'reach: got 0.0, expected more than 0, to 194.8 m'),
+    ('Rocket', {'reach': 300.0}, 'reach: got 300.0'),
+    ('Rocket', {'growth': 1.0}, 'growth: got 1.0, expected more than 1'),
+    ('Rocket', {'landing_rate': 1.5}, 'landing_rate: got 1.5, expected 0 to 1'),
+    ('Rocket', {'window': 0}, 'window: got 0, expected 1 or more'),
+])
+def test_bad_arguments_are_named(name: str, keywords: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        ReverseCurriculum(gymnasium.make_vec(f'hoverslam/{name}-v1', num_envs=2), **keywords)
+
+
+def test_another_autoreset_mode_is_refused() -> None:
+    with pytest.raises(ValueError, match='expected a HoverslamVectorEnv with autoreset_mode'):
+        ReverseCurriculum(gymnasium.make_vec(
+            'hoverslam/Rocket-v1', num_envs=2, autoreset_mode='NEXT_STEP'))
