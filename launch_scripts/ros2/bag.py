@@ -120,6 +120,7 @@ def play(args: argparse.Namespace) -> None:
     if not args.rate > 0.0:
         raise CommandError(f'argument -r/--rate: {args.rate} is not a rate above 0')
     found = _metadata(args.bag_path)
+    damaged: tuple[type[Exception], ...] = (*DAMAGED, OSError)
     with graph.direct_node() as node:
         try:
             publishers = {
@@ -140,7 +141,7 @@ def play(args: argparse.Namespace) -> None:
                         due = began + (message.log_time - first) / _NANOSECONDS / args.rate
                         time.sleep(max(0.0, due - time.monotonic()))
                         publishers[channel.topic].publish(message.data)
-        except (*DAMAGED, OSError) as error:
+        except damaged as error:
             raise CommandError(f'{args.bag_path}: {error}') from None
         for publisher in publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=_MATCH_SECONDS))
