@@ -92,5 +92,6 @@ def report(num_envs: int, rounds: int, count: int) -> dict[str, float]:
             'high': float(interval.high)}
     print(f'batch {num_envs}: {row["checked"]:.0f} us with the checks of senders, '
           f'{row["unchecked"]:.0f} us without; ratio of the medians of {count}, median of '
-          f'{rounds} rounds: {row["ratio"]:.3f} ({row["low"]:.3f} to {row["high"]:.3f})', flush=True)
+          f'{rounds} rounds: {row["ratio"]:.3f} ({row["low"]:.3f} '
+          f'to {row["high"]:.3f})', flush=True)
     return row
