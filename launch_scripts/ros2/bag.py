@@ -9,7 +9,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy
@@ -53,6 +52,7 @@ def _metadata(bag: str) -> dict[str, Any]:
 
     :raises CommandError: when there is no such bag, or it is not stored as MCAP.
     """
+    from rocket_sim_node.bags.metadata import read_metadata
     from rocket_sim_node.bags.reader import files_of
     path = Path(bag)
     if not path.exists():
@@ -61,8 +61,7 @@ def _metadata(bag: str) -> dict[str, Any]:
         files_of(path)
         if not path.is_dir():
             raise ValueError(f'{path}: expected the folder of a bag')
-        found: dict[str, Any] = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))
-        return dict(found['rosbag2_bagfile_information'])
+        return read_metadata(path)
     except (ValueError, OSError) as error:
         raise CommandError(str(error)) from None
 
@@ -83,11 +82,13 @@ def _size(count: float) -> str:
 
 def info(args: argparse.Namespace) -> None:
     """Print what a bag holds."""
+    from rocket_sim_node.bags.reader import files_of
+    from rocket_sim_node.printable import printable
     found = _metadata(args.bag_path)
     start = found['starting_time']['nanoseconds_since_epoch']
     duration = found['duration']['nanoseconds']
     files = found['relative_file_paths']
-    size = sum((Path(args.bag_path) / name).stat().st_size for name in files)
+    size = sum(path.stat().st_size for path in files_of(args.bag_path))
     topics = [
         f"Topic: {one['topic_metadata']['name']} | Type: {one['topic_metadata']['type']} | "
         f"Count: {one['message_count']} | Serialization Format: "
@@ -101,9 +102,10 @@ def info(args: argparse.Namespace) -> None:
             ('Duration:', [f'{duration // _NANOSECONDS}.{duration % _NANOSECONDS:09d}s']),
             ('Start:', [_clock(start)]), ('End:', [_clock(start + duration)]),
             ('Messages:', [found['message_count']]), ('Topic information:', topics)):
-        print(f'{title:<{_INDENT}}' + f'\n{"":<{_INDENT}}'.join(map(str, lines)))
+        print(f'{title:<{_INDENT}}' + f'\n{"":<{_INDENT}}'.join(
+            printable(str(line)) for line in lines))
     for name, text in (found.get('custom_data') or {}).items():
-        print(f'{"Note:":<{_INDENT}}{name}: {text}')
+        print(f'{"Note:":<{_INDENT}}' + printable(f'{name}: {text}'))
 
 
 def play(args: argparse.Namespace) -> None:
@@ -111,18 +113,22 @@ def play(args: argparse.Namespace) -> None:
 
     :raises CommandError: when it cannot be played.
     """
-    from mcap.exceptions import McapError
     from mcap.reader import make_reader
 
+    from rocket_sim_node.bags.damage import DAMAGED
     from rocket_sim_node.bags.reader import files_of
     if not args.rate > 0.0:
         raise CommandError(f'argument -r/--rate: {args.rate} is not a rate above 0')
     found = _metadata(args.bag_path)
+    damaged: tuple[type[Exception], ...] = (*DAMAGED, OSError)
     with graph.direct_node() as node:
-        publishers = {
-            one['topic_metadata']['name']: _publisher(node, one['topic_metadata'])
-            for one in found['topics_with_message_count']
-            if not args.topics or one['topic_metadata']['name'] in args.topics}
+        try:
+            publishers = {
+                one['topic_metadata']['name']: _publisher(node, one['topic_metadata'])
+                for one in found['topics_with_message_count']
+                if not args.topics or one['topic_metadata']['name'] in args.topics}
+        except (ValueError, TypeError, AttributeError) as error:  # a damaged metadata.yaml
+            raise CommandError(f'{args.bag_path}: cannot be published: {error}') from None
         time.sleep(_MATCH_SECONDS)
         first: int | None = None
         began = time.monotonic()
@@ -135,7 +141,7 @@ def play(args: argparse.Namespace) -> None:
                         due = began + (message.log_time - first) / _NANOSECONDS / args.rate
                         time.sleep(max(0.0, due - time.monotonic()))
                         publishers[channel.topic].publish(message.data)
-        except (McapError, OSError) as error:
+        except damaged as error:
             raise CommandError(f'{args.bag_path}: {error}') from None
         for publisher in publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=_MATCH_SECONDS))

@@ -24,6 +24,7 @@ import numpy as np
 import rclpy
 from support.processes import Processes
 
+from benchmarks import checks
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.client.client import Client
@@ -112,9 +113,17 @@ def main() -> None:
     parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
     parser.add_argument('--count', type=int, default=400, help='exchanges per measurement')
     parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
+    parser.add_argument('--checks', action='store_true', help=(
+        'measure the cost of looking at the sender of each message instead'))
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    if options.checks:
+        costs = {size: checks.report(size, options.rounds, options.count)
+                 for size in options.sizes}
+        if options.output:
+            write_json(options.output, {'checks': costs})
+        return
     print(f'one exchange, us: medians of {options.rounds} rounds; s: as scheduled, a: a core each')
     print(f'{"":>6}{"TCP":>14}{"DDS":>14}{"DDS / TCP":>21}{"p99":>14}')
     print(f'{"batch":>6}' + f'{"s":>7}{"a":>7}' * 2 + f'{"s / s":>7}{"s / a":>7}{"a / a":>7}'

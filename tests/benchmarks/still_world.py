@@ -2,11 +2,12 @@
 """A world of the shape of `rocket` in which nothing moves, and a simulator of it.
 
 What a lock-step exchange costs without physics is measured with it. Run as a program it serves
-the world: `python -m benchmarks.still_world N`.
+the world: `python -m benchmarks.still_world N [--unchecked] [--ros-args ...]`.
 """
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,8 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import World
 
+from benchmarks.checks import UNCHECKED
+from benchmarks.checks import Checks
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node.running import run
@@ -75,4 +78,9 @@ def serve(node: Node, executor: Executor) -> None:
 
 
 if __name__ == '__main__':
-    sys.exit(run('still_simulator', serve, args=[], shared_memory=SharedMemory.TO_SEND))
+    arguments = sys.argv[2:]
+    Checks.on = UNCHECKED not in arguments
+    with nullcontext() if Checks.on else Checks.installed():
+        sys.exit(run(
+            'still_simulator', serve, args=[one for one in arguments if one != UNCHECKED],
+            shared_memory=SharedMemory.TO_SEND))

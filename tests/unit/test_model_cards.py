@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 import make_model_cards as cards
-from ppo_agent_node import plain_yaml
 from ppo_agent_node.exporting import provenance
 from ppo_agent_node.pilots.search import shipped_names
+from rocket_sim_node import plain_yaml
 
 
 @pytest.mark.parametrize('name', shipped_names())

@@ -15,9 +15,9 @@ from typing import cast
 
 import yaml
 
-from ppo_agent_node import plain_yaml
 from ppo_agent_node.atomic_file import write_atomically
 from rocket_sim_node import input_file
+from rocket_sim_node import plain_yaml
 
 LARGEST = 1_000_000
 """Maximum bytes of a file; all parameters of a node take some thousands."""

@@ -7,8 +7,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ppo_agent_node import plain_yaml
 from ppo_agent_node.runs.config_file import read_config
+from rocket_sim_node import plain_yaml
 
 SHIPPED = Path(str(resources.files('ppo_agent_node') / 'policies'))
 FILE = SHIPPED / 'provenance.yaml'

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ppo_agent_node import plain_yaml
+from rocket_sim_node import plain_yaml
 from rocket_sim_node import input_file
 
 _LARGEST = 100_000

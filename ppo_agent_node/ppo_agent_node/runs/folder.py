@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -65,9 +66,7 @@ class RunFolder:
         try:
             self.checkpoints.mkdir(parents=True, exist_ok=True)
             self.plots.mkdir(exist_ok=True)
-            probe = self.path / '.writable'
-            probe.write_bytes(b'')
-            probe.unlink(missing_ok=True)  # another process may try at the same time
+            tempfile.TemporaryFile(dir=self.path).close()
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
 
@@ -79,7 +78,11 @@ class RunFolder:
 
         :raises RunFolderError: when another process trains here.
         """
-        with (self.path / run_lock.NAME).open('w') as file:
+        try:
+            lock = run_lock.open_lock(self.path, os.O_RDWR | os.O_CREAT)
+        except OSError as error:
+            raise RunFolderError(f'{error.filename}: {error.strerror}') from error
+        with open(lock, 'wb') as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -97,7 +100,7 @@ class RunFolder:
 
     def mark_unfinished(self) -> None:
         """Create the marker that tells the parent process that there is something to resume."""
-        (self.path / UNFINISHED).touch()
+        os.close(input_file.open_in_place(self.path / UNFINISHED, os.O_RDONLY | os.O_CREAT))
 
     def mark_finished(self) -> None:
         """Remove the marker."""
@@ -147,14 +150,14 @@ class RunFolder:
             name: None if isinstance(value, float) and not math.isfinite(value) else value
             for name, value in line.items()
         }
-        with self._writing_log('ab') as file:
+        with self._writing_log(os.O_WRONLY | os.O_APPEND | os.O_CREAT) as file:
             file.write((json.dumps(plain) + '\n').encode())
         return plain
 
     @contextmanager
-    def _writing_log(self, mode: str) -> Iterator[IO[bytes]]:
+    def _writing_log(self, flags: int) -> Iterator[IO[bytes]]:
         try:
-            with self.log.open(mode) as file:
+            with open(input_file.open_in_place(self.log, flags), 'ab') as file:
                 yield file
         except OSError as error:
             raise OSError(
@@ -185,7 +188,7 @@ class RunFolder:
         if self.log.exists():
             # The checkpoint counts the log's lines: those must be on disk first, in case of a
             # power cut.
-            with self._writing_log('rb') as file:
+            with self._writing_log(os.O_WRONLY | os.O_APPEND) as file:
                 os.fsync(file.fileno())
         sealed_file.write(path, CHECKPOINT, tensors, content)
         for old in self._saved()[_KEPT:]:

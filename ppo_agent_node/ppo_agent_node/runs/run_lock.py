@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from pathlib import Path
 
+from rocket_sim_node import input_file
+
 NAME = '.lock'
+
+
+def open_lock(folder: Path, flags: int = os.O_RDONLY) -> int:
+    """Open the file that is locked; return its descriptor.
+
+    :param flags: of `os.open`.
+    :raises OSError: naming the file, when it is not a regular one, or cannot be opened.
+    """
+    return input_file.open_in_place(folder / NAME, flags)
 
 
 def in_use(folder: Path) -> bool:
     """Return whether a process trains in a folder, of which there may be none."""
     try:
-        with (folder / NAME).open('rb') as file:
+        with open(open_lock(folder), 'rb') as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True

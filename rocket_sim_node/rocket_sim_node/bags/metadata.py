@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
+
+from rocket_sim_node import input_file
+from rocket_sim_node import plain_yaml
 
 VERSION = 9
 """Version of the file's format, that of Jazzy and later."""
 FILE = 'metadata.yaml'
 MOST = 16 * 2**20
 """Maximum bytes of the file."""
+_LAST = 2**62
+"""Maximum nanoseconds; twice as many still are a date."""
 
 
 @dataclass(frozen=True)
@@ -82,3 +88,40 @@ def metadata_text(
         'files': [{'path': file, **span}],
         'custom_data': dict(custom) or None, 'ros_distro': distribution,
     }}, Dumper=_Dumper, sort_keys=False)
+
+
+def read_metadata(bag: Path) -> dict[str, Any]:
+    """Return what metadata.yaml says about a bag, which others may have written.
+
+    :param bag: its folder.
+    :raises ValueError: naming the file, when a part that readers use is not there or of another
+        kind, and when the bag is not stored as MCAP.
+    :raises OSError: when it cannot be read.
+    """
+    path = bag / FILE
+    text = input_file.read_text(path, MOST)
+    try:
+        found = plain_yaml.load(text)['rosbag2_bagfile_information']
+        topics = found['topics_with_message_count']
+        parts: list[tuple[Any, type]] = [
+            (found['storage_identifier'], str), (found['relative_file_paths'], list),
+            *((name, str) for name in found['relative_file_paths']),
+            (found['message_count'], int), (topics, list),
+            *((topic['message_count'], int) for topic in topics),
+            *((topic['topic_metadata'][name], str) for topic in topics
+              for name in ('name', 'type', 'serialization_format')),
+            (found.get('custom_data') or {}, dict)]
+        for value, kind in parts:
+            if not isinstance(value, kind):
+                raise TypeError(f'got {value!r:.40}, expected a {kind.__name__}')
+        for name, unit in (('starting_time', 'nanoseconds_since_epoch'),
+                           ('duration', 'nanoseconds')):
+            if not 0 <= found[name][unit] <= _LAST:
+                raise ValueError(f'{name}: got {found[name][unit]}, expected 0 to {_LAST}')
+    except (*plain_yaml.ERRORS, LookupError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f'{path}: not the metadata of a bag ({" ".join(repr(error).split()):.200})') from error
+    if found['storage_identifier'] != 'mcap':
+        raise ValueError(
+            f"{path}: stored as {found['storage_identifier']!r:.40}, expected 'mcap'")
+    return dict(found)

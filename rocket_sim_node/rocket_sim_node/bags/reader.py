@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from mcap.reader import make_reader
 
 from rocket_sim_node import input_file
 from rocket_sim_node.bags.damage import DAMAGED
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import FILE
-from rocket_sim_node.bags.metadata import MOST
+from rocket_sim_node.bags.metadata import read_metadata
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
@@ -43,21 +42,19 @@ class Recorded:
 def files_of(path: Path | str) -> list[Path]:
     """Return the MCAP files of a bag: of its folder, or the file itself.
 
-    :raises ValueError: when it is no bag.
+    :raises ValueError: when it is no bag, or one of its files cannot be.
+    :raises OSError: when a file is missing or cannot be read.
     """
     path = Path(path)
     if path.is_file() and path.suffix == '.mcap':
-        return [path]
-    metadata = path / FILE
-    if not metadata.is_file():
+        files = [path]
+    elif (path / FILE).is_file():
+        files = [path / Path(name).name for name in read_metadata(path)['relative_file_paths']]
+    else:
         raise ValueError(f'{path}: expected a bag, a folder with {FILE}, or a file .mcap')
-    try:
-        found = yaml.safe_load(input_file.read_text(metadata, MOST))['rosbag2_bagfile_information']
-        if found['storage_identifier'] != 'mcap':
-            raise ValueError(f"{path}: stored as {found['storage_identifier']!r}, expected mcap")
-        return [path / Path(name).name for name in found['relative_file_paths']]
-    except (yaml.YAMLError, KeyError, TypeError) as error:
-        raise ValueError(f'{metadata}: not the metadata of a bag ({error!r:.200})') from error
+    for file in files:
+        input_file.check(file, LARGEST)
+    return files
 
 
 def messages(
@@ -73,7 +70,6 @@ def messages(
     for file in files_of(path):
         decoders: dict[int, Decoder] = {}
         try:
-            input_file.check(file, LARGEST)
             with file.open('rb') as stream:
                 found = make_reader(stream, validate_crcs=True)
                 for schema, channel, message in found.iter_messages(topics):

@@ -597,3 +597,18 @@ def test_a_value_of_another_type_is_refused_and_no_abort(
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith(f'Failed to populate field: {field}: ')
     assert 'Traceback' not in done.stderr
+
+
+def test_a_bag_of_a_stranger_cannot_control_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    topic = {'name': '/a\x1b[2J', 'type': 'b', 'serialization_format': 'cdr'}
+    (tmp_path / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': {
+        'storage_identifier': 'mcap', 'relative_file_paths': [], 'message_count': 0,
+        'starting_time': {'nanoseconds_since_epoch': 0}, 'duration': {'nanoseconds': 0},
+        'topics_with_message_count': [{'topic_metadata': topic, 'message_count': 0}],
+        'ros_distro': '\x1b]0;x\x07', 'custom_data': {'\x1b[31m': '\x9b2J'}}}))
+    assert main(['bag', 'info', str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert 'Topic: /a [2J' in said
+    assert all(line.isprintable() for line in said.splitlines())

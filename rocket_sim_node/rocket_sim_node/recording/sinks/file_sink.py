@@ -12,6 +12,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
+from rocket_sim_node import input_file
 from rocket_sim_node.recording.scene.blueprint import blueprint
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.base import APPLICATION
@@ -109,7 +110,7 @@ class FileSink:
     def _take(self) -> int:
         """Return a lock on the partial file, which is created if missing."""
         while True:
-            lock = os.open(self._partial, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            lock = input_file.open_in_place(self._partial, os.O_RDWR | os.O_CREAT)
             try:
                 _lock(lock)
             except OSError as error:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
 import torch
 
 from ppo_agent_node import atomic_file
+from ppo_agent_node.runs import folder as folder_module
+from ppo_agent_node.runs import run_lock
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.folder import RunFolderError
 from ppo_agent_node.runs.train_log import read_log
+from rocket_sim_node import input_file
 
 
 @pytest.fixture
@@ -110,10 +114,10 @@ def test_folders_that_cannot_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(RunFolderError, match=r'file/run: not writable: Not a directory'):
         RunFolder(tmp_path / 'file' / 'run')
 
-    def refuse(path: Path, data: bytes) -> int:
+    def refuse(dir: Path) -> None:
         raise PermissionError(errno.EACCES, 'Permission denied')
 
-    monkeypatch.setattr(Path, 'write_bytes', refuse)
+    monkeypatch.setattr(folder_module.tempfile, 'TemporaryFile', refuse)
     with pytest.raises(RunFolderError, match='run: not writable: Permission denied'):
         RunFolder(tmp_path / 'run')
 
@@ -134,10 +138,33 @@ def test_a_full_disk_is_named(folder: RunFolder, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.skipif(not Path('/dev/full').exists(), reason='needs a device that is always full')
-def test_a_log_on_a_full_disk_is_named(folder: RunFolder) -> None:
-    folder.log.symlink_to('/dev/full')
+def test_a_log_on_a_full_disk_is_named(
+    folder: RunFolder, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(
+        input_file, 'open_in_place', lambda path, flags: os.open('/dev/full', flags))
     with pytest.raises(OSError, match=r'No space left.*train\.jsonl'):
         folder.append({'iteration': 1})
+
+
+@pytest.mark.parametrize('kind', ['FIFO', 'symbolic link'])
+@pytest.mark.parametrize('name', ['.lock', '.unfinished', 'train.jsonl'])
+def test_what_is_no_file_in_a_foreign_run_is_neither_waited_for_nor_followed(
+    folder: RunFolder, tmp_path: Path, name: str, kind: str,
+) -> None:
+    theirs, path = tmp_path / 'theirs', folder.path / name
+    theirs.write_text('precious')
+    if kind == 'FIFO':
+        os.mkfifo(path)
+    else:
+        path.symlink_to(theirs)
+    assert not run_lock.in_use(folder.path)
+    with pytest.raises(OSError, match=f'got a {kind}, expected a regular file') as refused:
+        with folder.locked():
+            folder.mark_unfinished()
+            folder.append({'iteration': 1})
+    assert str(path) in str(refused.value)
+    assert theirs.read_text() == 'precious'
 
 
 def test_a_run_that_never_began_takes_its_folder_away(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from rocket_sim_node.bags import definitions
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.reader import files_of
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
 from rocket_sim_node.bags.step_counts import StepCounter
@@ -220,6 +221,44 @@ def test_what_is_no_bag_is_named(
         read(path)
     assert to_rerun([str(path)]) == 2
     assert str(path) in capsys.readouterr().err
+
+
+BOMB = 'a0: &a0 [lol, lol]\n' + ''.join(
+    f'a{n}: &a{n} [{", ".join(9 * [f"*a{n - 1}"])}]\n' for n in range(1, 9))
+"""a few hundred bytes, which would be hundreds of megabytes if they were written out"""
+
+
+@pytest.mark.parametrize(('old', 'new'), [
+    ('rosbag2_bagfile_information:', f'{BOMB}rosbag2_bagfile_information:'),
+    ('mcap\n', f'{"[" * 5_000}\n'), ('mcap\n', 'sqlite3\n'), ('mcap\n', '[mcap]\n'),
+    ('- bag_0.mcap', '- 7'), ('- bag_0.mcap', 'bag_0.mcap'),
+    ('nanoseconds_since_epoch: ', 'nanoseconds_since_epoch: 9999999999'),
+    ('nanoseconds_since_epoch: ', 'nanoseconds_since_epoch: -'),
+    ('message_count: ', 'message_count: many '), ('topics_with_message_count:', 'topics:')])
+def test_metadata_of_strangers_is_refused_by_name(
+    make_bag: Callable[..., BagFile], tmp_path: Path, old: str, new: str,
+) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 3))
+    bag.close()
+    metadata = tmp_path / 'bag/metadata.yaml'
+    text = metadata.read_text()
+    assert old in text
+    metadata.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=re.escape(str(metadata))) as refused:
+        files_of(tmp_path / 'bag')
+    assert len(str(refused.value)) < 500
+
+
+def test_a_fifo_in_a_bag_is_refused(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 3))
+    bag.close()
+    file = tmp_path / 'bag/bag_0.mcap'
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(ValueError, match=f'{re.escape(str(file))}: got a FIFO'):
+        files_of(tmp_path / 'bag')
 
 
 def test_damaged_bags_are_named_and_salvaged(

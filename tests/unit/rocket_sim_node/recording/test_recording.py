@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import resource
 import shutil
 import time
@@ -219,6 +220,19 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     with pytest.raises(OSError, match=str(tmp_path / 'file')):
         FileSink(tmp_path / 'file' / 'run.rrd', lambda *note: None)
+
+
+@pytest.mark.parametrize('kind', ['FIFO', 'symbolic link'])
+def test_what_is_no_file_is_neither_waited_for_nor_followed(tmp_path: Path, kind: str) -> None:
+    theirs, partial = tmp_path / 'theirs', tmp_path / 'run.partial.rrd'
+    theirs.write_text('precious')
+    if kind == 'FIFO':
+        os.mkfifo(partial)
+    else:
+        partial.symlink_to(theirs)
+    with pytest.raises(OSError, match=f'got a {kind}, expected a regular file.*{partial}'):
+        FileSink(tmp_path / 'run.rrd', lambda *note: None)
+    assert theirs.read_text() == 'precious'
 
 
 def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Samples) -> None:
