@@ -53,8 +53,11 @@ class RslRlEnv(VecEnv):
         return self.get_observations(), torch.as_tensor(reward) / 50, done, extras
 
 
-def settings(num_steps: int, learning_rate: float, entropy_weight: float) -> dict[str, Any]:
-    """Return the configuration of the runner."""
+def settings(num_steps: int) -> dict[str, Any]:
+    """Return the configuration of the runner.
+
+    :param num_steps: of each environment in a roll-out.
+    """
     network = {
         'class_name': 'MLPModel', 'hidden_dims': [64, 64], 'activation': 'tanh',
         'obs_normalization': True}
@@ -66,8 +69,8 @@ def settings(num_steps: int, learning_rate: float, entropy_weight: float) -> dic
         'critic': network,
         'algorithm': {
             'class_name': 'PPO', 'num_learning_epochs': 8, 'num_mini_batches': 16,
-            'gamma': 0.999, 'lam': 0.98, 'learning_rate': learning_rate, 'schedule': 'adaptive',
-            'desired_kl': 0.01, 'entropy_coef': entropy_weight, 'value_loss_coef': 1.0,
+            'gamma': 0.999, 'lam': 0.98, 'learning_rate': 1e-3, 'schedule': 'adaptive',
+            'desired_kl': 0.01, 'entropy_coef': 0.003, 'value_loss_coef': 1.0,
             'max_grad_norm': 1.0}}
 
 
@@ -90,7 +93,7 @@ def train(
         **({'continuous': True} if lander else {}))
     if curriculum:
         envs = rocket_sim_node.gym.ReverseCurriculum(envs)
-    runner = OnPolicyRunner(RslRlEnv(envs), settings(num_steps, 1e-3, 0.0), log)
+    runner = OnPolicyRunner(RslRlEnv(envs), settings(num_steps), log)
     try:
         runner.learn(max(steps // (num_envs * num_steps), 1))
     finally:

@@ -109,6 +109,13 @@ def test_worlds_adapters_training_evaluation_and_recording_work(
     assert (work / 'run' / 'policy.safetensors').is_file()
 
 
+def test_a_program_that_needs_ros_tells_so_in_a_line(clean: Environment) -> None:
+    done = clean.python('-c', 'from rocket_sim_node.entry_points import simulator; simulator()')
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("simulator: module 'rclpy' is missing; nodes need ROS 2")
+    assert done.stderr.count('\n') == 1
+
+
 def test_a_users_script_type_checks(folder: Path, clean: Environment) -> None:
     """Strictly; and types are there, since a wrong call is found."""
     script = shutil.copy(USER, folder / 'user.py')

@@ -42,6 +42,13 @@ def _seed_key(seed: int) -> NDArray[np.uint64]:
     return key
 
 
+@lru_cache(maxsize=64)
+def _places(draws: int) -> NDArray[np.uint64]:
+    places = np.arange(1, draws + 1, dtype=np.uint64)[:, None]
+    places.setflags(write=False)
+    return places
+
+
 def check_seed(seed: object) -> None:
     """Check a seed for `reset`.
 
@@ -79,7 +86,7 @@ def numbers(
     :param key: `(K,)`, as `keys` returns them.
     :param first: how many numbers to skip, one for all streams or `(K,)`.
     """
-    place = np.arange(1, draws + 1, dtype=np.uint64)[:, None] + np.asarray(first, np.uint64)
+    place = _places(draws) + np.asarray(first, np.uint64)
     words = _mix(key + place * _GAMMA)
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0
 

@@ -40,7 +40,7 @@ def test_runs_are_trained_once_and_put_on_the_page(
         assert run['curve'][0]['steps'] < run['curve'][-1]['steps'] == run['steps']
         assert (tmp_path / f'examples_{world}.png').stat().st_size > 10_000
         assert (page.parents[1] / 'images' / f'examples_{world}.png').is_file()
-    assert figures['rocket']['runs'][0]['reach'] > 0.4  # those that fall from 0.4 m land
+    assert figures['rocket']['runs'][0]['reach'] >= 0.4
     text = page.read_text()
     assert 'old' not in text and 'before rocket' in text
     assert '| PPO in a single file | 7 ' in ' '.join(text.split())

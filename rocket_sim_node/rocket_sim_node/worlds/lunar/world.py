@@ -62,6 +62,7 @@ class LunarLanderWorld(StateCapture):
                 f"setting 'rest_time': got {s.rest_time}, "
                 f'expected at most time_limit, {s.time_limit} s')
         self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
+        self._rest_speed_squared, self._rest_spin = s.rest_speed**2, np.deg2rad(s.rest_spin)
         self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
         self._engines = Engines(s)
         self._force = np.zeros((num_envs, 3, 3))
@@ -142,7 +143,7 @@ class LunarLanderWorld(StateCapture):
         reward[rest] = s.reward_landed
         terminated = crashed | outside | rest
         truncated = (self.age >= self._step_limit) & ~terminated
-        done = np.flatnonzero(terminated | truncated)
+        done = (terminated | truncated).nonzero()[0]
         self.episode_return += reward
         self.reward = reward
         self._finished = self._none_finished
@@ -175,8 +176,8 @@ class LunarLanderWorld(StateCapture):
             np.add.at(self._contact_force, touch.row, touch.impulse / s.dt)
         velocity = lanes.velocity
         still = (
-            (velocity[:, :, 0]**2 + velocity[:, :, 1]**2 <= s.rest_speed**2)
-            & (np.abs(velocity[:, :, 2]) <= np.deg2rad(s.rest_spin))).all(1)
+            (velocity[:, :, 0]**2 + velocity[:, :, 1]**2 <= self._rest_speed_squared)
+            & (np.abs(velocity[:, :, 2]) <= self._rest_spin)).all(1)
         self._still = np.where(still, self._still + s.dt, 0.0)
 
     def _blow(self, force: F64) -> None:

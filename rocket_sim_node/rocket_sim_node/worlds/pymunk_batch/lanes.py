@@ -58,6 +58,10 @@ class Contacts(NamedTuple):
     """`(K, 2)` N s, of the ground on the vehicle."""
 
 
+_NO_CONTACTS = Contacts(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
+
+
 class Lanes:
     """N vehicles of B bodies each, in lanes of their own; positions are relative to the lane.
 
@@ -122,7 +126,7 @@ class Lanes:
 
         :param force: `(N, B, 3)` N along world x and y, N m, at each body's centre of gravity.
         """
-        fresh = np.flatnonzero(self._fresh)
+        fresh = self._fresh.nonzero()[0]
         self._push[self._index] = force
         for block in self._blocks:
             block.set_push()
@@ -150,6 +154,9 @@ class Lanes:
         """Return the contacts with the ground in the last step."""
         if self._contacts is None:
             ids = np.frombuffer(self._touch_read.int_buf(), np.uintp).reshape(-1, 2)
+            if not len(ids):
+                self._contacts = _NO_CONTACTS
+                return self._contacts
             values = np.frombuffer(self._touch_read.float_buf()).reshape(-1, 4)
             place = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
             # In each pair one body is a vehicle's and the other is the static one.

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
+_TINY = np.finfo(np.float64).tiny
 
 
 def norm(vector: F64) -> F64:
@@ -61,7 +62,7 @@ def integrate(quaternion: F64, angular_velocity: F64, dt: float) -> F64:
     :return: `(4, N)`.
     """
     # At rest sin(a) / a would be 0 / 0; the smallest positive angle gives the right limit, 1.
-    half = np.maximum(norm(angular_velocity) * (0.5 * dt), np.finfo(np.float64).tiny)
+    half = np.maximum(norm(angular_velocity) * (0.5 * dt), _TINY)
     delta = np.empty_like(quaternion)
     delta[:3] = angular_velocity * (np.sin(half) / half * (0.5 * dt))
     delta[3] = np.cos(half)

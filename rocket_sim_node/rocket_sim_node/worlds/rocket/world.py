@@ -248,7 +248,9 @@ class RocketWorld(RocketDynamics):
         self._late = self.age > self._max_age
         self._outside = (
             (y > s.height_limit) | (np.abs(x) > s.range_limit) | (np.abs(z) > s.range_limit))
-        return np.flatnonzero(self._down | self._tilted | self._late | self._outside)
+        rows: NDArray[np.int64] = (
+            self._down | self._tilted | self._late | self._outside).nonzero()[0]
+        return rows
 
     def _judge(
         self, done: NDArray[np.int64], up: F64,
