@@ -17,6 +17,11 @@ from support.hosts import missing
 from support.processes import Processes
 from support.pseudo_terminal import Cabin
 
+# Before any test imports torch: torch reads the number of its threads and how they wait, which
+# this package sets, only once. Else the workers' threads spin for each other's cores, and a small
+# network takes 80 times as long.
+import ppo_agent_node  # noqa: F401
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options of `launch_scripts/test`."""

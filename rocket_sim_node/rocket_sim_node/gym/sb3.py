@@ -48,6 +48,7 @@ class HoverslamVecEnv(VecEnv):
 
     def reset(self) -> F32:
         """Begin new episodes, with the seed of `seed` and the options of `set_options`, once."""
+        observation: F32
         observation, _ = self.env.reset(seed=self._seeds[0], options=self._options[0])
         self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
