@@ -18,7 +18,7 @@ def check(environ: Mapping[str, str]) -> None:
     :raises ValueError: naming the variable, its value and what was expected.
     """
     domain = environ.get('ROS_DOMAIN_ID', '')
-    if domain and not (re.fullmatch(r'\d{1,9}', domain) and int(domain) <= _HIGHEST_DOMAIN):
+    if domain and not (re.fullmatch('[0-9]{1,9}', domain) and int(domain) <= _HIGHEST_DOMAIN):
         raise ValueError(
             f'ROS_DOMAIN_ID: got {domain!r}, expected a whole number from 0 to {_HIGHEST_DOMAIN}')
 

@@ -16,7 +16,7 @@ def test_a_domain_of_ros_is_accepted(value: str) -> None:
     ros_environment.check({})
 
 
-@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30])
+@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30, '٣'])
 def test_any_other_is_named(value: str) -> None:
     with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID: got '{value}', expected a whole number"):
         ros_environment.check({'ROS_DOMAIN_ID': value})
