@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ROS 2 needs of its environment, and would refuse late, or with errors that do not name it."""
+"""What ROS 2 needs of its environment, and would refuse late or without naming it."""
 from __future__ import annotations
 
 import os
