@@ -12,8 +12,9 @@ SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 
 def noted(venv: Path) -> str:
     """Return what set-up says about the processes that use an environment."""
+    script = f'. {SCRIPTS}/setup_steps.sh; venv=$1 built=$1/ws; note_users'
     return subprocess.run(
-        ['bash', '-euc', f'. {SCRIPTS}/setup_steps.sh; venv=$1 built=$1/ws; note_users', '-', venv],
+        ['bash', '-euc', script, '-', venv],
         capture_output=True, text=True, check=True, timeout=20).stderr
 
 
