@@ -18,6 +18,17 @@ read_arguments() {
   . "$scratch/plan.sh"
 }
 
+# note_files FILE...: remembers the files as they are now, for is_new.
+declare -A _noted
+note_files() {
+  local file
+  for file; do _noted[$file]=$(stat -c '%i %z' -- "$file" 2> /dev/null) || true; done
+}
+
+# is_new FILE: whether the file exists and has been written since note_files. Its time does not tell: the clock may
+# have been set back since.
+is_new() { [[ -e $1 && $(stat -c '%i %z' -- "$1" 2> /dev/null) != "${_noted[$1]}" ]]; }
+
 # run_launch: runs the launch file of this command to its end, passes on signals, and sets `status`.
 run_launch() {
   pass_on_signals INT TERM HUP

@@ -40,6 +40,15 @@ take_lock() {
   flock 9
 }
 
+# note_users: names the processes that use the environment which is about to change. Those whose files cannot be seen
+# are left out.
+note_users() {
+  local users
+  users=$(grep -lsF -e "$venv/" -e "$built/" /proc/[0-9]*/maps | cut -d / -f 3 | tr '\n' ' ') || true
+  [[ -z $users ]] ||
+    echo "Note: processes that are running use what is replaced now, and may fail: ${users% }. A training can be resumed." >&2
+}
+
 # usable PYTHON: whether it runs and is CPython 3.11 to 3.13. With a sourced ROS 2, it must have rclpy and may be newer.
 usable() {
   local newest='(3, 13)'

@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Environment variables that ROS 2 would refuse late, with errors that do not name them."""
+"""What ROS 2 needs of its environment, and would refuse late or without naming it."""
 from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Mapping
 from collections.abc import MutableMapping
+from pathlib import Path
 
 _HIGHEST_DOMAIN = 232
 """of DDS on UDP, whose ports end at 65535 (RTPS 2.2, 9.6.1.1)"""
+_SHARED_MEMORY = Path('/dev/shm')
+_ROOM = 64 * 1024
+"""Bytes. The tracing library of ROS 2 maps two pages for each user; where none is left, the system
+ends each node with SIGBUS as it loads that library."""
 _LOGS = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 
 
@@ -18,9 +24,23 @@ def check(environ: Mapping[str, str]) -> None:
     :raises ValueError: naming the variable, its value and what was expected.
     """
     domain = environ.get('ROS_DOMAIN_ID', '')
-    if domain and not (re.fullmatch(r'\d{1,9}', domain) and int(domain) <= _HIGHEST_DOMAIN):
+    if domain and not (re.fullmatch('[0-9]{1,9}', domain) and int(domain) <= _HIGHEST_DOMAIN):
         raise ValueError(
             f'ROS_DOMAIN_ID: got {domain!r}, expected a whole number from 0 to {_HIGHEST_DOMAIN}')
+
+
+def check_shared_memory(folder: Path = _SHARED_MEMORY) -> None:
+    """Check that nodes can start with the room that is left in shared memory.
+
+    :raises OSError: naming the folder, the room and what was expected.
+    """
+    if not os.access(folder, os.W_OK):  # nothing is mapped there
+        return
+    free = shutil.disk_usage(folder).free
+    if free < _ROOM:
+        raise OSError(
+            f'{folder}: got {free >> 10} KiB free, expected {_ROOM >> 10} or more; ROS 2 would '
+            'crash as it starts')
 
 
 def complete(environ: MutableMapping[str, str]) -> None:

@@ -36,7 +36,9 @@ def remove_leftovers(parent: Path) -> None:
     for folder in parent.glob(f'{_PREFIX}*'):
         with suppress(OSError):
             about = folder.lstat()
-            if about.st_uid != os.getuid() or time.time() - about.st_mtime < _YOUNG:
+            if about.st_uid != os.getuid():
+                continue
+            if abs(time.time() - about.st_mtime) < _YOUNG:  # the clock may have been set back
                 continue
             if folder.is_symlink():
                 continue

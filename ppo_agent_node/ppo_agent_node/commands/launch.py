@@ -110,6 +110,7 @@ def prepare(start: Start) -> None:
     :raises OSError: when a file or folder cannot be made or read.
     """
     ros_environment.check(os.environ)
+    ros_environment.check_shared_memory()
     start.launch = {**start.arguments.launch, **decided(start)}
     _check_recorder(start)
     for name in sorted(start.launch.keys() & _NODES.keys()):

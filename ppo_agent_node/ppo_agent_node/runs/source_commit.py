@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import subprocess
 from pathlib import Path
 
@@ -21,10 +22,12 @@ def source_commit() -> str:
 
 def _git(*arguments: str) -> str:
     """Return what git says, empty where it fails or is missing."""
+    # A hook, or `git rebase --exec`, may have named another repository in the environment.
+    environment = {name: text for name, text in os.environ.items() if not name.startswith('GIT_')}
     try:
         done = subprocess.run(
             ['git', '-C', str(_HERE.parent), *arguments], capture_output=True, text=True,
-            check=False, timeout=_SECONDS)
+            check=False, timeout=_SECONDS, env=environment)
     except (OSError, subprocess.TimeoutExpired):
         return ''
     return done.stdout.strip() if done.returncode == 0 else ''

@@ -53,3 +53,19 @@ def test_a_script_that_is_told_to_end_removes_its_own(
     script.send_signal(number)
     script.communicate(timeout=20)
     assert not made.exists()
+
+
+def test_a_file_is_new_although_the_clock_was_set_back(tmp_path: Path) -> None:
+    old, replaced, made = (tmp_path / name for name in ('old', 'replaced a', 'made'))
+    script = """
+        . "$here/command.sh"; note_files "$@"
+        sh -c 'for file do echo x > "$file.part"; touch -d 1999-12-31 "$file.part"
+            mv "$file.part" "$file"; done' - "${@:2}"
+        for file; do is_new "$file" && echo "${file##*/}"; done; ! is_new "$1"
+    """
+    old.touch()
+    replaced.touch()
+    found = subprocess.run(
+        ['bash', '-uc', script, 'script', old, replaced, made], capture_output=True, text=True,
+        check=True, env={**os.environ, 'here': str(SCRIPTS), 'TMPDIR': str(tmp_path)}, timeout=20)
+    assert found.stdout.split('\n') == ['replaced a', 'made', '']

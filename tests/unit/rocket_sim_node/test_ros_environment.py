@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import pwd
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,10 +18,19 @@ def test_a_domain_of_ros_is_accepted(value: str) -> None:
     ros_environment.check({})
 
 
-@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30])
+@pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30, '٣'])
 def test_any_other_is_named(value: str) -> None:
     with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID: got '{value}', expected a whole number"):
         ros_environment.check({'ROS_DOMAIN_ID': value})
+
+
+def test_full_shared_memory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ros_environment.check_shared_memory(tmp_path)
+    ros_environment.check_shared_memory(tmp_path / 'none')
+    monkeypatch.setattr(
+        ros_environment.shutil, 'disk_usage', lambda path: SimpleNamespace(free=4096))
+    with pytest.raises(OSError, match=f'^{tmp_path}: got 4 KiB free, expected 64 or more'):
+        ros_environment.check_shared_memory(tmp_path)
 
 
 def test_a_home_is_found_where_nothing_names_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,10 @@ with scratch_folder() as folder:
     print(folder, flush=True)
     input()
 """
+
+
+TOMORROW = 86_400.0
+"""s from now: the time of a folder that was made before the clock was set back"""
 
 
 def start() -> tuple[subprocess.Popen[str], Path]:
@@ -38,6 +43,7 @@ def test_folders_of_killed_processes_are_removed(
     killed, left = start()
     killed.kill()
     killed.communicate()
+    os.utime(left, 2 * (time.time() + TOMORROW,))
     living, used = start()
     assert not left.exists(), 'the next start has removed it'
     foreign = tmp_path / 'hoverslam-foreign'

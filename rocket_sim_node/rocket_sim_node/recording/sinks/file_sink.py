@@ -35,6 +35,8 @@ UNHEARD = 2**18
 JOINED = 32 * 2**20
 """Maximum bytes of a file whose chunks are joined in memory at its end; a larger one is copied, at
 100 MB a second."""
+_BEGINNING = 2**16
+"""Bytes that the beginning of a recording, its layout, takes at most."""
 LOOK = 10.0
 """Seconds between checks that logged data was written to the file."""
 
@@ -135,6 +137,7 @@ class FileSink:
         self._lock = lock
 
     def _begin(self) -> rr.RecordingStream:
+        self._reserve_beginning()
         stream = rr.RecordingStream(APPLICATION)
         stream.set_log_time_enabled(False)
         try:
@@ -144,6 +147,24 @@ class FileSink:
         except RuntimeError as error:
             raise OSError(5, f'could not be written: {error}', str(self._partial)) from error
         return stream
+
+    def _reserve_beginning(self) -> None:
+        """Check that the beginning of a recording can be written.
+
+        A quota or a limit of the file's size shows in no figure of the disk, and `save` of Rerun
+        would wait for ever for a writer that failed at once.
+
+        :raises OSError: naming the file.
+        """
+        try:
+            os.posix_fallocate(self._lock, 0, _BEGINNING)
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
+                raise OSError(
+                    error.errno, f'could not be written: {error.strerror}', str(self._partial)
+                ) from error
+        finally:
+            os.ftruncate(self._lock, 0)
 
     def _repair(self) -> None:
         """Publish the readable part of the partial file.

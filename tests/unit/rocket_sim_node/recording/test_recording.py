@@ -351,6 +351,13 @@ def largest_file(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
+def test_a_quota_that_is_used_up_is_named_at_once(tmp_path: Path) -> None:
+    with largest_file(4096), pytest.raises(
+            OSError, match=r'could not be written: File too large.*run\.partial\.rrd'):
+        FileSink(tmp_path / 'run.rrd', lambda *note: None)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize('part', [0.3, 0.6, 0.9])
 def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
     tmp_path: Path, flown: Samples, part: float,
