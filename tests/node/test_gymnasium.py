@@ -12,6 +12,7 @@ import pytest
 from support.processes import Processes
 
 import rocket_sim_node.gym
+from rocket_sim_node.gym import ReverseCurriculum
 from rocket_sim_node.gym import over_dds as over_dds_module
 
 NAME = rocket_sim_node.gym.IDS['rocket']
@@ -76,6 +77,19 @@ def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
         over_dds(simulators='/sim_0', max_thrust=5.0)
     with pytest.raises(ValueError, match='num_envs: got 3, expected a multiple of 4'):
         over_dds(3)
+
+
+def test_the_reverse_curriculum_over_dds_is_that_in_process(over_dds: Any) -> None:
+    idle = np.tile(np.float32([-1, 0, 0]), (N, 1))  # from so low, falling is landing
+    ours, theirs = (
+        ReverseCurriculum(envs, window=N, landing_rate=0.9)
+        for envs in (over_dds(), gymnasium.make_vec(NAME, num_envs=N)))
+    np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=5)[0])
+    for _ in range(60):
+        for one, other in zip(ours.step(idle)[:4], theirs.step(idle)[:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert ours.reach == theirs.reach
+    assert ours.reach > 0.4
 
 
 def _compare(ours: list[Any], theirs: list[Any], seeds: list[int]) -> int:
