@@ -48,8 +48,6 @@ class EvaluationResult:
     seed: int
     reset_settings: dict[str, float]
     episodes: Episodes
-    fuel_bound: F64
-    """`(K,)` kg, minimum fuel of a straight drop from the start; NaN in worlds without rockets."""
     end_position: F64
     """`(K, 2)` m, x and z from the pad's centre at the end; NaN in unknown worlds."""
     first_observation: NDArray[np.float32]
@@ -76,6 +74,19 @@ class EvaluationResult:
     def ground(self) -> NDArray[np.bool_]:
         """`(K,)` whether episodes ended on the ground."""
         return ~self.named(*IN_FLIGHT)
+
+    @cached_property
+    def fuel_bound(self) -> F64:
+        """`(K,)` kg, minimum fuel of a straight drop from the start; NaN in other worlds.
+
+        It takes up to a second to compute, so only those who ask for it wait.
+        """
+        if not self.is_rocket:
+            return np.full(len(self.episodes), np.nan)
+        velocity = (self.first_observation[:, _VELOCITY_Y].astype(np.float64)
+                    * self.spec.settings['velocity_scale'])
+        return StraightDropBound(
+            self.spec.settings, self.reset_settings.get('spawn_height')).fuel(velocity)
 
     @cached_property
     def settled(self) -> Standing | None:
@@ -198,12 +209,8 @@ def evaluation_flight(
     flown = Episodes.concatenate(counted)
     order = np.lexsort((flown.episode, flown.row))
     first, last = np.concatenate(starts)[order], np.concatenate(ends)[order]
-    bound = np.full(episodes, np.nan)
     position = np.full((episodes, 2), np.nan)
     if is_rocket:
-        velocity = first[:, _VELOCITY_Y].astype(np.float64) * spec.settings['velocity_scale']
-        bound = StraightDropBound(
-            spec.settings, reset_settings.get('spawn_height')).fuel(velocity)
         position = (-last[:, [_PAD_X, _PAD_Z]].astype(np.float64)
                     * spec.settings['position_scale'])
     elif spec.name == 'lunar_lander':
@@ -211,5 +218,5 @@ def evaluation_flight(
         position[:, 1] = 0.0
     return EvaluationResult(
         spec=spec, pilot=pilot.name, seed=seed, reset_settings=dict(reset_settings),
-        episodes=flown.take(order), fuel_bound=bound, end_position=position,
-        first_observation=first, final_observation=last)
+        episodes=flown.take(order), end_position=position, first_observation=first,
+        final_observation=last)

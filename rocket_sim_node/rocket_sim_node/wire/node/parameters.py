@@ -98,7 +98,8 @@ def _descriptor(info: SettingInfo) -> ParameterDescriptor:
         return descriptor
     if isinstance(info.default, float):
         descriptor.floating_point_range = [FloatingPointRange(
-            from_value=max(info.low, -1e300), to_value=min(info.high, 1e300))]
+            from_value=float(max(info.low, -1e300)),
+            to_value=float(min(info.high, 1e300)))]
     elif isinstance(info.default, int):
         limit = 2**63 - 1
         descriptor.integer_range = [IntegerRange(

@@ -52,6 +52,8 @@ def clean(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
             'FASTDDS_BUILTIN_TRANSPORTS', 'SKIP_DEFAULT_XML_FILE', 'ROS2_EASY_MODE',
             'ROS_SECURITY_ENABLE'):
         monkeypatch.delenv(name, raising=False)
+    # The ros2 command sets it where it is not set, and nodes of later tests would inherit it.
+    monkeypatch.setenv('ROS_PYTHON_CHECK_FIELDS', '1')
     monkeypatch.chdir(tmp_path)
 
 
