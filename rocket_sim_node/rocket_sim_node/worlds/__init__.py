@@ -16,9 +16,8 @@ from rocket_sim_node.worlds.registry import names
 from rocket_sim_node.worlds.registry import reset_settings
 from rocket_sim_node.worlds.registry import settings
 from rocket_sim_node.worlds.registry import settings_from
-from rocket_sim_node.worlds.registry import units
 
 __all__ = [
     'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make',
-    'names', 'reset_settings', 'settings', 'settings_from', 'units',
+    'names', 'reset_settings', 'settings', 'settings_from',
 ]

@@ -29,7 +29,7 @@ class Unattended:
     def __init__(
         self, node: Node, world: SimulatedWorld, lease: ControlLease, far: FarEnd,
         realtime: RealTime | None, state: StateStream, advance: Callable[[NDArray[Any]], None],
-        begin: Callable[[F32, bool], None],
+        begin: Callable[[F32], None],
     ) -> None:
         """Begin paused.
 
@@ -37,8 +37,7 @@ class Unattended:
         :param realtime: None in lock-step.
         :param state: publishes what was flown when a call ends.
         :param advance: steps the world and publishes the result.
-        :param begin: draws a new session, in which the observation is the first, and lets the
-            simulated time begin at 0 again or go on.
+        :param begin: draws a new session, in which the observation is the first.
         """
         self._node, self._world, self._lease, self._far = node, world, lease, far
         self._realtime, self._state, self._advance, self._begin = realtime, state, advance, begin
@@ -85,14 +84,11 @@ class Unattended:
         self._state.flush()
         return flown
 
-    def begin(self, observation: F32, restart_time: bool = False) -> None:
-        """Begin a session after the world was reset, or at its present state; play on or not.
-
-        :param restart_time: whether the simulated time begins at 0 again.
-        """
+    def begin(self, observation: F32) -> None:
+        """Begin a session after the world was reset, or at its present state; play on or not."""
         playing = self.playing
         self._lease.release(self._lease.owner)
-        self._begin(observation, restart_time)
+        self._begin(observation)
         self.play(playing)
 
     def _displace(self) -> None:
