@@ -2,7 +2,6 @@
 """Fixtures for tests that start processes or speak over DDS."""
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -61,17 +60,6 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 def nightly(request: pytest.FixtureRequest) -> bool:
     """Whether there is time for many rounds."""
     return bool(request.config.getoption('--nightly'))
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown() -> Iterator[None]:
-    """End the two threads that Rerun keeps for each recording that nobody has any more.
-
-    Otherwise a worker has hundreds of them in the end.
-    """
-    yield
-    if rerun := sys.modules.get('rerun_bindings'):
-        rerun.flush_and_cleanup_orphaned_recordings()
 
 
 @pytest.hookimpl(wrapper=True)
