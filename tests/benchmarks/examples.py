@@ -66,7 +66,8 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
         [sys.executable, '-m', 'benchmarks.examples_run', example, world, str(seed), str(steps),
          str(TARGETS[world])], check=True, stdout=subprocess.PIPE, text=True,
         env={**os.environ, 'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
-    found = {**json.loads(done.stdout), 'budget': steps, 'machine': machine.describe()}
+    last = done.stdout.splitlines()[-1]  # TorchRL logs to the same stream
+    found = {**json.loads(last), 'budget': steps, 'machine': machine.describe()}
     options.runs.mkdir(parents=True, exist_ok=True)
     write_json(path, found)
     return found
