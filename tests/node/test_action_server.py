@@ -28,8 +28,7 @@ SMALL = [
     'curriculum_start_level:=1', 'curriculum_final_level:=1', 'demonstration_episodes:=8',
     'dagger_rounds:=0', 'clone_epochs:=1', 'hidden_sizes:=[16,16]', 'iterations:=12',
     'n_steps:=16', 'batch_size:=64', 'selection_interval:=12', 'selection_episodes:=8',
-    'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1',
-    'spawn_height:=40', 'time_limit:=6']
+    'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1']
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
 EXAMPLE = Path(__file__).parents[2] / 'docs/examples/land_by_action.py'
 
