@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -65,7 +64,7 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.examples_run', example, world, str(seed), str(steps),
          str(TARGETS[world])], check=True, stdout=subprocess.PIPE, text=True,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
+        env=machine.child_environment())
     last = done.stdout.splitlines()[-1]  # TorchRL logs to the same stream
     found = {**json.loads(last), 'budget': steps, 'machine': machine.describe()}
     options.runs.mkdir(parents=True, exist_ok=True)

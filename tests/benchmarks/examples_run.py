@@ -36,7 +36,7 @@ ROCKETS: dict[str, dict[str, Any]] = {
     'sb3_sac': {}, 'single_file_ppo': {
         'num_envs': 256, 'num_steps': 128, 'minibatches': 8, 'epochs': 4,
         'learning_rate': 1e-3, 'gamma': 0.998, 'entropy_weight': 0.0}}
-"""what an example is called with for rockets, beside their name; others: 256 rockets"""
+"""arguments of an example for rockets, beside their name; of others: 256 rockets"""
 
 
 class ReachedError(Exception):
@@ -44,7 +44,7 @@ class ReachedError(Exception):
 
 
 class Recorder:
-    """What has happened in the environments of this process."""
+    """Record of the episodes that end in the environments of this process."""
 
     def __init__(self, target: float, most_steps: int) -> None:
         """Begin at step 0.

@@ -27,6 +27,11 @@ def version(package: str) -> str:
         return 'missing'
 
 
+def child_environment() -> dict[str, str]:
+    """Return the environment in which a child process finds the same modules as this one."""
+    return {**os.environ, 'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)}
+
+
 def commit() -> str:
     """Return the commit that is checked out, with a mark when files differ from it."""
     return source_commit() or 'unknown'

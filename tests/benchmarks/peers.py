@@ -172,8 +172,7 @@ def elsewhere(name: str) -> str:
     """Return the same digest, made by another process."""
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.peers', '--digest', name], check=True,
-        stdout=subprocess.PIPE, text=True,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path for path in sys.path if path)})
+        stdout=subprocess.PIPE, text=True, env=machine.child_environment())
     return done.stdout.split()[-1]
 
 
