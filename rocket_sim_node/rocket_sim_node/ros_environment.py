@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What ROS 2 needs of its environment, and would refuse late or without naming it."""
+"""Checks of the environment that ROS 2 itself makes late, or without naming the reason."""
 from __future__ import annotations
 
 import os

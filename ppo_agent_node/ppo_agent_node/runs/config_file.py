@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rocket_sim_node import plain_yaml
 from rocket_sim_node import input_file
+from rocket_sim_node import plain_yaml
 
 _LARGEST = 100_000
 """Maximum bytes; all settings take some thousands, and parsing a large invalid file is slow."""

@@ -39,6 +39,7 @@ class SimulateStepsServer:
         self._ended: Future | None = None
         self._timer = create_timer(node, _PERIOD, self._fly)
         self._timer.cancel()  # it runs while there is a goal
+        # An execute_callback is required, but each goal names its own when it begins.
         self._action = ActionServer(
             node, SimulateSteps, '~/simulate_steps', execute_callback=lambda _: None,
             handle_accepted_callback=self._begin,
