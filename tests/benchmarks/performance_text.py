@@ -127,9 +127,9 @@ def _threads(f: Figures) -> str:
         'share nothing, show the most that this could gain on two cores: they are stepped one '
         'after the other and by two threads. The solver of pymunk and the loops of NumPy release '
         "Python's global lock; everything between them holds it. Two threads are this many times "
-        f'as fast as one world: {gains}, by the 5 % quantiles. A simulator has no setting '
-        '`threads`: further cores pay as [further simulators](#many-simulators), which share no '
-        'lock.')
+        f'as fast as one world: {gains}, by the 5 % quantiles. Above 1, threads in a simulator '
+        'would pay. A simulator has no setting `threads` so far: further cores are used by '
+        '[further simulators](#many-simulators), which share no lock.')
 
 
 def _learner(f: Figures) -> str:
