@@ -99,10 +99,9 @@ def _stepping(axes: Axes, f: Figures) -> None:
 
 def _threads(axes: Axes, f: Figures) -> None:
     rows = f['threads']
-    names = {'whole': 'one world', 'halves': 'two halves', 'threads': 'two halves, two threads'}
     _bars(axes, [f'{row["world"]},\n{row["size"]}' for row in rows], {
-        label: [row['fast']['whole'] / row['fast'][name] for row in rows]
-        for name, label in names.items()}, 'speed, one world = 1')
+        f'{rows[0]["threads"]} threads': [row['gain'] for row in rows]}, 'speed, one thread = 1')
+    axes.axhline(1.0, color='black', linewidth=0.8)
     axes.tick_params(axis='x', labelsize=8)
 
 

@@ -120,16 +120,17 @@ def _stepping(f: Figures) -> str:
 
 def _threads(f: Figures) -> str:
     rows = f['threads']
-    gains = ', '.join(
-        f'{row["gain_over_whole"]:.2f} with {row["size"]} of `{row["world"]}`' for row in rows)
+    gains = ', '.join(f'{row["gain"]:.2f} with {row["size"]} of `{row["world"]}`' for row in rows)
     return (
-        'A world could step in slices, one for each thread. Two worlds of half the size, which '
-        'share nothing, show the most that this could gain on two cores: they are stepped one '
-        'after the other and by two threads. The solver of pymunk and the loops of NumPy release '
-        "Python's global lock; everything between them holds it. Two threads are this many times "
-        f'as fast as one world: {gains}, by the 5 % quantiles. Above 1, threads in a simulator '
-        'would pay. A simulator has no setting `threads` so far: further cores are used by '
-        '[further simulators](#many-simulators), which share no lock.')
+        'Parameter `step_threads` of a simulator, and of `worlds.make` and `gymnasium.make_vec`, '
+        "shares the Spaces of a `lunar_lander` world among threads: pymunk's solver releases "
+        "Python's global lock. Results are the same bits for any number of threads "
+        '(`tests/unit/rocket_sim_node/worlds/test_lunar_lander.py`). `rocket` has no such '
+        'parameter; its rows show worlds of a part of the size, which share nothing and are '
+        'stepped by one thread each, as the most that threads could gain there. '
+        f'{rows[0]["threads"]} threads are this many times as fast as one: {gains}, by the 5 % '
+        'quantiles. Threads pay where cores are free while the simulator steps; the agent and '
+        '[further simulators](#many-simulators) need cores as well.')
 
 
 def _learner(f: Figures) -> str:
@@ -219,7 +220,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     'hosts': ('Two hosts', _hosts),
     'loss': ('Two hosts that lose packets', _loss),
     'stepping': ('Stepping a world', _stepping),
-    'threads': ('Two threads in a simulator', _threads),
+    'threads': ('Threads in a simulator', _threads),
     'learner': ('The learner', _learner),
     'result': ('Time to a result', _result),
     'heuristic': ("Gymnasium's pilot in our lander", _heuristic),

@@ -81,9 +81,8 @@ def test_threads(tmp_path: Path) -> None:
     text, figures = run('threads', tmp_path / 'out.json', '--sizes', '8', '--steps', '5')
     assert [row['world'] for row in figures['threads']] == ['lunar_lander', 'rocket']
     for row in figures['threads']:
-        assert row['gain_over_whole'] == pytest.approx(
-            row['fast']['whole'] / row['fast']['threads'])
-    assert 'in two threads' in text
+        assert row['gain'] == pytest.approx(row['fast'][0] / row['fast'][1])
+    assert '2 threads' in text
 
 
 def test_peers(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def make_world(run: RecordedRun, episodes: int, level: int) -> SimulatedWorld:
     :param level: of the curriculum; 0 without levels.
     :raises ValueError: for a level that the world does not have.
     """
-    settings = dict(run.settings)
+    settings: dict[str, Any] = dict(run.settings)
     if level:
         if 'level' not in worlds.reset_settings(run.world):
             raise ValueError(f'level: got {level}, expected 0, as world {run.world} has no levels')

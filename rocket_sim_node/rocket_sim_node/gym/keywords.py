@@ -14,7 +14,7 @@ from rocket_sim_node.settings import check
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 
-OWN = ('seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience')
+OWN = ('seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience', 'step_threads')
 """Keywords of the environment; all others are settings of the world."""
 RENDER_MODES = ('rgb_array',)
 

@@ -69,7 +69,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self, world: str, num_envs: int = 1, *, seed: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: str | None = None, simulators: str = '', patience: float = 60.0,
-        **settings: Any,
+        step_threads: int = 1, **settings: Any,
     ) -> None:
         """Create the world, or connect to simulators.
 
@@ -82,6 +82,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :param simulators: namespaces of the simulators to fly, such as `/sim_*`; empty: in this
             process. Simulator k, in the order of their names, is reset with seed + k.
         :param patience: seconds to wait for a simulator's answer.
+        :param step_threads: threads that step the world, as `worlds.make` takes them; in process
+            only, as simulators have a parameter of that name.
         :param settings: of the world, as `worlds.make` takes them. Over DDS, those that a reset
             can change are sent with each reset, and the simulators must have the others.
         :raises ValueError: for an unknown keyword, or a value that is out of range.
@@ -94,6 +96,10 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self._world: _World | None = None
         self._simulated: SimulatedWorld | None = None
         self._reset_settings: dict[str, Any] = {}
+        if simulators and step_threads != 1:
+            raise ValueError(
+                f'step_threads: got {step_threads!r}, expected 1 with simulators '
+                f'{simulators!r}: start them with this parameter instead')
         if simulators:
             self._world = _over_dds(world, num_envs, simulators, patience)
             try:
@@ -104,7 +110,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
                 raise
         else:
             self._world = self._simulated = worlds.make(
-                world, num_envs, 0 if seed is None else seed, **settings)
+                world, num_envs, 0 if seed is None else seed, step_threads, **settings)
         spec = self._world.spec
         self.num_envs = spec.num_envs
         self.world_spec = spec

@@ -11,6 +11,7 @@ from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.registry import MOST_THREADS
 from rocket_sim_node.worlds.registry import make
 from rocket_sim_node.worlds.registry import names
 from rocket_sim_node.worlds.registry import reset_settings
@@ -18,6 +19,6 @@ from rocket_sim_node.worlds.registry import settings
 from rocket_sim_node.worlds.registry import settings_from
 
 __all__ = [
-    'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv', 'WorldSpec', 'make',
-    'names', 'reset_settings', 'settings', 'settings_from',
+    'MOST_THREADS', 'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv',
+    'WorldSpec', 'make', 'names', 'reset_settings', 'settings', 'settings_from',
 ]

@@ -23,15 +23,17 @@ class _Entry:
     world: Callable[..., SimulatedWorld]
     settings: type
     reset_settings: tuple[str, ...]
+    threaded: bool = False
 
 
 _MOST_ENVS = 1_000_000
+MOST_THREADS = 256
 
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, RocketWorld.reset_settings),
     'rocket_planar': _Entry(
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
-    'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, ()),
+    'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, (), threaded=True),
 }
 
 
@@ -75,11 +77,15 @@ def reset_settings(name: str) -> tuple[str, ...]:
     return _entry(name).reset_settings
 
 
-def make(name: str, num_envs: int = 1, seed: int = 0, **values: Any) -> SimulatedWorld:
+def make(
+    name: str, num_envs: int = 1, seed: int = 0, step_threads: int = 1, **values: Any,
+) -> SimulatedWorld:
     """Create a world of `num_envs` rockets.
 
     :param name: one of `names()`.
     :param seed: seed of the random streams, 0 to 2**63 - 1.
+    :param step_threads: threads that step the world, 1 to 256; more than 1 for `lunar_lander`
+        only. The results are the same bits for any number.
     :param values: settings by name, the rest by default; see `settings(name)`. Worlds of rockets
         take conditions as `conditions.flatten` does.
     :raises ValueError: for an unknown world or setting, or a value out of range.
@@ -91,4 +97,12 @@ def make(name: str, num_envs: int = 1, seed: int = 0, **values: Any) -> Simulate
             f'num_envs: got {num_envs!r}, expected a whole number from 1 to {_MOST_ENVS}')
     if not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')
+    most = MOST_THREADS if entry.threaded else 1
+    if not isinstance(step_threads, int) or isinstance(step_threads, bool) or (
+            not 1 <= step_threads <= most):
+        raise ValueError(f'step_threads: got {step_threads!r}, expected ' + (
+            f'a whole number from 1 to {most}' if entry.threaded else
+            f'1, as world {name!r} is stepped by one thread'))
+    if entry.threaded:
+        values['step_threads'] = step_threads
     return entry.world(num_envs=num_envs, seed=seed, **values)

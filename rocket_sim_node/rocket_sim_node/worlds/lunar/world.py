@@ -51,8 +51,12 @@ class LunarLanderWorld(StateCapture):
         'velocity': '_hull_motion', 'ground_force': '_contact_force.T',
         'touching': '_touching.T', 'heights': 'terrain.T'}
 
-    def __init__(self, num_envs: int = 1, seed: int = 0, **settings: float) -> None:
+    def __init__(
+        self, num_envs: int = 1, seed: int = 0, step_threads: int = 1, **settings: float,
+    ) -> None:
         """Create the world and begin the first episodes.
+
+        :param step_threads: threads that step the landers; the results are the same bits.
 
         :raises ValueError: for a setting that is unknown or out of range.
         """
@@ -63,7 +67,8 @@ class LunarLanderWorld(StateCapture):
                 f'expected at most time_limit, {s.time_limit} s')
         self._step_limit = int(np.floor(s.time_limit / s.dt + 1e-9))
         self._rest_speed_squared, self._rest_spin = s.rest_speed**2, np.deg2rad(s.rest_spin)
-        self._lanes = Lanes(num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER)
+        self._lanes = Lanes(
+            num_envs, vehicle.LunarDesign(), s.dt, s.gravity, _SOLVER, step_threads)
         self._engines = Engines(s)
         self._force = np.zeros((num_envs, 3, 3))
         self.rows = np.arange(num_envs)

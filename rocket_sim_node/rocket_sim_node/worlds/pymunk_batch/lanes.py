@@ -3,7 +3,8 @@
 
 A Space holds a block of vehicles in lanes so wide that no two meet. Python runs one step, two
 batch reads and one batch write per Space, not per vehicle, and a few property calls when a vehicle
-is placed.
+is placed. The Spaces may be shared out among threads: Chipmunk runs without Python's global lock,
+and as Spaces share nothing, the bits are those of one thread.
 
 Chipmunk, inside pymunk, moves first and pushes afterwards: x += v dt, then contacts, then
 v += a dt and the impulses of contacts and joints. Split between moving and detecting contacts,
@@ -21,7 +22,9 @@ No vehicle depends on its neighbours, bit for bit: see LaneBlock on the order of
 """
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +65,35 @@ _NO_CONTACTS = Contacts(
     np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
 
 
+class _Share:
+    """Consecutive Spaces that one thread steps."""
+
+    def __init__(self, blocks: Sequence[LaneBlock]) -> None:
+        """Take the Spaces; their part of the state is one piece of memory, as they follow."""
+        self._blocks = blocks
+        self._bodies, self._arbiters = batch.Buffer(), batch.Buffer()
+
+    def step(self, dt: float) -> None:
+        """Push and step the Spaces, then read the poses and velocities, and the contacts."""
+        self._bodies.clear()
+        self._arbiters.clear()
+        for block in self._blocks:
+            block.set_push()
+            block.space.step(dt)
+        for block in self._blocks:
+            batch.get_space_bodies(block.space, lane_block.STATE, self._bodies)
+            batch.get_space_arbiters(block.space, lane_block.TOUCH, self._arbiters)
+
+    def bodies(self) -> F64:
+        """Return the state `(B, 6)` of all bodies after the step."""
+        return np.frombuffer(self._bodies.float_buf()).reshape(-1, 6)
+
+    def touching(self) -> tuple[NDArray[np.uintp], F64]:
+        """Return the ids `(K, 2)` of bodies in contact, and impulses and points `(K, 4)`."""
+        return (np.frombuffer(self._arbiters.int_buf(), np.uintp).reshape(-1, 2),
+                np.frombuffer(self._arbiters.float_buf()).reshape(-1, 4))
+
+
 class Lanes:
     """N vehicles of B bodies each, in lanes of their own; positions are relative to the lane.
 
@@ -71,8 +103,12 @@ class Lanes:
 
     def __init__(
         self, count: int, design: Design, dt: float, gravity: float, solver: Solver,
+        threads: int = 1,
     ) -> None:
-        """Create N = `count` vehicles; `place` sets their positions."""
+        """Create N = `count` vehicles; `place` sets their positions.
+
+        :param threads: how many threads share the Spaces, at most one for each.
+        """
         self._dt, self._gravity = dt, gravity
         bodies = design.bodies
         firsts = range(0, count, LANES)
@@ -93,7 +129,10 @@ class Lanes:
         self._fresh = np.zeros(count, np.bool_)
         self.pose = np.zeros((count, bodies, 3))
         self.velocity = np.zeros((count, bodies, 3))
-        self._state_read, self._touch_read = batch.Buffer(), batch.Buffer()
+        number = min(threads, len(self._blocks))
+        cuts = [len(self._blocks) * k // number for k in range(number + 1)]
+        self._shares = [_Share(self._blocks[a:b]) for a, b in itertools.pairwise(cuts)]
+        self._pool = ThreadPoolExecutor(number - 1, 'lanes') if number > 1 else None
         # As designed; a body whose mass changes must not be pushed in the step after `place`.
         first = self.vehicle(0).bodies
         self._mass = np.array([body.mass for body in first])
@@ -128,10 +167,7 @@ class Lanes:
         """
         fresh = self._fresh.nonzero()[0]
         self._push[self._index] = force
-        for block in self._blocks:
-            block.set_push()
-            block.space.step(self._dt)
-        self._read()
+        self._step_shares()
         if fresh.size:
             self._let_go(fresh, force[fresh])
         state = self._state[self._index]
@@ -139,25 +175,26 @@ class Lanes:
         self.pose = state[:, :, :3] + self.velocity * self._dt
         self.pose[:, :, 0] -= self._origin[:, None]
 
-    def _read(self) -> None:
-        """Read the poses and velocities of all bodies, and the contacts."""
-        self._state_read.clear()
-        self._touch_read.clear()
-        for block in self._blocks:
-            batch.get_space_bodies(block.space, lane_block.STATE, self._state_read)
-            batch.get_space_arbiters(block.space, lane_block.TOUCH, self._touch_read)
-        self._state[:] = np.frombuffer(self._state_read.float_buf()).reshape(-1, 6)
+    def _step_shares(self) -> None:
+        """Step all Spaces and read them, the first share in this thread."""
+        others = [
+            self._pool.submit(share.step, self._dt) for share in self._shares[1:]
+        ] if self._pool else []
+        self._shares[0].step(self._dt)
+        for other in others:
+            other.result()
+        np.concatenate([share.bodies() for share in self._shares], out=self._state)
         self._contacts = None
 
     @property
     def contacts(self) -> Contacts:
         """Return the contacts with the ground in the last step."""
         if self._contacts is None:
-            ids = np.frombuffer(self._touch_read.int_buf(), np.uintp).reshape(-1, 2)
+            ids, values = map(np.concatenate, zip(
+                *(share.touching() for share in self._shares), strict=True))
             if not len(ids):
                 self._contacts = _NO_CONTACTS
                 return self._contacts
-            values = np.frombuffer(self._touch_read.float_buf()).reshape(-1, 4)
             place = np.minimum(np.searchsorted(self._ids, ids), len(self._ids) - 1)
             # In each pair one body is a vehicle's and the other is the static one.
             second = (self._ids[place[:, 1]] == ids[:, 1]).astype(np.int64)

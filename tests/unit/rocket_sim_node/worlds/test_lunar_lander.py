@@ -2,6 +2,9 @@
 """World `lunar_lander` by its own rules: rewards, ends, randomness, snapshots, telemetry."""
 from __future__ import annotations
 
+import gc
+import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -73,6 +76,50 @@ def test_equal_seeds_give_equal_flights_and_another_does_not(continuous: bool) -
     assert_equal(first, fly(make(9, continuous=continuous), 500, 1))
     other = fly(make(9, seed=4, continuous=continuous), 3, 1)
     assert not np.array_equal(first[0][0], other[0][0])
+
+
+@pytest.mark.parametrize('num_envs, step_threads', [(1, 2), (100, 3), (70, 64)])
+def test_any_number_of_threads_flies_the_same_bits(num_envs: int, step_threads: int) -> None:
+    """Over one Space and several, through contacts, ends of episodes and a snapshot."""
+    one, more = make(num_envs), make(num_envs, step_threads=step_threads)
+    first = fly(one, 400, 1)
+    assert num_envs == 1 or ended(first) >= 1
+    assert_equal(first, fly(more, 400, 1))
+    more.restore(one.snapshot())
+    assert_equal(fly(one, 100, 2), fly(more, 100, 2))
+
+
+def test_threads_end_with_their_world() -> None:
+    def stepping() -> list[threading.Thread]:
+        return [one for one in threading.enumerate() if one.name.startswith('lanes')]
+
+    def gone() -> bool:
+        gc.collect()
+        deadline = time.monotonic() + 20.0
+        while stepping() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return not stepping()
+
+    assert gone(), 'of earlier tests'
+    world = make(100, step_threads=3)
+    fly(world, 2, 1)
+    assert 1 <= len(stepping()) <= 2
+    del world
+    assert gone()
+
+
+@pytest.mark.parametrize('world, got, expected', [
+    ('rocket', 2, "1, as world 'rocket' is stepped by one thread"),
+    ('rocket_planar', 2, "1, as world 'rocket_planar' is stepped by one thread"),
+    ('lunar_lander', 0, 'a whole number from 1 to 256'),
+    ('lunar_lander', 257, 'a whole number from 1 to 256'),
+    ('lunar_lander', 1.5, 'a whole number from 1 to 256'),
+    ('lunar_lander', True, 'a whole number from 1 to 256'),
+])
+def test_a_bad_number_of_threads_is_refused(world: str, got: Any, expected: str) -> None:
+    with pytest.raises(ValueError) as error:
+        worlds.make(world, 2, step_threads=got)
+    assert str(error.value) == f'step_threads: got {got!r}, expected {expected}'
 
 
 @pytest.mark.parametrize('num_envs', [1, 7, 40, 100])
