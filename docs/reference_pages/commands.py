@@ -41,7 +41,7 @@ _LAUNCHED = {
     'train': training.TrainingParameters, 'land': inference.InferenceParameters,
     'evaluate': evaluate.EvaluationParameters, 'fly': StartSettings}
 """Commands with a launch file, and parameters of the nodes that they start."""
-_SHARED = (simulation.SimulatorParameters, rerun_recorder.Destinations)
+_SHARED = (simulation.SimulatorParameters, worlds.SteppingSettings, rerun_recorder.Destinations)
 _PLAIN: dict[str, tuple[Callable[[], None], type]] = {
     'compare': (compare.main, compare.Comparison),
     'export': (export.main, export.Export),

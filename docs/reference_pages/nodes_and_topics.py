@@ -264,7 +264,8 @@ def _parameters() -> Iterable[str]:
     """Yield a table of the parameters that are needed most for some nodes."""
     known: dict[str, tuple[SettingInfo, ...]] = {
         'simulator': (
-            *worlds.settings(worlds.names()[0]), *describe(simulation.SimulatorParameters)),
+            *worlds.settings(worlds.names()[0]), *describe(simulation.SimulatorParameters),
+            *describe(worlds.SteppingSettings)),
         'rerun_recorder': (*describe(rerun_recorder.Destinations), *describe(RecordingFilter)),
         'bag_recorder': describe(bag_recorder.BagParameters),
         'ros_bridge': describe(ros_bridge.BridgeParameters),

@@ -104,7 +104,8 @@ def text() -> str:
     """Return the page."""
     return '\n'.join([
         _HEAD,
-        table('`simulator`', describe(simulation.SimulatorParameters)),
+        table('`simulator`', (
+            *describe(simulation.SimulatorParameters), *describe(worlds.SteppingSettings))),
         *(table(f'`simulator`, `world:={name}`', worlds.settings(name))
           for name in worlds.names()),
         table('`rerun_recorder`', (

@@ -126,7 +126,10 @@ def _groups(
             {**told, **found.agent})
     taken = {info.name for infos in agent.values() for info in infos} | found.declared.keys()
     taken |= SET_BY_AGENT.keys() if found.command == 'train' else set()
-    own = [info for info in worlds.settings(found.world) if info.name not in taken]
+    own = [
+        info for info in (
+            *worlds.settings(found.world), *worlds.stepping_settings(found.world))
+        if info.name not in taken]
     simulator = full_name(values['namespace'], 'simulator')
     told = {**read_parameters(Path(values['simulator_parameters']), simulator),
             **found.simulator}

@@ -35,10 +35,6 @@ class SimulatorParameters:
 
     world: str = setting('rocket', '', 'which world', choices=worlds.names())
     num_envs: int = setting(256, '', 'number of rockets, stepped as one batch', 1, MOST_ENVS)
-    step_threads: int = setting(
-        1, '', 'number of threads that step the world, for example one for each core that is '
-        'free; lunar_lander only. Results are the same bits for any number', 1,
-        worlds.MOST_THREADS)
     seed: int = setting(0, '', 'seed of the random streams until the first reset', 0, 2**62)
     conditions: str = setting(
         'nominal', '', 'set of conditions; rocket worlds only. Conditions that are set '
@@ -104,10 +100,11 @@ def simulate(node: Node, executor: Executor) -> None:
     """Serve a world until asked to stop."""
     parameters = Parameters(node)
     options = parameters.declare(SimulatorParameters)
+    stepping = parameters.declare(worlds.SteppingSettings)
     settings = _world_settings(parameters, options)
     parameters.finish()
     world = worlds.make(
-        options.world, options.num_envs, options.seed, options.step_threads, **settings)
+        options.world, options.num_envs, options.seed, stepping.step_threads, **settings)
     server = Server(node, world, ServerOptions(
         mode=_MODES[options.mode], realtime_factor=options.realtime_factor,
         action_timeout=options.action_timeout, agent_lease=options.agent_lease,

@@ -11,14 +11,16 @@ from rocket_sim_node.errors import EnvironmentRestarted
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.registry import MOST_THREADS
+from rocket_sim_node.worlds.registry import SteppingSettings
 from rocket_sim_node.worlds.registry import make
 from rocket_sim_node.worlds.registry import names
 from rocket_sim_node.worlds.registry import reset_settings
 from rocket_sim_node.worlds.registry import settings
 from rocket_sim_node.worlds.registry import settings_from
+from rocket_sim_node.worlds.registry import stepping_settings
 
 __all__ = [
-    'MOST_THREADS', 'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'VectorEnv',
+    'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'SteppingSettings', 'VectorEnv',
     'WorldSpec', 'make', 'names', 'reset_settings', 'settings', 'settings_from',
+    'stepping_settings',
 ]

@@ -27,7 +27,19 @@ class _Entry:
 
 
 _MOST_ENVS = 1_000_000
-MOST_THREADS = 256
+
+
+@dataclass(frozen=True)
+class SteppingSettings:
+    """How a world is stepped; results are the same bits for any values."""
+
+    step_threads: int = settings_module.setting(
+        1, '', 'number of threads that step the world, for example one for each core that is '
+        'free; lunar_lander only', 1, 256)
+
+
+_STEPPING = settings_module.describe(SteppingSettings)
+_STEP_THREADS = _STEPPING[0]
 
 _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, RocketWorld.reset_settings),
@@ -54,6 +66,14 @@ def settings(name: str) -> tuple[SettingInfo, ...]:
     :raises ValueError: for an unknown world.
     """
     return settings_module.describe(_entry(name).settings)
+
+
+def stepping_settings(name: str) -> tuple[SettingInfo, ...]:
+    """Return the settings of how a world is stepped, none for a world without.
+
+    :raises ValueError: for an unknown world.
+    """
+    return _STEPPING if _entry(name).threaded else ()
 
 
 def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,12 +117,11 @@ def make(
             f'num_envs: got {num_envs!r}, expected a whole number from 1 to {_MOST_ENVS}')
     if not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')
-    most = MOST_THREADS if entry.threaded else 1
-    if not isinstance(step_threads, int) or isinstance(step_threads, bool) or (
-            not 1 <= step_threads <= most):
-        raise ValueError(f'step_threads: got {step_threads!r}, expected ' + (
-            f'a whole number from 1 to {most}' if entry.threaded else
-            f'1, as world {name!r} is stepped by one thread'))
+    if not entry.threaded and step_threads != 1:
+        raise ValueError(
+            f'step_threads: got {step_threads!r}, expected 1, as world {name!r} is stepped by '
+            'one thread')
+    settings_module.check(_STEP_THREADS, step_threads)
     if entry.threaded:
         values['step_threads'] = step_threads
     return entry.world(num_envs=num_envs, seed=seed, **values)

@@ -111,13 +111,13 @@ def test_threads_end_with_their_world() -> None:
 @pytest.mark.parametrize('world, got, expected', [
     ('rocket', 2, "1, as world 'rocket' is stepped by one thread"),
     ('rocket_planar', 2, "1, as world 'rocket_planar' is stepped by one thread"),
-    ('lunar_lander', 0, 'a whole number from 1 to 256'),
-    ('lunar_lander', 257, 'a whole number from 1 to 256'),
-    ('lunar_lander', 1.5, 'a whole number from 1 to 256'),
-    ('lunar_lander', True, 'a whole number from 1 to 256'),
+    ('lunar_lander', 0, '1 to 256'),
+    ('lunar_lander', 257, '1 to 256'),
+    ('lunar_lander', 1.5, 'a whole number'),
+    ('lunar_lander', True, 'a number'),
 ])
 def test_a_bad_number_of_threads_is_refused(world: str, got: Any, expected: str) -> None:
-    with pytest.raises(ValueError) as error:
+    with pytest.raises((TypeError, ValueError)) as error:
         worlds.make(world, 2, step_threads=got)
     assert str(error.value) == f'step_threads: got {got!r}, expected {expected}'
 
