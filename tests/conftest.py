@@ -34,7 +34,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Choose how thoroughly properties are tried: always the same examples, or many others."""
-    # What hypothesis keeps lies outside of the folder; it keeps no examples.
+    # Hypothesis keeps its files outside of the folder, and no examples.
     home = tempfile.TemporaryDirectory(prefix='hypothesis-')
     config.add_cleanup(home.cleanup)
     set_hypothesis_home_dir(home.name)

@@ -18,7 +18,7 @@ _LANDED = 100.0
 
 @dataclass(frozen=True)
 class Flown:
-    """What some episodes brought, `(K,)` each."""
+    """Results of some episodes, `(K,)` each."""
 
     episode_return: NDArray[np.float64]
     length: NDArray[np.int64]

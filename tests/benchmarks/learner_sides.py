@@ -20,7 +20,7 @@ from typing import Protocol
 
 @dataclass(frozen=True)
 class Case:
-    """What is learnt: a world's default preset, with its batches or others."""
+    """A case: a world's default preset, with its batches or others."""
 
     world: str
     rockets: int
@@ -47,7 +47,7 @@ class Options:
 
 
 class Side(Protocol):
-    """What is timed."""
+    """One side of the comparison, to be timed."""
 
     samples: int
     """times epochs"""

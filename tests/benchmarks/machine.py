@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a benchmark ran on: `python -m benchmarks.machine FILE` writes it down."""
+"""The machine of a benchmark: `python -m benchmarks.machine FILE` writes it down."""
 from __future__ import annotations
 
 import os

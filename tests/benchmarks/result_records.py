@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `bench result` asks of a run, and what it writes down of it."""
+"""The requirements of `bench result` on a run, and its records."""
 from __future__ import annotations
 
 import math
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Options:
-    """What all runs have in common."""
+    """Fields that all runs have in common."""
 
     target: float
     """mean return of 100 deterministic episodes that ends a run"""

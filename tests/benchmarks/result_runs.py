@@ -191,7 +191,7 @@ CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
     'envpool_ppo': lambda seed, options: peer('envpool_ppo', seed, options),
     'sb3_lander': lambda seed, options: peer('sb3_lander', seed, options),
 }
-"""Who learns to fly the lander, by name."""
+"""Contestants that learn to fly the lander, by name."""
 
 
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> TimedRun:

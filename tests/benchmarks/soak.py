@@ -222,7 +222,7 @@ def main() -> None:
             looks, shared, [], looks[-1]['time'] - looks[0]['time']))))
         return
     print(f'faults of seed {options.seed}', flush=True)
-    # What ends this ends the nodes, too.
+    # A signal that ends this ends the nodes, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -30,7 +30,7 @@ that falls on a quicker machine than those before, and look like a slow leak. Tw
 
 
 class Fault(NamedTuple):
-    """What may happen to a node, and how often beside the others."""
+    """A fault of a node, and its frequency relative to the others."""
 
     what: str
     node: str

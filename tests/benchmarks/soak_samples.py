@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a soak measures: each node's memory, open files and threads, /dev/shm, and steps."""
+"""Measurements of a soak: each node's memory, open files and threads, /dev/shm, and steps."""
 from __future__ import annotations
 
 import csv
@@ -43,7 +43,7 @@ def shared_names(pid: int) -> set[str]:
 def own_memory(pid: int) -> float:
     """Return the memory of a process that is of no file, MiB.
 
-    Whoever starts or ends beside it, and shares its libraries, does not change it as it does PSS.
+    Processes that share its libraries do not change it, as they do PSS.
     """
     status = Path(f'/proc/{pid}/status').read_text('utf-8')
     line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))

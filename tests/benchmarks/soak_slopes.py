@@ -4,9 +4,9 @@
 A process that is killed and started again begins anew, so each life has a level of its own and
 what is asked for is the slope within lives: a least-squares fit with one slope and an intercept
 a life. The first third of a life, when a process still fills its buffers and meets its peers, is
-left out: what leaks goes on after that. What memory does now it also does a moment later, so
-values are averaged over blocks, and the interval is that of Newey and West (Econometrica 55, 1987,
-eq. 5), which allows for residuals that hang together over a few blocks.
+left out: a leak goes on after that. Memory changes slowly, so samples are correlated: values are
+averaged over blocks, and the interval is that of Newey and West (Econometrica 55, 1987, eq. 5),
+which allows for residuals that are correlated over a few blocks.
 """
 from __future__ import annotations
 

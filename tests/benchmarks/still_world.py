@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A world of the shape of `rocket` in which nothing moves, and a simulator of it.
 
-What a lock-step exchange costs without physics is measured with it. Run as a program it serves
+It measures the cost of a lock-step exchange without physics. Run as a program it serves
 the world: `python -m benchmarks.still_world N [--unchecked] [--ros-args ...]`.
 """
 from __future__ import annotations

@@ -29,8 +29,8 @@ STAGES = {
     'starting': ('process started with pid', 1.5), 'demonstrations': ('expert flies 1/', 0.5),
     'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 0.5),
     'evaluation': ('evaluating ', 0.2), 'plots': ('computing figures', 0.3)}
-"""What a stage is known by, and how long after that line it is interrupted, s. An update is under
-way when, besides, nobody flies."""
+"""The line that marks a stage, and how long after that line it is interrupted, s. An
+update runs if, besides, nobody flies."""
 _STILL = 0.3
 """s in which a simulator that is flown would have computed"""
 

@@ -114,7 +114,7 @@ def realtime(
 ) -> tuple[Process, Client, Watch]:
     """Return a simulator by the clock, a client that has not reset it yet, and who watches.
 
-    Whoever has reset it and then takes its time has its engine cut.
+    An agent that has reset it and then takes its time has its engine cut.
     """
     process = processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, **options})
@@ -480,7 +480,7 @@ def test_a_refusal_is_told_at_once_and_by_name(
 
 
 def test_nothing_on_the_wire_goes_by_the_clock_of_the_day() -> None:
-    """What measures time is `time.monotonic`; each timer has the steady clock.
+    """Time is measured by `time.monotonic`; each timer has the steady clock.
 
     But files have times of the clock of the day, and so have their ages.
     """

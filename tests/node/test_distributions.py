@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What differs between distributions of ROS 2: the same on each, and without what may change."""
+"""Differences between distributions of ROS 2: the same results on each."""
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -173,7 +173,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_told(
 
 def test_an_agent_whose_place_was_taken_while_it_was_silent_says_so(
         processes: Processes, make_client: Callable[..., Client]) -> None:
-    """What claims to be the same agent may be that agent, started again: it is obeyed."""
+    """A sender with the agent's identity may be that agent, started again: it is obeyed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, again = make_client(agent=5), make_client(agent=5)
     errors = Errors(again)

@@ -239,7 +239,7 @@ def test_thousands_of_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -> None
 
     assert fuzzer.client.waiter.until(counted, 10.0), [
         (name, count, fuzzer.counts().get(name)) for name, count in expected.items()]
-    # What the client sent twice, as its answer took long, was answered twice.
+    # The client sent some calls twice, as answers took long; both were answered.
     assert int(fuzzer.counts()['repeated answers']) <= again + fuzzer.client.resent
     assert all(count > 0 for count in fuzzer.expected.values())
     fuzzer.flood(many)

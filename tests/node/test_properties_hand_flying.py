@@ -37,7 +37,7 @@ SOME = settings(max_examples=max(30, settings.default.max_examples // 2))
 
 
 class Hands:
-    """Who flies by hand, at a terminal that shows nothing, without DDS.
+    """A hand pilot at a terminal that shows nothing, without DDS.
 
     It is its own node, client and terminal. A flight ends with the last observation, or is lost.
     """

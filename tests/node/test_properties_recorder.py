@@ -172,7 +172,7 @@ def landed(states: list[Any]) -> list[Any]:
 
 @pytest.mark.parametrize('harm', ['settings', 'mass', 'fuel', 'linear_velocity', 'orientation'])
 def test_landings_that_cannot_be_followed_are_shown_all_the_same(harm: str) -> None:
-    """What becomes of them is asked of a contact model, which has no answer to some questions."""
+    """A contact model decides what becomes of them; for some of them it has no answer."""
     desk = Desk(False)
     world, *states, _ = copy.deepcopy(good('rocket', 1))
     states = landed(states)

@@ -13,7 +13,7 @@ from rocket_sim_node.wire.node.waiting import WireTimeout
 
 
 class Node:
-    """What a silence wants of one."""
+    """Actions that a silence requires."""
 
     def __init__(self) -> None:
         self.warned: list[str] = []

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What several tests share: processes, hosts, forged files, worlds, references."""
+"""Helpers of several tests: processes, hosts, forged files, worlds, references."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who gets in: nobody from another machine, unless a range says so; the same test sees it then."""
+"""Nobody from another machine gets in, unless a range says so; the same test sees it then."""
 from __future__ import annotations
 
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The benchmarks run and write what they measured. What they measure is not asserted here."""
+"""The benchmarks run and write their figures. The figures are not asserted here."""
 from __future__ import annotations
 
 import dataclasses

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What nodes have in shared memory, and what is left of it when they are killed."""
+"""Shared memory of nodes, and what is left of it when they are killed."""
 from __future__ import annotations
 
 import re

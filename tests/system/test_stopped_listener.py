@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who only listens may stand still, by Ctrl-Z or a debugger, and holds up nobody.
+"""A node that only listens may be stopped, by Ctrl-Z or a debugger, and holds up nobody.
 
 Fast DDS leaves in a writer's shared memory what a stopped reader has not read; in pieces of what
 is left no snapshot fits, and services are answered no more. See `wire.dds.transport`.

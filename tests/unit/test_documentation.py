@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the documents say is what the code says."""
+"""The documents agree with the code."""
 from __future__ import annotations
 
 import re

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the packages say of themselves, and what who only simulates has to install."""
+"""Metadata of the packages, and the dependencies of a user who only simulates."""
 from __future__ import annotations
 
 import re

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services of simulation_interfaces 2.1, the standard of simulators, below the simulator's name.
 
-What moves the world is refused while an agent has control, with the name of the agent.
+Calls that move the world are refused while an agent has control, with the name of the agent.
 """
 from __future__ import annotations
 

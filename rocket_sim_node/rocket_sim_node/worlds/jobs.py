@@ -117,7 +117,7 @@ class LastSnapshot:
     def answer(self, command: Command) -> F32 | None:
         """Return the answer of a command that would change nothing; None if it must be executed.
 
-        What follows is identical either way, bit for bit.
+        The results are identical either way, bit for bit.
         """
         if isinstance(command, Restore) and self.state == command.state:
             self.state = None

@@ -26,7 +26,7 @@ class Estimate(NamedTuple):
 def over_seeds(values: Sequence[float]) -> Estimate:
     """Return the mean over training seeds with Student's interval, infinite for one seed.
 
-    What is compared seed by seed is given as differences, which makes it the paired t test.
+    Values compared seed by seed are given as differences, which makes it the paired t test.
     """
     sample = np.asarray(values, np.float64)
     if len(sample) < 2:

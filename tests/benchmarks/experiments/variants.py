@@ -12,7 +12,7 @@ SCALE: Mapping[str, object] = {
     'demonstration_episodes': 128, 'dagger_rounds': 4, 'dagger_epochs': 3, 'clone_epochs': 4,
     'hidden_sizes': (64, 64), 'iterations': 24, 'selection_interval': 1000,
     'selection_episodes': 128, 'checkpoint_interval': 1000}
-"""What the base changes of `default`, so that three seeds of all variants take half an hour."""
+"""Changes of the base from `default`, so that three seeds of all variants take half an hour."""
 QUICK: Mapping[str, object] = {
     'demonstration_episodes': 8, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 1,
     'iterations': 1, 'scatter_steps': 8, 'selection_episodes': 8}

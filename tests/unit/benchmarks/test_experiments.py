@@ -79,7 +79,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Trained:
 
 
 def test_a_clone_does_not_depend_on_ppo(tiny: Trained, tmp_path: Path) -> None:
-    """What the experiment relies on when it flies the clone of the base alone."""
+    """The experiment relies on this when it flies the clone of the base alone."""
     changed = {
         name: value for variant in variants.VARIANTS if variant.stage == variants.PPO
         for name, value in variant.overrides.items()}

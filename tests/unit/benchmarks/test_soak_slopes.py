@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a soak calls flat."""
+"""Slopes that a soak calls flat."""
 from __future__ import annotations
 
 import numpy as np

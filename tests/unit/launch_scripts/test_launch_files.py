@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the launch files tell the nodes, of arguments that were given and that were not."""
+"""Parameters that the launch files give to the nodes, with and without arguments."""
 from __future__ import annotations
 
 from pathlib import Path

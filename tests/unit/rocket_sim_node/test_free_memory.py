@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What lies free in pieces between what is used goes back to the system."""
+"""Free memory between used pieces goes back to the system."""
 from __future__ import annotations
 
 import re

@@ -72,7 +72,7 @@ def test_a_file_gets_printable_lines(text: str) -> None:
 @given(text=WORDS)
 def test_a_terminal_obeys_nobody_but_the_display(
         monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    """What the display itself has to command is the same with any text of as many lines."""
+    """The display's own control codes are the same with any text of as many lines."""
     monkeypatch.setenv('TERM', 'xterm')
     text = strip_control_codes(text)  # as rich does, which makes lines empty
     plain = ''.join(sign if sign in '\n\t' else 'x' for sign in text)

@@ -204,7 +204,7 @@ def test_brake_against_constant_deceleration_and_the_rocket_itself(
     assert constant.wait(44.0, 30.0, 1.0) == 0.0
     assert constant.height(-1.0, 1.0) == 0.0
     assert Brake(9.0, 0.0, 1.0, 10.0).height(1.0, 1.0) == math.inf
-    # What 100, 200 and 300 kg of fuel take of it; by small steps of the equations.
+    # The share that 100, 200 and 300 kg of fuel take; by small steps of the equations.
     short = Brake.of(rocket.spec)
     for fuel, hit in ((0, math.sqrt(30**2 + 2 * 9.81 * 60)), (100, 37.543), (200, 30.213),
                       (300, 24.159)):
@@ -287,7 +287,7 @@ def test_commands_are_told_apart_from_controls_and_asked_once(rocket: SimulatedW
 # Landing by keys
 
 class Fingers:
-    """What a person could do: looks now and then, presses one key at a time, four a second."""
+    """A pilot as slow as a person: looks now and then, presses four keys a second, one by one."""
 
     PERIOD = 0.25
 

@@ -94,7 +94,7 @@ def fly(landing: Landing) -> Episodes:
     world.position[:, 0], world.velocity[:, 0] = landing.position[0], landing.velocity[0]
     for thrust in landing.thrust:
         size = float(np.linalg.norm(thrust))
-        # What a solver leaves of nothing points anywhere.
+        # A remainder of the solver's rounding points anywhere.
         x, y, z = thrust / size if size > 1.0 else (0.0, 1.0, 0.0)
         half = math.sqrt(0.5 * (1 + y))
         world.attitude[:, 0] = 0.5 * z / half, 0.0, -0.5 * x / half, half

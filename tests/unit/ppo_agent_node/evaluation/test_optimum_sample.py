@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an evaluation says of the optimum: figures, columns, picture, and why there is none."""
+"""The optimum in an evaluation: figures, columns, picture, and the reason if there is none."""
 from __future__ import annotations
 
 import dataclasses

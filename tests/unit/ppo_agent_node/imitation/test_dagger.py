@@ -175,7 +175,7 @@ def test_equal_seeds_give_equal_clones_and_a_later_round_another(tmp_path: Path)
         assert torch.equal(weights, two.policy.state_dict()[name]), name
     assert not torch.equal(one.policy.network.linear[0].weight,
                            other.policy.network.linear[0].weight)
-    # What the first demonstrations look like is what all rounds are normalised by.
+    # All rounds are normalised by the first demonstrations.
     assert torch.equal(one.policy.normaliser.mean, other.policy.normaliser.mean)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who an agent is to its simulator."""
+"""The identity of an agent at its simulator."""
 from __future__ import annotations
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a terminal sends, read as keys; and which keys are down."""
+"""Bytes of a terminal, read as keys; and which keys are down."""
 from __future__ import annotations
 
 import pytest

@@ -79,7 +79,7 @@ def test_samples_depend_on_their_generator_alone() -> None:
     assert torch.equal(before, torch.get_rng_state())
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
-    # What was drawn does not decide how far the stream moves on.
+    # The values drawn do not decide how far the stream moves on.
     after = [random_streams.generator(1, 'x') for _ in range(2)]
     one.sample(observation, after[0])
     fixed(0.97, 0.01, 0.01, 0.01).sample(torch.zeros(300, 2), after[1])

@@ -151,7 +151,7 @@ def test_networks_that_lie_elsewhere_are_brought_back(
     assert found.keys() == expected.keys()
     for name, tensor in expected.items():
         assert torch.equal(found[name], tensor), name
-    # What is done to the networks here, by cloning or a checkpoint, counts there.
+    # Changes of the networks here, by cloning or a checkpoint, count there.
     for one in (here, there):
         one.load(Path('x'), learner(world=world).tensors())
         one.policy.normaliser.mean += 0.5

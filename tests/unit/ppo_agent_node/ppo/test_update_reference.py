@@ -108,7 +108,7 @@ def test_losses_and_weights_are_those_of_autograd(
 
 @pytest.mark.parametrize('kind', ['gaussian', 'categorical'])
 def test_gradients_in_double_precision(kind: str) -> None:
-    """What the distributions and the objectives say, against autograd, to 1e-10."""
+    """Distributions and objectives, against autograd, to 1e-10."""
     policy = networks(kind, 'tanh')[0].double()
     noise = random_streams.generator(2, 'n')
     rows = 4 if kind == 'categorical' else 3

@@ -42,7 +42,7 @@ OF_TRAINING = {'cloning.png', 'training.png', 'diagnostics.png'}
 
 
 class Page(HTMLParser):
-    """What a page shows: its text, tags, pictures and links; and whether all tags are closed."""
+    """Contents of a page: text, tags, pictures and links; and whether all tags are closed."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

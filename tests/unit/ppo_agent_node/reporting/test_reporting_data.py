@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What pictures of several episodes or runs are drawn from: bins, groups, bands."""
+"""Data from which pictures of several episodes or runs are drawn: bins, groups, bands."""
 from __future__ import annotations
 
 import json

@@ -52,7 +52,7 @@ ROW = {column.name: '1' for column in episode_table.COLUMNS} | {
 
 
 class Bomb:
-    """What a pickle would execute."""
+    """Code that a pickle would execute."""
 
     def __init__(self, sentinel: Path) -> None:
         self.sentinel = sentinel
@@ -159,7 +159,7 @@ def _no_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize('name', FILES)
 def test_damaged_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
-    """What is sealed is also never taken for something else."""
+    """A sealed file is never taken for one of another kind."""
     path = tmp_path / name
     FILES[name][0](path)
     good, whole = path.read_bytes(), FILES[name][1](path)

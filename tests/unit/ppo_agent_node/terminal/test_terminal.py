@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person sees of a run."""
+"""The display of a run in a terminal."""
 from __future__ import annotations
 
 import io
@@ -182,7 +182,7 @@ def test_sparklines() -> None:
 
 
 class Screen:
-    """What a terminal shows after the few control codes that the display uses."""
+    """A terminal that knows the few control codes that the display uses."""
 
     def __init__(self, written: str) -> None:
         self.rows, row, k = [''], 0, 0

@@ -75,7 +75,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert result.iterations == 6
     assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
     assert {s.stage for s in told} == {'demonstrate', 'clone', 'finetune'}
-    # What is looked at before the first iteration says nothing of how long one takes.
+    # A look before the first iteration says nothing of how long one takes.
     looked, *iterations = (s for s in told if s.stage == 'finetune' and s.is_iteration)
     assert looked.iteration == 0 and looked.remaining == math.inf
     assert all(math.isfinite(s.remaining) for s in iterations) and iterations[-1].remaining == 0.0
@@ -319,7 +319,7 @@ def test_resuming_with_other_settings_is_refused(straight: Path, tmp_path: Path)
     with pytest.raises(ValueError, match=r'spawn_height of the run is 30\.0'):
         train(path, env=worlds.make('rocket', num_envs=ROCKETS), resume=True)
     assert train(path, small(checkpoint_interval=1), resume=True).finished
-    # What may be another is written down: reports say what the evaluation was.
+    # Settings that may differ are written down: reports say what the evaluation was.
     found = RunFolder(path, resume=True).read_config()['training']
     assert (found['checkpoint_interval'], found['gamma']) == (1, 0.9999)
 

@@ -93,7 +93,7 @@ def test_all_fly_the_same_starts_at_the_same_time(run: Path) -> None:
 
 
 def test_flights_are_those_of_the_evaluation(run: Path) -> None:
-    """What is shown is what `evaluate` counts: the same starts, returns, touchdowns."""
+    """The comparison shows what `evaluate` counts: the same starts, returns, touchdowns."""
     world = worlds.make('rocket', 10, level=5)
     flown = evaluate(world, scripted_pilot(world.spec), 10, 20_000_000).episodes
     shown = [f for f in reader.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']

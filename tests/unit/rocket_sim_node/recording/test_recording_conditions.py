@@ -167,6 +167,6 @@ def test_samples_with_other_conditions_than_their_world_are_refused(tmp_path: Pa
     with pytest.raises(ValueError, match=(
             f"conditions: 3 values a sample, expected {len(DRAWN_NAMES)}, as world 'rocket' has")):
         record(tmp_path / 'none.rrd', stage(), flight(width=3))
-    # Who does not say what they are called has nothing shown of them.
+    # Conditions without names are not shown.
     record(tmp_path / 'some.rrd', stage(names=()), flight(width=3))
     assert entities.CONDITIONS not in entities_of(tmp_path / 'some.rrd')

@@ -177,7 +177,7 @@ def test_what_was_seen_live_is_what_was_recorded(
     recorded = {
         step for s in summaries
         for step in range(s['first_step'], s['first_step'] + s['samples'] + pause)}
-    # What is drawn of a flight does not change when more of it is known ...
+    # The drawing of a flight does not change when more of it is known ...
     for entity, by_step in whole.items():
         if entity == entities.CAMERA and flown[0].world != 'lunar_lander':
             continue  # ... but for the view, which turns to a vehicle that ends lying.
@@ -347,7 +347,7 @@ def test_closed_in_the_first_flight_it_is_kept_once(
 def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go_on(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
-    """Who flew it has died, perhaps."""
+    """Its agent may have died."""
     tape, clock = Tape(tmp_path / 'live.rrd'), Clock(0.0)
     recorder = Recorder(
         RecordingFilter(), [tape, FileSink(tmp_path / 'file.rrd', lambda *note: None)],

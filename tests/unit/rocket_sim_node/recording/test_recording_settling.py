@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of a rocket after its touchdown is shown after its flight, and said."""
+"""Settling after a touchdown is shown after the flight, and said."""
 from __future__ import annotations
 
 import dataclasses
@@ -143,7 +143,7 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     recorder.world(dataclasses.replace(STAGE, settings={'dry_mass': 22_000.0, 'gravity': 1.6}))
     assert asked == [2, MOST_HELD + 1, 1]
     assert worlds_asked == [STAGE] * 3
-    # What an agent flies that learns does not settle, and is recorded at once.
+    # Flights of a training do not settle, and are recorded at once.
     fly(100)
     recorder.training(Training('finetune', 1, {}))
     assert asked == [2, MOST_HELD + 1, 1, 2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of shared memory is removed when a node starts, and what is not."""
+"""Shared memory that is removed when a node starts, and that is not."""
 from __future__ import annotations
 
 import ctypes
@@ -198,7 +198,7 @@ def test_the_semaphore_of_a_port_that_others_take_stays_unless_somebody_died_wit
     with taken(semaphore) as free:
         assert free  # it was given back
         age(semaphore)
-        # Who has it, or waits for it, has it mapped, as this process has now.
+        # A process that has it, or waits for it, has it mapped, as this process has now.
         assert shared_memory_cleanup.clean(tmp_path) == []
         content = semaphore.read_bytes()
     semaphore.write_bytes(content)

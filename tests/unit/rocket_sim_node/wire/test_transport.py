@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What Fast DDS is told: our profiles, a user's, and the environment while a node starts."""
+"""Settings of Fast DDS: our profiles, a user's, and the environment while a node starts."""
 from __future__ import annotations
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What conditions do to a flight, against closed forms."""
+"""Effects of conditions on a flight, against closed forms."""
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What episodes tell of how they were flown: fuel left, hovering, ignitions, effort."""
+"""Counters of episodes: fuel left, hovering, ignitions, effort."""
 from __future__ import annotations
 
 from typing import Any

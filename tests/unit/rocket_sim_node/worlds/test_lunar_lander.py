@@ -439,7 +439,7 @@ def test_memory_stays_flat_over_many_resets() -> None:
     assert begin_anew(400) - before < 3e6
 
 
-# What a review found that no test kept
+# Cases that a review found without a test
 
 
 def test_wind_goes_on_after_a_snapshot() -> None:

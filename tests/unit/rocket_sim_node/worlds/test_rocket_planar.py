@@ -232,7 +232,7 @@ def test_a_rocket_that_is_low_but_does_not_touch_flies_on() -> None:
 
 
 def test_a_rocket_that_leans_too_much_may_still_stand() -> None:
-    """What it is beyond its limit at first contact earns nothing, but costs nothing."""
+    """A value beyond its limit at first contact earns nothing, but costs nothing."""
     world = make()
     put(world, 0, tilt=15.0, above=0.001)
     episodes, last, reward = ends(world)
@@ -372,7 +372,7 @@ def turned(observation: NDArray[np.float32], heading: NDArray[np.float64]) -> ND
 
 
 def test_a_heading_turns_what_the_pilot_sees_and_does_and_nothing_else() -> None:
-    """What it does across its plane is not flown."""
+    """Commands across its plane are not flown."""
     straight = worlds.make('rocket_planar', 20, seed=2)
     other = worlds.make('rocket_planar', 20, seed=2)
     first = straight.observe()
@@ -421,7 +421,7 @@ def test_the_expert_lands_whatever_the_heading() -> None:
     assert (episodes.outcome == 0).all()
 
 
-# What a review found that no test kept
+# Cases that a review found without a test
 
 
 def test_the_ground_goes_on_as_far_as_one_can_slide() -> None:
@@ -470,7 +470,7 @@ def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
 
 
 def test_contact_ends_with_the_episode() -> None:
-    """Who begins anew is not on the ground any more."""
+    """A rocket that begins anew is not on the ground any more."""
     world = worlds.make('rocket_planar', 8, spawn_height=6.5, level=1, seed=2)
     ended = 0
     for _ in range(300):

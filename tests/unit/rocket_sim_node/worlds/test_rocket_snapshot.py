@@ -51,7 +51,7 @@ def test_a_restored_world_flies_on_bit_for_bit(num_envs: int) -> None:
 
 
 def test_a_snapshot_is_a_copy() -> None:
-    """What is flown later does not enter it, and restoring twice is the same."""
+    """Later flights do not enter it, and restoring twice is the same."""
     world = flown()
     state = world.snapshot()
     first = [world.restore(state)] + [world.step(np.zeros((N, 3)))[0] for _ in range(50)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of touchdowns in the 3-D world: verdicts, planes, and the way back into space."""
+"""Settling after touchdowns in the 3-D world: verdicts, planes, and the way back into space."""
 from __future__ import annotations
 
 import json
