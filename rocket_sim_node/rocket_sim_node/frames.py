@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
+WORLD = 'world'
+"""Name of the world's frame of ROS, with its origin on the ground at the pad's centre."""
+
 
 def vector_to_ros(vector: F64) -> F64:
     """Return y-up vectors `(S, 3)` as z-up vectors."""

@@ -16,6 +16,7 @@ from ament_index_python.packages import get_package_share_directory
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.time import Time
 from rocket_msgs.msg import RocketState
 from simulation_interfaces import srv
 from simulation_interfaces.action import SimulateSteps
@@ -241,8 +242,11 @@ def test_entities_have_the_numbers_of_topic_state(call: Caller) -> None:
     heard.clear()
     call.good('/lock', 'ResetSimulation')
     call.good('/lock', 'StepSimulation', steps=STEPS)
-    _, found = call.motion('/lock')
+    stamp, found = call.motion('/lock')
     call.wait_until(lambda: any(STEPS in message.step for message in heard))
+    header = heard[-1].header
+    assert header.frame_id == 'world'
+    assert Time.from_msg(header.stamp).nanoseconds == STEPS * DT == stamp
     samples = samples_from_message(heard[-1])
     columns = [FIELDS[name] for name in (
         'position', 'orientation', 'linear_velocity', 'angular_velocity')]
@@ -260,7 +264,9 @@ def test_scopes_of_a_reset(call: Caller) -> None:
     stamp, found = call.motion('/lock')
     assert stamp == 0
     np.testing.assert_array_equal(found, flown)
+    call.good('/lock', 'StepSimulation', steps=STEPS)
     call.good('/lock', 'ResetSimulation', scope=2)
+    assert call.motion('/lock')[0] == (STEPS + 1) * DT  # the time goes on
     world.reset()
     np.testing.assert_array_equal(call.motion('/lock')[1], motion_of(world))
     call.good('/lock', 'ResetSimulation', scope=255)

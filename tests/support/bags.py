@@ -17,6 +17,7 @@ from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.bags.definitions import type_hash
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.worlds import make
@@ -37,10 +38,12 @@ def flight_messages(
     publisher = SimpleNamespace(publish=said.append, get_subscription_count=lambda: 1)
     node: Any = SimpleNamespace(create_publisher=lambda *_: publisher)
     states = StateStream(node, simulated, rockets, batch)
-    states.add(session, 0)
+    time = SimulatedTime(spec.dt)
+    time.begin_session(0)
+    states.add(session, 0, time.at(0))
     for step in range(1, steps + 1):
         simulated.step(idle)
-        states.add(session, step)
+        states.add(session, step, time.at(step))
     states.flush()
     return said
 

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.telemetry.capture import Telemetry
+from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
@@ -34,7 +35,8 @@ class Simulator:
         self.description = node.create_publisher(msg.World, 'world', qos.WORLD)
         self.state = node.create_publisher(msg.RocketState, 'state', qos.EVENTS)
         self.training = node.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)
-        self._session = 0
+        self._session = self._step = 0
+        self._time = SimulatedTime(self._world.spec.dt)
 
     def end(self) -> None:
         """Leave the graph."""
@@ -55,6 +57,7 @@ class Simulator:
             lambda: self.state.get_subscription_count() > 0
             and (not training or self.training.get_subscription_count() > 0), 20.0)
         self._session += 1
+        self._time.begin_session(self._step)
         self.description.publish(
             conversion.world_to_message(self._world.spec, self._session, 0, msg.World.LOCKSTEP))
         self._world.reset(self._session)
@@ -91,5 +94,6 @@ class Simulator:
             step = np.concatenate([np.full(c.shape[1], s, np.uint64) for s, c in parts])
             telemetry = self._world.telemetry_of(np.concatenate([c for _, c in parts], axis=1))
             self.state.publish(
-                conversion.state_to_message(step, telemetry, self._session))
+                conversion.state_to_message(
+                    step, telemetry, self._session, self._time.at(parts[-1][0])))
         self._parts = []

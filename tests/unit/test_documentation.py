@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -156,7 +157,23 @@ def test_all_packages_have_one_version() -> None:
         f'{package}/setup.py': re.search(
             r"version='(.*)'", (ROOT / package / 'setup.py').read_text())[1]
         for package in PACKAGES[1:]}
+    versions |= {
+        f'{package}.__version__': import_module(package).__version__ for package in PACKAGES[1:]}
+    for name, pattern in (
+            ('CITATION.cff', r'^version: (.*)$'), ('README.md', r'This is version ([\d.]+\d)\.'),
+            ('CHANGELOG.md', r'all packages say\n([\d.]+\d)\.')):
+        versions[name] = re.search(pattern, (ROOT / name).read_text(), re.MULTILINE)[1]
     assert len(set(versions.values())) == 1, versions
+
+
+@pytest.mark.parametrize('kind', ['msg', 'srv', 'action'])
+def test_every_field_of_a_message_has_a_comment(kind: str) -> None:
+    """With unit, frame and shape, as far as it has them."""
+    for path in (ROOT / 'rocket_msgs' / kind).iterdir():
+        for line in path.read_text().splitlines():
+            if line and not line.lstrip().startswith('#') and line != '---':
+                constant = re.fullmatch(r'\w+ [A-Z_]+=\d+( .*)?', line)
+                assert constant or ' # ' in line, f'{path.name}: {line}'
 
 
 def test_every_source_file_names_its_licence() -> None:

@@ -9,10 +9,11 @@ from rocket_sim_node.telemetry.gaps import GapCounter
 _ONE_STEP = ('rocket_msgs/msg/Observation', 'rocket_msgs/msg/Reward', 'rocket_msgs/msg/Action')
 """Types that begin with session and step, published at each step."""
 _MANY_STEPS = 'rocket_msgs/msg/RocketState'
-"""Type that begins with a session and a sequence of steps."""
-_FIRST = 20
-"""Place of the first element of that sequence: 4 bytes name the encoding, 8 are the session, 4
-the length, and 4 align it."""
+"""Type that begins with a header, a session and a sequence of steps."""
+_ENCODING = 4
+"""Bytes before a message, which name its encoding; alignment counts from behind them."""
+_FRAME = 8
+"""Place of the header's frame behind them: its length, 4 bytes, and its characters."""
 
 
 class StepCounter:
@@ -37,14 +38,19 @@ class StepCounter:
             return None
         order = '<' if data[1:2] == b'\x01' else '>'
         try:
-            session, first = struct.unpack_from(f'{order}QQ', data, 4)
-            last = first
             if self._type == _MANY_STEPS:
-                (count,) = struct.unpack_from(f'{order}I', data, 12)
+                (length,) = struct.unpack_from(f'{order}I', data, _ENCODING + _FRAME)
+                place = _FRAME + 4 + length
+                place += _ENCODING + -place % 8
+                # The length of the sequence is aligned to its elements.
+                session, count = struct.unpack_from(f'{order}QI', data, place)
                 if not count:
                     return None
-                (first,) = struct.unpack_from(f'{order}Q', data, _FIRST)
-                (last,) = struct.unpack_from(f'{order}Q', data, _FIRST + 8 * (count - 1))
+                (first,) = struct.unpack_from(f'{order}Q', data, place + 16)
+                (last,) = struct.unpack_from(f'{order}Q', data, place + 8 + 8 * count)
+            else:
+                session, first = struct.unpack_from(f'{order}QQ', data, _ENCODING)
+                last = first
         except struct.error:
             return None  # who reads the bag is told that the message is cut short
         missing = self._gaps.note(session, first, last)

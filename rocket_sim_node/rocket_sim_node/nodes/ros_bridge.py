@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.time import Time
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
@@ -77,7 +78,9 @@ class BridgeNode:
     def _on_state(self, message: msg.RocketState) -> None:
         with leaving_out(self._node, 'state'):
             missed = self._views.missed
-            for moment in self._views.add(message.session, samples_from_message(message)):
+            stamp = Time.from_msg(message.header.stamp).nanoseconds
+            for moment in self._views.add(
+                    message.session, samples_from_message(message), stamp):
                 self._stamp = moment.stamp
                 self._publishers.publish(moment)
             if self._views.missed > missed:

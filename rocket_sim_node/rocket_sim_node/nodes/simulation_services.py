@@ -33,18 +33,17 @@ from simulation_interfaces.srv import ResetSimulation
 from simulation_interfaces.srv import SetSimulationState
 from simulation_interfaces.srv import StepSimulation
 
+from rocket_sim_node import frames
 from rocket_sim_node import worlds
 from rocket_sim_node.nodes.simulate_steps import SimulateStepsServer
 from rocket_sim_node.standard_views import entities
-from rocket_sim_node.telemetry.stamps import NANOSECONDS
-from rocket_sim_node.telemetry.stamps import Stamps
+from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node.diagnostics import shortened
 from rocket_sim_node.wire.server.server import Server
 from rocket_sim_node.worlds.base import SimulatedWorld
 
 Handler: TypeAlias = Callable[[Any, Any], None]
 
-FRAME = 'world'
 MOST_STEPS = 100_000
 """Maximum number of steps of a call: nothing else is served meanwhile."""
 _STATES = {
@@ -160,7 +159,7 @@ class SimulationServices:
             raise Refused(response.STATE_TRANSITION_ERROR, f'state: {error}') from None
         self._stopped = 0
         if wanted == State.STATE_STOPPED:
-            self._unattended.begin(self._world.reset(self._seed))
+            self._unattended.begin(self._world.reset(self._seed), restart_time=True)
             self._stopped = self._server.present[0]
 
     def _reset(self, request: Any, response: Any) -> None:
@@ -178,7 +177,8 @@ class SimulationServices:
             observation = self._world.reset()
         else:
             observation = self._world.observe()
-        self._unattended.begin(observation)
+        self._unattended.begin(
+            observation, restart_time=everything or bool(scope & request.SCOPE_TIME))
         if stopped:
             self._stopped = self._server.present[0]
 
@@ -228,15 +228,12 @@ class SimulationServices:
         return entities.states_of(self._world.telemetry(np.asarray(rows, np.int64)))
 
     def _states(self, rows: Sequence[int]) -> list[Any]:
-        """Return the states of rockets as messages; their stamp is the time of the session."""
-        seconds, nanoseconds = divmod(
-            Stamps().of(*self._server.present, self._spec.dt), NANOSECONDS)
+        """Return the states of rockets as messages, with the stamp that `state` has now."""
+        header = conversion.header(self._server.time, frames.WORLD)
         states = []
         for position, orientation, linear, angular in zip(
                 *(values.tolist() for values in self._motion(rows)), strict=True):
-            state = EntityState()
-            state.header.frame_id = FRAME
-            state.header.stamp.sec, state.header.stamp.nanosec = seconds, nanoseconds
+            state = EntityState(header=header)
             state.pose.position = _filled(Point(), position)
             state.pose.orientation = _filled(Quaternion(), orientation)
             state.twist.linear = _filled(Vector3(), linear)

@@ -18,6 +18,7 @@ from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.telemetry.stamps import Stamps
+from rocket_sim_node.telemetry.stamps import nanoseconds
 
 F64 = NDArray[np.float64]
 
@@ -105,9 +106,10 @@ class MotionViews:
         """Steps that were published and not received."""
         return self._gaps.missed
 
-    def add(self, session: int, samples: Samples) -> list[Moment]:
+    def add(self, session: int, samples: Samples, stamp: int | None = None) -> list[Moment]:
         """Return the moments of samples, in the order in which they were taken.
 
+        :param stamp: ns, the simulator's own stamp of the newest sample; None: it is not known.
         :raises ValueError: when there is no world yet, or a value that no simulator sends.
         """
         if self.world is None:
@@ -127,11 +129,14 @@ class MotionViews:
         if (np.diff(samples.step) < 0).any():
             raise ValueError('step: not in ascending order')
         first, last = int(samples.step[0]), int(samples.step[-1])
-        self._stamps.check(session, first, last, self.world.dt)
+        told = None if stamp is None else max(
+            stamp - nanoseconds(last - first, self.world.dt), 0)
+        self._stamps.check(session, first, last, self.world.dt, told)
         self._gaps.note(session, first, last)
         if self._newest is None or self._newest[0] != session:
             self._before.clear()
         self._newest = session, last
+        self._stamps.of(session, first, self.world.dt, told)
         samples = samples.take(np.isin(samples.row, self._rows))
         if not len(samples.step):
             return []

@@ -62,7 +62,7 @@ class Status:
     """Status of a run; NaN: unknown. Each field has the comment of its field in the message."""
 
     run: str = _text('name of the run')
-    folder: str = _text('of the run, as given to the agent')
+    folder: str = _text('folder of the run, as given to the agent')
     stages: tuple[str, ...] = _told(
         (), 'string[]', 'of this run, in order: demonstrate, clone, finetune, evaluate')
     stage: str = _text('one of them, or done')
@@ -87,35 +87,45 @@ class Status:
         '0 to 1, over the episodes of this iteration, with exploration noise',
         Curve('landing_rate', 'landing rate', palette.GREEN, 100.0, front=True))
     landing_rate_low: float = _number(
-        '95 % Wilson interval',
+        '0 to 1, lower end of the 95 % Wilson interval',
         Curve('landing_rate', '95 % interval, low', palette.GREY, 100.0))
     landing_rate_high: float = _number(
-        '', Curve('landing_rate', '95 % interval, high', palette.GREY, 100.0))
+        '0 to 1, upper end', Curve('landing_rate', '95 % interval, high', palette.GREY, 100.0))
     episodes: int = _count('finished in this iteration')
-    mean_return: float = _number('', Curve('return', 'mean return', palette.GREEN))
-    mean_length: float = _number('steps')
-    policy_loss: float = _number('', Curve('loss', 'policy', palette.SKY))
-    value_loss: float = _number('', Curve('loss', 'value', palette.ORANGE))
-    entropy: float = _number('nats', Curve('entropy', 'entropy', palette.SKY))
-    approx_kl: float = _number('', Curve('divergence', 'approx. KL', palette.PURPLE))
-    clipfrac: float = _number('0 to 1', Curve('divergence', 'clipped fraction', palette.GREY))
-    explained_variance: float = _number()
-    learning_rate: float = _number()
+    mean_return: float = _number(
+        'undiscounted, over these episodes', Curve('return', 'mean return', palette.GREEN))
+    mean_length: float = _number('steps, over these episodes')
+    policy_loss: float = _number(
+        "PPO's clipped objective, negated", Curve('loss', 'policy', palette.SKY))
+    value_loss: float = _number(
+        'loss of the value function', Curve('loss', 'value', palette.ORANGE))
+    entropy: float = _number('nats, of the policy', Curve('entropy', 'entropy', palette.SKY))
+    approx_kl: float = _number(
+        'nats, divergence of the updated policy from the one that flew',
+        Curve('divergence', 'approx. KL', palette.PURPLE))
+    clipfrac: float = _number(
+        '0 to 1, part of the ratios that were clipped',
+        Curve('divergence', 'clipped fraction', palette.GREY))
+    explained_variance: float = _number('1 at most, of the returns by the value function')
+    learning_rate: float = _number('of the optimiser')
     log_std: float = _number(
-        "mean over the action's entries", Curve('entropy', 'log std', palette.GREY))
-    clone_loss: float = _number('', Curve('cloning', 'training', palette.SKY))
+        "of the exploration, natural logarithm, mean over the action's entries",
+        Curve('entropy', 'log std', palette.GREY))
+    clone_loss: float = _number(
+        'of cloning, on the flights learnt from', Curve('cloning', 'training', palette.SKY))
     clone_validation_loss: float = _number(
-        '', Curve('cloning', 'held-out flights', palette.ORANGE))
+        'of cloning, on held-out flights', Curve('cloning', 'held-out flights', palette.ORANGE))
     selection_iteration: int = _count(
         'iteration of the last evaluation without noise, at the final level')
     selection_landing_rate: float = _number('0 to 1, of that evaluation')
-    selection_landing_rate_low: float = _number('95 % Wilson interval')
-    selection_landing_rate_high: float = _number()
-    selection_return: float = _number('mean')
+    selection_landing_rate_low: float = _number(
+        '0 to 1, lower end of the 95 % Wilson interval')
+    selection_landing_rate_high: float = _number('0 to 1, upper end')
+    selection_return: float = _number('mean return of that evaluation')
     best_iteration: int = _count(
         'iteration of the evaluation with the highest mean return so far')
-    best_landing_rate: float = _number()
-    best_return: float = _number()
+    best_landing_rate: float = _number('0 to 1, of that evaluation')
+    best_return: float = _number('mean return of that evaluation')
     saved: str = _text('files saved last, relative to `folder`')
     message: str = _text("event, e.g. 'level 3 -> 4', 'saved policy.safetensors'")
 

@@ -18,9 +18,10 @@ from rocket_sim_node.worlds.registry import reset_settings
 from rocket_sim_node.worlds.registry import settings
 from rocket_sim_node.worlds.registry import settings_from
 from rocket_sim_node.worlds.registry import stepping_settings
+from rocket_sim_node.worlds.registry import units
 
 __all__ = [
     'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'SteppingSettings', 'VectorEnv',
     'WorldSpec', 'make', 'names', 'reset_settings', 'settings', 'settings_from',
-    'stepping_settings',
+    'stepping_settings', 'units',
 ]

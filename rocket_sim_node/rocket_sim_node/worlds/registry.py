@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 from rocket_sim_node import settings as settings_module
@@ -24,6 +26,8 @@ class _Entry:
     settings: type
     reset_settings: tuple[str, ...]
     threaded: bool = False
+    derived: tuple[tuple[str, str], ...] = ()
+    """Name and unit of the constants in the world's description that are no settings."""
 
 
 _MOST_ENVS = 1_000_000
@@ -45,7 +49,9 @@ _WORLDS = {
     'rocket': _Entry(RocketWorld, RocketSettings, RocketWorld.reset_settings),
     'rocket_planar': _Entry(
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
-    'lunar_lander': _Entry(LunarLanderWorld, LunarSettings, (), threaded=True),
+    'lunar_lander': _Entry(
+        LunarLanderWorld, LunarSettings, (), threaded=True,
+        derived=(('field_half_width', 'm'), ('max_thrust', 'N'))),
 }
 
 
@@ -74,6 +80,18 @@ def stepping_settings(name: str) -> tuple[SettingInfo, ...]:
     :raises ValueError: for an unknown world.
     """
     return _STEPPING if _entry(name).threaded else ()
+
+
+@cache
+def units(name: str) -> Mapping[str, str]:
+    """Return the units of the constants in a world's description, '' for those without one.
+
+    A world that is not registered has none.
+    """
+    if name not in _WORLDS:
+        return MappingProxyType({})
+    return MappingProxyType({
+        **{info.name: info.unit for info in settings(name)}, **dict(_WORLDS[name].derived)})
 
 
 def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:

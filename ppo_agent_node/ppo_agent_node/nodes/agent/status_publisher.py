@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
+from std_msgs.msg import Header
 
 from ppo_agent_node.nodes.agent.rosout import show_warnings
 from ppo_agent_node.runs.folder import RunFolder
@@ -27,7 +28,7 @@ class StatusPublisher:
     def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
         """Report where the run is."""
         self._terminal, self._folder = terminal, folder
-        self._namespace = node.get_namespace()
+        self._namespace, self._clock = node.get_namespace(), node.get_clock()
         self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
         self._began = time.monotonic()
         self._last = Status(run=folder.name, folder=str(folder.path))
@@ -73,4 +74,5 @@ class StatusPublisher:
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)
-        self._publisher.publish(TrainingStatus(**asdict(status)))
+        self._publisher.publish(TrainingStatus(
+            header=Header(stamp=self._clock.now().to_msg()), **asdict(status)))

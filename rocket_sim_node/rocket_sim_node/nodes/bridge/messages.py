@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from collections.abc import Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import AccelStamped
@@ -20,30 +19,18 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
-from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
+from rocket_sim_node.frames import WORLD
 from rocket_sim_node.standard_views import markers
 from rocket_sim_node.standard_views.motion import RocketView
 from rocket_sim_node.standard_views.vehicle_model import THROTTLE
 from rocket_sim_node.standard_views.vehicle_model import VehicleModel
-from rocket_sim_node.telemetry.stamps import NANOSECONDS
+from rocket_sim_node.wire.messages.conversion import header
 
-WORLD = 'world'
-"""Name of the world's frame, on the ground at the pad's centre."""
 _NOT_KNOWN = -1.0
 """First element of a covariance matrix where the value is not known, as Imu.msg defines."""
-
-
-def time_of(stamp: int) -> Time:
-    """Return a stamp in ns as a message."""
-    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
-    return Time(sec=seconds, nanosec=nanoseconds)
-
-
-def _header(stamp: int, frame: str) -> Header:
-    return Header(stamp=time_of(stamp), frame_id=frame)
 
 
 def _vector(values: Iterable[float]) -> Vector3:
@@ -63,7 +50,7 @@ def _quaternion(values: Iterable[float]) -> Quaternion:
 
 def pose(view: RocketView, stamp: int) -> PoseStamped:
     """Return the pose in the world frame."""
-    message = PoseStamped(header=_header(stamp, WORLD))
+    message = PoseStamped(header=header(stamp, WORLD))
     message.pose.position = _point(view.position.tolist())
     message.pose.orientation = _quaternion(view.orientation.tolist())
     return message
@@ -71,7 +58,7 @@ def pose(view: RocketView, stamp: int) -> PoseStamped:
 
 def odometry(view: RocketView, stamp: int, body: str) -> Odometry:
     """Return pose in the world frame and twist in the child frame, `body`."""
-    message = Odometry(header=_header(stamp, WORLD), child_frame_id=body)
+    message = Odometry(header=header(stamp, WORLD), child_frame_id=body)
     message.pose.pose.position = _point(view.position.tolist())
     message.pose.pose.orientation = _quaternion(view.orientation.tolist())
     message.twist.twist.linear = _vector(view.linear.tolist())
@@ -81,7 +68,7 @@ def odometry(view: RocketView, stamp: int, body: str) -> Odometry:
 
 def imu(view: RocketView, stamp: int, body: str) -> Imu:
     """Return what an ideal IMU at the origin of the body measures."""
-    message = Imu(header=_header(stamp, body))
+    message = Imu(header=header(stamp, body))
     message.orientation = _quaternion(view.orientation.tolist())
     message.angular_velocity = _vector(view.angular.tolist())
     if view.specific_force is None:
@@ -94,14 +81,14 @@ def imu(view: RocketView, stamp: int, body: str) -> Imu:
 def joint_states(view: RocketView, stamp: int, body: str, model: VehicleModel) -> JointState:
     """Return positions of the joints; the effort of the throttle is the thrust, N."""
     return JointState(
-        header=_header(stamp, body), name=[joint.name for joint in model.joints],
+        header=header(stamp, body), name=[joint.name for joint in model.joints],
         position=model.positions(view),
         effort=[view.thrust if joint.name == THROTTLE else 0.0 for joint in model.joints])
 
 
 def wrench(view: RocketView, stamp: int, body: str) -> WrenchStamped:
     """Return force and torque of engines and attitude control, in the body frame."""
-    message = WrenchStamped(header=_header(stamp, body))
+    message = WrenchStamped(header=header(stamp, body))
     message.wrench.force = _vector((view.lateral_thrust, 0.0, view.thrust))
     message.wrench.torque = _vector(view.torque.tolist())
     return message
@@ -109,7 +96,7 @@ def wrench(view: RocketView, stamp: int, body: str) -> WrenchStamped:
 
 def wind(view: RocketView, stamp: int) -> AccelStamped:
     """Return the acceleration by wind and gusts, in the world frame."""
-    message = AccelStamped(header=_header(stamp, WORLD))
+    message = AccelStamped(header=header(stamp, WORLD))
     message.accel.linear = _vector(view.disturbance.tolist())
     return message
 
@@ -127,14 +114,14 @@ def transforms(
     view: RocketView, stamp: int, prefix: str, body: str, model: VehicleModel,
 ) -> list[TransformStamped]:
     """Return the transforms from the world to the body, and from there to moving links."""
-    message = TransformStamped(header=_header(stamp, WORLD), child_frame_id=body)
+    message = TransformStamped(header=header(stamp, WORLD), child_frame_id=body)
     message.transform.translation = _vector(view.position.tolist())
     message.transform.rotation = _quaternion(view.orientation.tolist())
     found = [message]
     for joint, position in zip(model.joints, model.positions(view), strict=True):
         translation, rotation = joint.transform(position)
         message = TransformStamped(
-            header=_header(stamp, body), child_frame_id=f'{prefix}/{joint.link}')
+            header=header(stamp, body), child_frame_id=f'{prefix}/{joint.link}')
         message.transform.translation = _vector(translation)
         message.transform.rotation = _quaternion(rotation)
         found.append(message)
@@ -154,7 +141,7 @@ def marker_array(
 
 def _marker(marker: markers.Marker, stamp: int, number: int, body: str) -> Marker:
     message = Marker(
-        header=_header(stamp, body if marker.on_body else WORLD), ns=marker.namespace, id=number,
+        header=header(stamp, body if marker.on_body else WORLD), ns=marker.namespace, id=number,
         type=marker.shape.value, action=Marker.DELETE if marker.hidden else Marker.ADD,
         frame_locked=marker.on_body)
     message.pose.orientation.w = 1.0

@@ -28,6 +28,7 @@ from rocket_sim_node.standard_views.vehicle_model import BASE_LINK
 from rocket_sim_node.standard_views.vehicle_model import VehicleModel
 from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.wire.dds import qos
+from rocket_sim_node.wire.messages import conversion
 
 MARKER_PERIOD = 40_000_000
 """ns of simulated time between two sets of markers, which are larger than the rest."""
@@ -129,7 +130,7 @@ class BridgePublishers:
     def publish(self, moment: Moment) -> None:
         """Publish the messages of a moment, the clock first."""
         if self._clock is not None:
-            self._clock.publish(Clock(clock=messages.time_of(moment.stamp)))
+            self._clock.publish(Clock(clock=conversion.time_of(moment.stamp)))
         transforms: list[Any] = []
         for view in moment.rockets:
             if view.row in self._rockets:

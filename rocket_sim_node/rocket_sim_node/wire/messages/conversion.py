@@ -10,17 +10,23 @@ import math
 from array import array
 from collections.abc import Iterator
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import Setting
 from rocket_msgs.msg import World
+from std_msgs.msg import Header
 
+from rocket_sim_node import frames
+from rocket_sim_node import worlds
 from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.quantities import QUANTITIES
+from rocket_sim_node.telemetry.stamps import NANOSECONDS
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
 
@@ -28,6 +34,7 @@ MOST_ENVS = 16_384
 """Maximum number of rockets in one simulator. Observations, 60 B a rocket, fit into Fast DDS's
 shared memory, and actions, 12 B, into Linux's default socket buffer of 208 KiB; with twice as
 many, an exchange takes seconds or never completes. More rockets need more simulators."""
+NO_UNITS: Mapping[str, str] = MappingProxyType({})
 _MOST_NAMES = 4096
 _MOST_CONDITIONS = 1024
 _LEAST_DT, _MOST_DT = 1e-5, 60.0
@@ -44,16 +51,43 @@ def from_sequence(sequence: array[Any], kind: str) -> NDArray[Any]:
     return np.frombuffer(sequence, dtype=kind)
 
 
-def settings_to_message(settings: dict[str, float]) -> list[Setting]:
-    """Return settings as messages."""
-    return [Setting(name=name, value=float(value)) for name, value in settings.items()]
+def time_of(stamp: int) -> Time:
+    """Return a stamp in ns as a message."""
+    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+    return Time(sec=seconds, nanosec=nanoseconds)
 
 
-def settings_from_message(settings: list[Setting]) -> dict[str, float]:
+def header(stamp: int, frame: str) -> Header:
+    """Return a header with a stamp in ns and the name of a frame."""
+    return Header(stamp=time_of(stamp), frame_id=frame)
+
+
+def settings_to_message(
+    settings: Mapping[str, float], units: Mapping[str, str] = NO_UNITS,
+) -> list[Setting]:
+    """Return settings as messages.
+
+    :param units: by name; '' where there is none.
+    """
+    return [
+        Setting(name=name, value=float(value), unit=units.get(name, ''))
+        for name, value in settings.items()]
+
+
+def settings_from_message(
+    settings: list[Setting], units: Mapping[str, str] = NO_UNITS,
+) -> dict[str, float]:
     """Return settings by name.
 
-    :raises ValueError: when a name occurs twice.
+    :param units: those that the settings have, by name. A setting without a unit has that one.
+    :raises ValueError: when a name occurs twice, or a unit is another one.
     """
+    for item in settings:
+        expected = units.get(item.name, item.unit)
+        if item.unit not in ('', expected):
+            raise ValueError(
+                f'settings: unit of {item.name!r}: got {item.unit!r}, expected {expected!r} '
+                'or none')
     values = {item.name: item.value for item in settings}
     if len(values) != len(settings):
         raise ValueError(f'settings: a name is given twice in {[s.name for s in settings]}')
@@ -71,6 +105,7 @@ def world_to_message(
     """
     flown = dict(spec.settings if flown is None else flown)
     replaced = {name: own for name, own in spec.settings.items() if flown[name] != own}
+    units = worlds.units(spec.name)
     return World(
         answer=to_sequence(np.frombuffer(answer, np.uint8), 'u1'),
         world=spec.name, session=session, step=step, mode=mode,
@@ -81,7 +116,8 @@ def world_to_message(
         action_low=list(spec.action_low), action_high=list(spec.action_high),
         action_idle=list(spec.action_idle), action_count=int(spec.action_count),
         outcomes=list(spec.outcomes), condition_names=list(spec.condition_names),
-        settings=settings_to_message(flown), replaced=settings_to_message(replaced),
+        settings=settings_to_message(flown, units),
+        replaced=settings_to_message(replaced, units),
     )
 
 
@@ -185,6 +221,9 @@ _EPISODE_KINDS = {
     'hover_time': np.float64, 'ignitions': np.int64, 'control_effort': np.float64,
 }
 
+_EPISODE_FIELDS = {'tilt': 'tilt_deg'}
+"""Fields of the message that are not named as in process."""
+
 
 def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
     """Return finished episodes in the order of the message's fields."""
@@ -194,14 +233,19 @@ def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
 def episodes_from_message(message: Any) -> Episodes:
     """Return finished episodes as arrays, with the same types as those of a world in process."""
     return Episodes(**{
-        name: getattr(message, name).astype(dtype) for name, dtype in _EPISODE_KINDS.items()})
+        name: getattr(message, _EPISODE_FIELDS.get(name, name)).astype(dtype)
+        for name, dtype in _EPISODE_KINDS.items()})
 
 
 def state_to_message(
-    step: NDArray[np.uint64], telemetry: Telemetry, session: int,
+    step: NDArray[np.uint64], telemetry: Telemetry, session: int, stamp: int = 0,
 ) -> RocketState:
-    """Return telemetry `(S,)` of steps `(S,)` as one message, converted to z up."""
-    message = RocketState(session=session, step=to_sequence(step, 'u8'))
+    """Return telemetry `(S,)` of steps `(S,)` as one message, converted to z up.
+
+    :param stamp: simulated time of the newest sample, ns.
+    """
+    message = RocketState(
+        header=header(stamp, frames.WORLD), session=session, step=to_sequence(step, 'u8'))
     for quantity in QUANTITIES:
         values = quantity.to_ros(telemetry.arrays[quantity.name])
         setattr(message, quantity.name, to_sequence(values, quantity.kind))

@@ -15,6 +15,8 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 
 from rocket_sim_node import free_memory
+from rocket_sim_node import worlds
+from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.messages.answer_digest import answer_digest
@@ -104,6 +106,7 @@ class Server:
         self._lease = ControlLease(options.agent_lease)
         self._session = 0
         self._step = 0
+        self._time = SimulatedTime(world.spec.dt)
         self._answer = b''
         """Digest of the last answer of a service."""
         self._flown: Any = None
@@ -147,6 +150,11 @@ class Server:
     def present(self) -> tuple[int, int]:
         """The current session and step."""
         return self._session, self._step
+
+    @property
+    def time(self) -> int:
+        """The current simulated time, ns; see `SimulatedTime`."""
+        return self._time.at(self._step)
 
     def attend(self, services: list[Any]) -> None:
         """Answer further services at once while no agent flies, not only every 0.05 s."""
@@ -248,7 +256,7 @@ class Server:
         self._result.fill(
             self._session, self._step, observation, reward, terminated, truncated, info)
         self._result.publish()
-        self._state.add(self._session, self._step)
+        self._state.add(self._session, self._step, self.time)
 
     def _on_tick(self) -> None:
         """Advance by dt in real time, if an agent is in control."""
@@ -261,7 +269,8 @@ class Server:
 
     def _on_reset(self, request: srv.Reset.Request, response: Any) -> Any:
         def begin() -> F32:
-            settings = conversion.settings_from_message(request.settings)
+            settings = conversion.settings_from_message(
+                request.settings, worlds.units(self._world.spec.name))
             if request.seed < -1:
                 raise ValueError(f'seed: got {request.seed}, expected 0 or more, or -1')
             return self._world.reset(None if request.seed == -1 else request.seed, **settings)
@@ -367,10 +376,16 @@ class Server:
             self._health.refuse('release', response.message)
         return response
 
-    def _begin_session(self, observation: F32) -> None:
-        """Draw a new session and publish its first observation."""
+    def _begin_session(self, observation: F32, restart_time: bool = False) -> None:
+        """Draw a new session and publish its first observation.
+
+        :param restart_time: whether the simulated time begins at 0 again.
+        """
         self._state.flush()
         self._session = secrets.randbits(63) + 1
+        self._time.begin_session(self._step)
+        if restart_time:
+            self._time.restart()
         self._step = 0
         self._flown = None
         if self._realtime:
@@ -380,7 +395,7 @@ class Server:
         self._announce(
             self._lease.owner, srv.Reset.Response.OK, conversion.to_sequence(observation, 'f4'))
         self._result.publish()
-        self._state.add(self._session, self._step)
+        self._state.add(self._session, self._step, self.time)
 
     def _publish_world(self) -> None:
         self._world_publisher.publish(conversion.world_to_message(

@@ -27,12 +27,15 @@ class StateStream:
         self._batch = batch
         self._captured: list[F64] = []
         self._steps: list[int] = []
-        self._session = 0
+        self._session = self._time = 0
         self._publisher = node.create_publisher(RocketState, 'state', qos.EVENTS)
         self._listened = False
 
-    def add(self, session: int, step: int) -> None:
-        """Add the current states, preceded by the final states of rockets that finished."""
+    def add(self, session: int, step: int, time: int) -> None:
+        """Add the current states, preceded by the final states of rockets that finished.
+
+        :param time: simulated time, ns.
+        """
         place = step % self._batch
         if place == 0 or not self._listened:
             # Counting subscribers costs as much as a step's bookkeeping, hence once per batch.
@@ -40,7 +43,7 @@ class StateStream:
                 place == 0 and self._count > 0 and self._publisher.get_subscription_count() > 0)
             if not self._listened:
                 return
-        self._session = session
+        self._session, self._time = session, time
         ends = self._world.captured_ends
         if ends.size:
             self._keep(step, ends[:, ends[0] < self._count])
@@ -59,6 +62,7 @@ class StateStream:
         step = np.repeat(
             np.array(self._steps, np.uint64), [part.shape[1] for part in self._captured])
         telemetry = self._world.telemetry_of(np.concatenate(self._captured, axis=1))
-        self._publisher.publish(conversion.state_to_message(step, telemetry, self._session))
+        self._publisher.publish(conversion.state_to_message(
+            step, telemetry, self._session, self._time))
         self._captured.clear()
         self._steps.clear()

@@ -29,7 +29,7 @@ class Unattended:
     def __init__(
         self, node: Node, world: SimulatedWorld, lease: ControlLease, far: FarEnd,
         realtime: RealTime | None, state: StateStream, advance: Callable[[NDArray[Any]], None],
-        begin: Callable[[F32], None],
+        begin: Callable[[F32, bool], None],
     ) -> None:
         """Begin paused.
 
@@ -37,7 +37,8 @@ class Unattended:
         :param realtime: None in lock-step.
         :param state: publishes what was flown when a call ends.
         :param advance: steps the world and publishes the result.
-        :param begin: draws a new session, in which the observation is the first.
+        :param begin: draws a new session, in which the observation is the first, and lets the
+            simulated time begin at 0 again or go on.
         """
         self._node, self._world, self._lease, self._far = node, world, lease, far
         self._realtime, self._state, self._advance, self._begin = realtime, state, advance, begin
@@ -84,11 +85,14 @@ class Unattended:
         self._state.flush()
         return flown
 
-    def begin(self, observation: F32) -> None:
-        """Begin a session after the world was reset, or at its present state; play on or not."""
+    def begin(self, observation: F32, restart_time: bool = False) -> None:
+        """Begin a session after the world was reset, or at its present state; play on or not.
+
+        :param restart_time: whether the simulated time begins at 0 again.
+        """
         playing = self.playing
         self._lease.release(self._lease.owner)
-        self._begin(observation)
+        self._begin(observation, restart_time)
         self.play(playing)
 
     def _displace(self) -> None:

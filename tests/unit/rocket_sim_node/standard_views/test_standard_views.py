@@ -17,6 +17,8 @@ from rocket_sim_node.standard_views.motion import MotionViews
 from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.stamps import LATEST
+from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.telemetry.stamps import Stamps
 from rocket_sim_node.worlds import make
 
@@ -125,6 +127,31 @@ def test_stamps_of_sessions() -> None:
     assert stamps.of(8, 4, 0.02) == 1_060_000_000
     assert stamps.of(8, 2, 0.02) == 1_060_000_000
     assert stamps.of(9, 0, 0.5) == 1_560_000_000
+    assert stamps.of(10, 7, 0.5, told=9_000_000_000) == 9_000_000_000
+    assert stamps.of(10, 8, 0.5, told=5) == 9_500_000_000  # only the begin of a session is told
+    assert stamps.of(11, 0, 0.5, told=0) == 10_000_000_000  # a simulator that was restarted
+    with pytest.raises(ValueError, match='later than a stamp can say'):
+        stamps.of(12, 0, 0.5, told=LATEST)
+
+
+def test_stamps_of_a_simulator_are_those_of_the_views() -> None:
+    """From whatever step on they are viewed, and over sessions."""
+    world, samples, views = views_of(2, 60, level=7)
+    time = SimulatedTime(world.spec.dt)
+    late = MotionViews([0])
+    late.world = views.world
+    for session, ended in ((1, 0), (2, 60), (3, 60)):
+        time.begin_session(ended)
+        found = views.add(session, samples, time.at(60))
+        assert found[0].stamp == time.at(0)
+        assert found[-1].stamp == time.at(60)
+        tail = late.add(session, samples.take(samples.step >= 50), time.at(60))
+        assert [moment.stamp for moment in tail] == [time.at(step) for step in range(50, 61)]
+    assert time.at(0) == 2 * 61 * 20_000_000
+    time.restart()
+    assert time.at(3) == 60_000_000
+    assert views.add(4, samples, time.at(60))[0].stamp == found[-1].stamp + 20_000_000
+    assert time.at(2**62) == LATEST - 1
 
 
 def test_the_rate_is_limited_and_ends_are_kept() -> None:

@@ -63,9 +63,9 @@ def test_the_messages_are_current() -> None:
 
 def test_the_messages_as_built_have_the_fields_of_the_tables() -> None:
     state = RocketState.get_fields_and_field_types()
-    assert list(state) == ['session', 'step', *(one.name for one in QUANTITIES)]
+    assert list(state) == ['header', 'session', 'step', *(one.name for one in QUANTITIES)]
     assert list(TrainingStatus.get_fields_and_field_types()) == [
-        one.name for one in fields(Status)]
+        'header', *(one.name for one in fields(Status))]
     assert RocketState.NONE == NO_OUTCOME
 
 

@@ -9,6 +9,7 @@ import pytest
 from rocket_msgs.msg import Action
 from rocket_msgs.msg import Episodes as EpisodesMessage
 from rocket_msgs.msg import Setting
+from rocket_msgs.msg import World
 from scipy.spatial.transform import Rotation
 
 from rocket_sim_node import frames
@@ -57,6 +58,27 @@ def test_a_setting_given_twice_is_refused() -> None:
     twice = [Setting(name='level', value=1.0), Setting(name='level', value=2.0)]
     with pytest.raises(ValueError, match='twice'):
         conversion.settings_from_message(twice)
+
+
+def test_settings_have_units_and_another_unit_is_refused() -> None:
+    for name in worlds.names():
+        spec = worlds.make(name, 2).spec
+        units = worlds.units(name)
+        assert units.keys() >= spec.settings.keys()
+        message = conversion.world_to_message(spec, 1, 0, World.LOCKSTEP)
+        assert {one.name: one.unit for one in message.settings} == {
+            setting: units[setting] for setting in spec.settings}
+    assert (units['wind_power'], worlds.units('rocket')['spawn_angle']) == ('N', 'deg')
+    units = worlds.units('rocket')
+    for unit in ('', 'deg'):
+        given = [Setting(name='spawn_angle', value=5.0, unit=unit)]
+        assert conversion.settings_from_message(given, units) == {'spawn_angle': 5.0}
+    with pytest.raises(ValueError, match=(
+            "settings: unit of 'spawn_angle': got 'rad', expected 'deg' or none")):
+        conversion.settings_from_message(
+            [Setting(name='spawn_angle', value=0.1, unit='rad')], units)
+    with pytest.raises(ValueError, match="'level': got 'm', expected '' or none"):
+        conversion.settings_from_message([Setting(name='level', unit='m')], units)
 
 
 def test_up_becomes_z_and_the_frames_stay_right_handed() -> None:
