@@ -56,10 +56,12 @@ _MEANING = {
 }
 _ANY = '/*'
 """Topics that bag_recorder reads."""
+_DEPRECATED = 'reset', 'snapshot', 'restore', 'release'
+"""Names of services of before 1.0."""
 _OF_ROS = (
-    '/parameter_events', '/rosout', '~/*', 'reset/_service_event', 'restore/_service_event',
-    'release/_service_event', '~/simulate_steps/_action/feedback',
-    '~/simulate_steps/_action/status')
+    '/parameter_events', '/rosout', '~/*', '~/simulate_steps/_action/feedback',
+    '~/simulate_steps/_action/status', *(
+        f'{below}{name}/_service_event' for name in _DEPRECATED for below in ('', '~/')))
 """Names that every node, service with introspection or action has; the page only mentions readers
 of /rosout."""
 _NEEDED_MOST = {
@@ -94,8 +96,12 @@ this machine may be discovered, or if you have configured Fast DDS yourself.
 
 """
 _SNAPSHOT = """
-Under its own name (`~/`) the simulator offers the services of
-[`simulation_interfaces`](../how-to/simulation-interfaces.md).
+These services are below the simulator's own name (`~/reset` …). For a simulator with another name,
+remap the agent: `--ros-args -r simulator/reset:=my_simulator/reset` …. Below the same name are the
+services of [`simulation_interfaces`](../how-to/simulation-interfaces.md).
+
+The names of before 1.0, `reset`, `snapshot`, `restore` and `release`, still answer. They are
+deprecated and will be removed in 2.0; the first call is logged as a warning.
 
 [Why a snapshot clears hidden state](../explanation/pymunk-batch.md) in worlds with contact.
 """
@@ -160,7 +166,8 @@ def _used() -> dict[str, dict[str, tuple[str, ...]]]:
     policy = ElementTree.parse(ROOT / 'launch_scripts' / 'security' / 'hoverslam.policy.xml')
     return {
         profile.attrib['node']: {
-            does: tuple(str(item.text) for item in group if item.text not in _OF_ROS)
+            does: tuple(
+                str(item.text) for item in group if item.text not in (*_OF_ROS, *_DEPRECATED))
             for group in profile for does in group.attrib if does != 'ns'}
         for profile in policy.iter('profile') if profile.attrib['ns'] == '/'}
 

@@ -55,7 +55,7 @@ def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
 
     It may know of the call before it knows where the answer goes, and drops that: call again.
     """
-    service = client.node.create_client(kind, name)
+    service = client.node.create_client(kind, f'simulator/{name}')
     assert client.waiter.until(service.service_is_ready, 60.0), name
     for _ in range(12):
         future = service.call_async(kind.Request(**fields))
@@ -325,7 +325,7 @@ def test_a_second_agent_cannot_take_over_in_flight(
         'snapshot': (srv.Snapshot, {'session': session, 'step': client.connection.step}),
         'release': (srv.Release, {})}
     for name, (kind, fields) in requests.items():
-        service = node.create_client(kind, name)
+        service = node.create_client(kind, f'simulator/{name}')
         watch.until(service.service_is_ready)
         future = service.call_async(kind.Request(agent=STRANGER, **fields))
         watch.until(future.done)

@@ -130,7 +130,8 @@ def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
 
     with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, '/sim_*') as fleet:
         list(fleet.fly([functools.partial(fall, 1)]))
-        assert {'/sim_0/action', '/sim_0/world', '/sim_0/reset'} <= set(of_the_simulator())
+        assert {'/sim_0/action', '/sim_0/world', '/sim_0/simulator/reset'} <= set(
+            of_the_simulator())
     assert of_the_simulator() == []
     fleet.close()
     with SimulatorFleet(*make_node(), ConnectionOptions(0.1, 15.0), 2, '/sim_*') as other:

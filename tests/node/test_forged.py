@@ -31,7 +31,7 @@ CODEC = Codec(msg.Action)
 N, STEPS, PERIOD = 8, 60, 20
 UNREAD = ('state', 'training')
 """kinds that neither side reads"""
-SERVICES = '/(reset|restore|snapshot)'
+SERVICES = '/simulator/(reset|restore|snapshot)'
 
 pytestmark = pytest.mark.skipif(
     int(version('rclpy').split('.')[0]) < 9, reason="Jazzy's rclpy tells no writer")
@@ -134,10 +134,14 @@ def test_an_agent_whose_simulator_ran_ahead_says_so(
         client.step(still)
 
 
+@pytest.mark.parametrize('below', ['/simulator/', '/'])
 def test_calls_in_the_name_of_the_agent_are_refused_and_told(
         processes: Processes, make_client: Callable[..., Client],
-        make_node: Callable[..., Any]) -> None:
-    """With its identity and its GID, which everybody can see."""
+        make_node: Callable[..., Any], below: str) -> None:
+    """With its identity and its GID, which everybody can see.
+
+    Also by the deprecated name of a service, of which the agent itself has no client.
+    """
     simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world = make_client(), make('rocket', num_envs=N)
     errors = Errors(client)
@@ -151,7 +155,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_told(
         'restore': srv.Restore.Request(agent=agent, writer=writer, state=list(client.snapshot())),
         'release': srv.Release.Request(agent=agent)}
     for name, request in calls.items():
-        caller = node.create_client(getattr(srv, name.title()), f'/{name}')
+        caller = node.create_client(getattr(srv, name.title()), f'{below}{name}')
         assert client.waiter.until(caller.service_is_ready, 10.0)
         assert_same(client.step(still), world.step(still))  # the agent is there
         future = caller.call_async(request)

@@ -112,7 +112,7 @@ class Fuzzer(Rubbish):
         client.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.EVENTS)
         self._services = {
-            name: client.node.create_client(kind, name) for name, kind in (
+            name: client.node.create_client(kind, f'simulator/{name}') for name, kind in (
                 ('reset', srv.Reset), ('restore', srv.Restore), ('snapshot', srv.Snapshot),
                 ('release', srv.Release))}
         client.reset(1)

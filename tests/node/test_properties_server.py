@@ -69,7 +69,7 @@ class Bench:
 
     def reset(self) -> None:
         response = self.server._on_reset(
-            srv.Reset.Request(agent=OWNER, seed=1), srv.Reset.Response())
+            srv.Reset.Request(agent=OWNER, seed=1), srv.Reset.Response(), b'')
         assert response.code == response.OK
         self.twin.reset(1)
         self.fly(self.harmless())
@@ -175,7 +175,7 @@ def test_any_reset_begins_anew_or_is_refused(
         before, counts = bench.place, bench.counts
         request = srv.Reset.Request(agent=asking, seed=seed, settings=[
             msg.Setting(name=name, value=value) for name, value in settings])
-        response = bench.server._on_reset(request, srv.Reset.Response())
+        response = bench.server._on_reset(request, srv.Reset.Response(), b'')
         if response.code == response.OK:
             assert bench.place[0] == response.session != before[0]
             assert np.isfinite(np.frombuffer(response.observation, np.float32)).all()
@@ -216,12 +216,12 @@ def test_snapshots_and_farewells_of_others_are_refused(
             (OWNER, server._session, step)):
         before, counts = bench.place, bench.counts
         response = server._on_snapshot(
-            srv.Snapshot.Request(agent=asking, session=its, step=at), srv.Snapshot.Response())
+            srv.Snapshot.Request(agent=asking, session=its, step=at), srv.Snapshot.Response(), b'')
         assert response.code == (response.INVALID if asking == OWNER else response.BUSY)
         assert 'expected' in bench.refusal('snapshot', counts)
         assert bench.place == before
     counts = bench.counts
-    response = server._on_release(srv.Release.Request(agent=agent), srv.Release.Response())
+    response = server._on_release(srv.Release.Request(agent=agent), srv.Release.Response(), b'')
     assert response.code == response.BUSY
     bench.refusal('release', counts)
     assert bench.place == before
@@ -232,7 +232,7 @@ def test_where_nobody_has_control_nobody_is_obeyed(bench: Bench, agent: int) -> 
     """Not even who has no name, nor who had control before."""
     bench.reset()
     server = bench.server
-    response = server._on_release(srv.Release.Request(agent=OWNER), srv.Release.Response())
+    response = server._on_release(srv.Release.Request(agent=OWNER), srv.Release.Response(), b'')
     assert response.code == response.OK
     session, step, owner, state = bench.place
     assert owner == NOBODY
@@ -242,11 +242,11 @@ def test_where_nobody_has_control_nobody_is_obeyed(bench: Bench, agent: int) -> 
             session, step, agent, *bench.arrays(bench.harmless()))),
         'snapshot': (busy, lambda: server._on_snapshot(
             srv.Snapshot.Request(agent=agent, session=session, step=step),
-            srv.Snapshot.Response())),
+            srv.Snapshot.Response(), b'')),
         'release': (busy, lambda: server._on_release(
-            srv.Release.Request(agent=agent), srv.Release.Response())),
+            srv.Release.Request(agent=agent), srv.Release.Response(), b'')),
         'reset': (invalid, lambda: server._on_reset(
-            srv.Reset.Request(agent=NOBODY, seed=1), srv.Reset.Response())),
+            srv.Reset.Request(agent=NOBODY, seed=1), srv.Reset.Response(), b'')),
         'restore': (invalid, lambda: restore(bench, state, NOBODY))}
     for name, (code, call) in calls.items():
         counts = bench.counts
@@ -261,7 +261,7 @@ def restore(bench: Bench, state: bytes, agent: int = OWNER) -> Any:
     request.state = conversion.to_sequence(np.frombuffer(state, np.uint8), 'u1')
     tracemalloc.start()
     try:
-        response = bench.server._on_restore(request, srv.Restore.Response())
+        response = bench.server._on_restore(request, srv.Restore.Response(), b'')
         assert tracemalloc.get_traced_memory()[1] < _MOST
     finally:
         tracemalloc.stop()
@@ -361,7 +361,7 @@ def test_what_is_told_of_rubbish_is_of_bounded_length(bench: Bench) -> None:
     settings = [msg.Setting(name=f'{k}' + 'x' * 100_000, value=0.0) for k in range(20)]
     counts = bench.counts
     response = bench.server._on_reset(
-        srv.Reset.Request(agent=OWNER, settings=settings), srv.Reset.Response())
+        srv.Reset.Request(agent=OWNER, settings=settings), srv.Reset.Response(), b'')
     assert response.code == response.INVALID
     assert len(response.message) < 400
     assert 'characters' in bench.refusal('reset', counts)

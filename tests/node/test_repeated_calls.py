@@ -110,7 +110,7 @@ def test_a_call_that_was_given_up_does_not_fly_into_the_next(
 class Dying:
     """A service of a simulator that is busy for some calls, and then dead."""
 
-    srv_name = '/reset'
+    srv_name = '/simulator/reset'
 
     def __init__(self, busy: int) -> None:
         self._busy, self.calls, self.settled = busy, 0, 0

@@ -456,11 +456,14 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
     simulator.signal(signal.SIGCONT)
 
 
-def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeClient) -> None:
+@pytest.mark.parametrize('name', ['simulator/reset', 'reset'])
+def test_services_can_be_called_by_hand(
+        simulator: Process, make_client: MakeClient, name: str) -> None:
+    """By their names below the node's, and by their deprecated names of before 1.0."""
     client = make_client()
     client.connect()
     node = client.node
-    reset = node.create_client(srv.Reset, 'reset')
+    reset = node.create_client(srv.Reset, name)
 
     def call(**fields: int) -> srv.Reset.Response:
         assert client.waiter.until(reset.service_is_ready, 10.0)
@@ -473,6 +476,8 @@ def test_services_can_be_called_by_hand(simulator: Process, make_client: MakeCli
     assert len(response.observation) == N * 15
     nobody = call(seed=3)
     assert nobody.code in (nobody.BUSY, nobody.INVALID)
+    warned = 'service /reset is deprecated and will be removed in 2.0: call /simulator/reset'
+    assert simulator.output().count(warned) == (name == 'reset')
     assert 'agent' in nobody.message
 
 

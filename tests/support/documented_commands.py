@@ -173,7 +173,7 @@ KINDS = (
     Kind(r'ros2 topic (echo .* --once)', beside=(SIMULATOR, PILOT)),
     Kind(r'ros2 topic hz /observation', until='average rate', beside=(SIMULATOR, PILOT)),
     Kind(r'ros2 interface show .*'),
-    Kind(r'ros2 service call /reset .*', until='code=0', beside=(SIMULATOR,)),
+    Kind(r'ros2 service call /simulator/reset .*', until='code=0', beside=(SIMULATOR,)),
     Kind(r'ros2 service call /simulator/get_simulator_features .*', until='custom_info=',
          beside=(SIMULATOR,)),
     Kind(r'ros2 service call /simulator/\w+ .*', until='result=1', beside=(SIMULATOR,)),

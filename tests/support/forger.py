@@ -51,7 +51,8 @@ class Forger:
         node.create_subscription(msg.World, 'world', self._on_world, qos.WORLD)
         if 'services' in kinds:
             for name in ('Reset', 'Restore', 'Snapshot'):
-                node.create_service(getattr(srv, name), name.lower(), self._serve)
+                node.create_service(
+                    getattr(srv, name), f'simulator/{name.lower()}', self._serve)
 
     def _on_world(self, message: Any) -> None:
         if message.session >= 2 * _FIRST_SESSION:

@@ -36,7 +36,7 @@ def intrude(seconds: float) -> dict[str, Any]:
             node.create_subscription(kind, name, heard.append, profile)
             for kind, name, profile in (
                 (msg.World, 'world', qos.WORLD), (msg.Observation, 'observation', qos.STREAM))]
-        reset = node.create_client(srv.Reset, 'reset')
+        reset = node.create_client(srv.Reset, 'simulator/reset')
         answers, nodes, publishers = [], set(), 0
         end = time.monotonic() + seconds
         while time.monotonic() < end:

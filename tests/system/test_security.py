@@ -179,7 +179,8 @@ def test_without_dds_security_nothing_starts(
 
 @pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the ros2 command of a full ROS 2')
 @pytest.mark.parametrize('command', [
-    ('topic', 'list'), ('service', 'call', '/reset', 'rocket_msgs/srv/Reset', '{agent: 1}')])
+    ('topic', 'list'),
+    ('service', 'call', '/simulator/reset', 'rocket_msgs/srv/Reset', '{agent: 1}')])
 def test_without_dds_security_the_ros2_command_asks_nobody(
         processes: Processes, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]) -> None:
     if has_security():

@@ -140,9 +140,10 @@ class Connection:
                 (msg.Episodes, 'episodes', qos.EVENTS))]
         self._answers = Answers(self._mailboxes, self._warn, self._accepts)
         self._clients = {
-            name: Caller(node, kind, prefix + name) for name, kind in (
-                ('reset', srv.Reset), ('snapshot', srv.Snapshot), ('restore', srv.Restore))}
-        self._release = node.create_client(srv.Release, f'{prefix}release')
+            name.rpartition('/')[2]: Caller(node, kind, prefix + name) for name, kind in (
+                ('simulator/reset', srv.Reset), ('simulator/snapshot', srv.Snapshot),
+                ('simulator/restore', srv.Restore))}
+        self._release = node.create_client(srv.Release, f'{prefix}simulator/release')
 
     @property
     def messages_dropped(self) -> int:

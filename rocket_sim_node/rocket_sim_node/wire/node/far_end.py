@@ -10,6 +10,7 @@ GID of somebody else: only DDS-Security authenticates.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -103,19 +104,22 @@ class FarEnd:
         """
         return self.is_at(gid) or not self._writes(topic)
 
-    def calls(self, service: str, gid: bytes) -> bool:
+    def calls(self, services: Sequence[str], gid: bytes) -> bool:
         """Return whether a request that claims to be the far end's counts, as :meth:`accepts`.
 
+        :param services: all names of the service.
         A client that the graph does not know counts: its GID may not name a participant.
         """
         if self.is_at(gid):
             return True
-        clients = set(map(participant_of, self.clients(service)))
+        clients = set(map(participant_of, self.clients(services)))
         return not {participant_of(gid), self.participant} <= clients
 
-    def clients(self, service: str) -> dict[bytes, str]:
-        """Return the GIDs of a service's clients and the full names of their nodes."""
-        return writers(self._node, f'rq{service}Request', mangled=True)
+    def clients(self, services: Sequence[str]) -> dict[bytes, str]:
+        """Return the GIDs of the clients of services and the full names of their nodes."""
+        return {
+            gid: name for service in services
+            for gid, name in writers(self._node, f'rq{service}Request', mangled=True).items()}
 
     def _writes(self, topic: str) -> bool:
         """Return whether the far end has a writer on a topic."""

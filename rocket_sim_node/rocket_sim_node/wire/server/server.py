@@ -29,11 +29,11 @@ from rocket_sim_node.wire.node.far_end import participant_of
 from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
-from rocket_sim_node.wire.node.request_sender import RequestSender
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server import real_time
 from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
+from rocket_sim_node.wire.server.control_services import ControlServices
 from rocket_sim_node.wire.server.real_time import RealTime
 from rocket_sim_node.wire.server.rivals import Rivals
 from rocket_sim_node.wire.server.state_stream import StateStream
@@ -127,18 +127,13 @@ class Server:
         self._result = ResultPublisher(node)
         self._state = StateStream(node, world, rows, batch)
         self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
-        self._services = [
-            node.create_service(kind, name, answer) for kind, name, answer in (
-                (srv.Reset, 'reset', self._on_reset),
-                (srv.Snapshot, 'snapshot', self._on_snapshot),
-                (srv.Restore, 'restore', self._on_restore),
-                (srv.Release, 'release', self._on_release))]
-        self._senders = {
-            service.srv_name.rpartition('/')[2]: RequestSender(
-                node, service, service.srv_type, participant_of(own))
-            for service in self._services if service.srv_type is not srv.Snapshot}
+        self._services = ControlServices(node, participant_of(own), (
+            (srv.Reset, '~/reset', self._on_reset),
+            (srv.Snapshot, '~/snapshot', self._on_snapshot),
+            (srv.Restore, '~/restore', self._on_restore),
+            (srv.Release, '~/release', self._on_release)))
         self._begin_session(world.observe())
-        self._awaited = self._unflown = self._services
+        self._awaited = self._unflown = [*self._services.current, *self._services.deprecated]
         self.unattended = Unattended(
             node, world, self._lease, self._far, self._realtime, self._state, self._advance,
             self._begin_session)
@@ -158,7 +153,7 @@ class Server:
 
     def attend(self, services: list[Any]) -> None:
         """Answer further services at once while no agent flies, not only every 0.05 s."""
-        self._awaited = self._unflown = [*self._services, *services]
+        self._awaited = self._unflown = [*self._unflown, *services]
 
     def serve(self, executor: Executor) -> None:
         """Serve until this process is asked to stop.
@@ -267,25 +262,25 @@ class Server:
 
     # Services
 
-    def _on_reset(self, request: srv.Reset.Request, response: Any) -> Any:
+    def _on_reset(self, request: srv.Reset.Request, response: Any, caller: bytes) -> Any:
         def begin() -> F32:
             settings = conversion.settings_from_message(
                 request.settings, worlds.units(self._world.spec.name))
             if request.seed < -1:
                 raise ValueError(f'seed: got {request.seed}, expected 0 or more, or -1')
             return self._world.reset(None if request.seed == -1 else request.seed, **settings)
-        return self._take_control('reset', request, begin, response)
+        return self._take_control('reset', request, begin, response, caller)
 
-    def _on_restore(self, request: srv.Restore.Request, response: Any) -> Any:
+    def _on_restore(self, request: srv.Restore.Request, response: Any, caller: bytes) -> Any:
         def begin() -> F32:
             return self._world.restore(bytes(request.state))
-        return self._take_control('restore', request, begin, response)
+        return self._take_control('restore', request, begin, response, caller)
 
     def _take_control(
-        self, name: str, request: Any, begin: Callable[[], F32], response: Any,
+        self, name: str, request: Any, begin: Callable[[], F32], response: Any, caller: bytes,
     ) -> Any:
         """Handle a service call that gives an agent control and draws a new session."""
-        agent, caller = request.agent, self._senders[name].take()
+        agent = request.agent
         response.message = self._lease.refusal(agent)
         if not response.message and agent == self._lease.owner and self._lease.silent < _GONE:
             response.message = self._impostor(name, agent, caller)
@@ -301,10 +296,10 @@ class Server:
             response.message = shortened(str(error))
             return self._refuse(name, agent, response)
         self._lease.take(agent)
-        self._awaited = self._services
+        self._awaited = self._services.current
         self._far.participant = participant_of(
-            caller if caller in self._far.clients(
-                self._node.resolve_service_name(name)) else bytes(request.writer))
+            caller if caller in self._far.clients(self._services.names(name))
+            else bytes(request.writer))
         self._begin_session(observation)
         response.code = response.OK
         response.session = self._session
@@ -312,7 +307,9 @@ class Server:
         response.observation = conversion.to_sequence(observation, 'f4')
         return response
 
-    def _on_snapshot(self, request: srv.Snapshot.Request, response: Any) -> Any:
+    def _on_snapshot(
+        self, request: srv.Snapshot.Request, response: Any, caller: bytes,
+    ) -> Any:
         response.message = self._lease.stranger(request.agent)
         if response.message:
             response.code = response.BUSY
@@ -350,18 +347,18 @@ class Server:
 
         :return: empty if the agent itself calls, as far as that can be told.
         """
-        service = self._node.resolve_service_name(name)
-        if agent != self._lease.owner or self._far.calls(service, caller):
+        services = self._services.names(name)
+        if agent != self._lease.owner or self._far.calls(services, caller):
             return ''
         self._far.drop(
             name, caller, f'calls as agent {agent}, which is another participant: refused',
-            self._far.clients(service))
+            self._far.clients(services))
         return (
             f'agent: {agent}, but another process controls this simulator as that agent '
             f'(heard {self._lease.silent:.1f} s ago)')
 
-    def _on_release(self, request: srv.Release.Request, response: Any) -> Any:
-        impostor = self._impostor('release', request.agent, self._senders['release'].take())
+    def _on_release(self, request: srv.Release.Request, response: Any, caller: bytes) -> Any:
+        impostor = self._impostor('release', request.agent, caller)
         if not impostor and self._lease.release(request.agent):
             response.code = response.OK
             self._awaited = self._unflown
