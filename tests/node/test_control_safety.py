@@ -55,7 +55,7 @@ def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
 
     It may know of the call before it knows where the answer goes, and drops that: call again.
     """
-    service = client.node.create_client(kind, f'simulator/{name}')
+    service = client.node.create_client(kind, name)
     assert client.waiter.until(service.service_is_ready, 60.0), name
     for _ in range(12):
         future = service.call_async(kind.Request(**fields))
@@ -468,7 +468,7 @@ def test_a_refusal_is_told_at_once_and_by_name(
     watch = Watch(client)
     watch.until(lambda: watch['last refusal'] == '' != watch['agent'])
     for name, kind in (('reset', srv.Reset), ('release', srv.Release)):
-        answer = call(client, kind, name, agent=STRANGER)
+        answer = call(client, kind, f'simulator/{name}', agent=STRANGER)
         answered = time.time()
         watch.until(lambda: watch[f'refused on {name}'] == '1')  # noqa: B023
         first = next(r for r in watch.reports if told(r)[f'refused on {name}'] == '1')
