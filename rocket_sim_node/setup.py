@@ -7,7 +7,7 @@ package_name = 'rocket_sim_node'
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={package_name: ['py.typed', 'wire/dds/profiles/*.xml']},
     data_files=[

@@ -2,7 +2,7 @@
 """Pilots, learning, evaluation and their nodes."""
 import os
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 """The same as in package.xml and setup.py, here also where the package is not installed."""
 
 # Waiting threads of the tensor library must sleep. By default (libgomp's) they spin, and with as
