@@ -97,8 +97,9 @@ this machine may be discovered, or if you have configured Fast DDS yourself.
 """
 _SNAPSHOT = """
 These services are below the simulator's own name (`~/reset` …). For a simulator with another name,
-remap the agent: `--ros-args -r simulator/reset:=my_simulator/reset` …. Below the same name are the
-services of [`simulation_interfaces`](../how-to/simulation-interfaces.md).
+remap all four in the agent: `--ros-args -r simulator/reset:=my_simulator/reset` …, with full names
+(`/sim_1/simulator/reset`) if the simulator is in another namespace than the agent. Below the same
+name are the services of [`simulation_interfaces`](../how-to/simulation-interfaces.md).
 
 The names of before 1.0, `reset`, `snapshot`, `restore` and `release`, still answer. They are
 deprecated and will be removed in 2.0; the first call is logged as a warning.

@@ -82,5 +82,5 @@ if __name__ == '__main__':
     Checks.on = UNCHECKED not in arguments
     with nullcontext() if Checks.on else Checks.installed():
         sys.exit(run(
-            'still_simulator', serve, args=[one for one in arguments if one != UNCHECKED],
+            'simulator', serve, args=[one for one in arguments if one != UNCHECKED],
             shared_memory=SharedMemory.TO_SEND))

@@ -42,8 +42,8 @@ WORLDS = ('rocket', 'rocket_planar', 'lunar_lander')
 ANY = {
     'uint8': ANY_U64.map(lambda value: value % 2**8),
     'uint32': ANY_U64.map(lambda value: value % 2**32), 'uint64': ANY_U64,
-    'int32': st.integers(-2**31, 2**31 - 1), 'float': ANY_F32, 'double': ANY_FLOAT,
-    'string': WIRE_TEXT}
+    'int32': st.one_of(st.sampled_from([-2**31, -1, 2**31 - 1]), st.integers(-2**31, 2**31 - 1)),
+    'float': ANY_F32, 'double': ANY_FLOAT, 'string': WIRE_TEXT}
 
 
 class Paper:
@@ -115,6 +115,11 @@ def harmed(draw: Any, message: Any) -> Any:
         if inner.startswith('rocket_msgs'):
             setting = draw(st.sampled_from(message.settings))
             setting.value = draw(ANY_FLOAT)
+            continue
+        if inner == 'std_msgs/Header':
+            stamp = message.header.stamp
+            stamp.sec, stamp.nanosec = draw(ANY['int32']), draw(ANY['uint32'])
+            message.header.frame_id = draw(WIRE_TEXT)
             continue
         kind, value = ANY[inner], getattr(message, name)
         if inner == kinds[name]:
@@ -274,6 +279,33 @@ class Bridge:
             self.node._on_world(message)
         elif isinstance(message, msg.RocketState):
             self.node._on_state(message)
+
+
+@pytest.mark.parametrize(('sec', 'nanosec', 'told'), [
+    (-1, 0, 'header.stamp.sec: got -1, expected 0 to 1073741824'),
+    (-2**31, 2**32 - 1, 'header.stamp.sec: got -2147483648, expected 0 to 1073741824'),
+    (2**31 - 1, 0, 'header.stamp.sec: got 2147483647, expected 0 to 1073741824'),
+    (5, 10**9, 'header.stamp.nanosec: got 1000000000, expected 0 to 999999999'),
+    (0, 2**32 - 1, 'header.stamp.nanosec: got 4294967295, expected 0 to 999999999'),
+    (2**30, 0, '')])
+def test_a_stamp_that_no_simulator_sends_is_left_out_and_told(
+        sec: int, nanosec: int, told: str) -> None:
+    """And after the latest one that a simulator sends, the next session is shown as well."""
+    bridge = Bridge()
+    world, state, *_ = copy.deepcopy(good('rocket', 1))
+    bridge.hear(world)
+    before = bridge.count
+    state.header.stamp.sec, state.header.stamp.nanosec = sec, nanosec
+    bridge.hear(state)
+    assert bridge.said == ([f'state ignored: {told}'] if told else [])
+    assert (bridge.count == before) == bool(told)
+    bridge.said.clear()
+    world, *states, _ = good('rocket', 2)
+    for message in (world, *states):
+        bridge.hear(message)
+    assert bridge.said == []
+    seconds = bridge.last['/clock'].clock.sec
+    assert seconds == (2**30 + 9 if not told else states[-1].header.stamp.sec)
 
 
 @pytest.mark.parametrize('world', WORLDS)

@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from support.rollouts import assert_same
 
 from rocket_sim_node.telemetry.gaps import GapCounter
 from rocket_sim_node.wire.client.client import Client
+from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
@@ -454,6 +456,31 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
     with pytest.raises(DefinitionsDiffer):
         client.step(actions(1)[0])
     simulator.signal(signal.SIGCONT)
+
+
+def test_a_simulator_of_another_name_is_found_by_remapped_services(
+        processes: Processes, make_client: MakeClient, make_node: Callable[..., Any]) -> None:
+    """Without them, the agent says which to remap."""
+    processes.run_node('rocket_sim_node', 'simulator', ('__node:=falcon',), num_envs=N)
+    with pytest.raises(WireTimeout) as error:
+        make_client(patience=3.0).reset(0)
+    advice = '--ros-args -r /simulator/reset:=/NAME/reset'
+    assert str(error.value).endswith(
+        'No node offers /simulator/reset; if the simulator has another name, remap the service: '
+        + advice)
+    remap = [
+        word for name in ('reset', 'snapshot', 'restore', 'release')
+        for word in ('-r', f'simulator/{name}:=falcon/{name}')]
+    node, executor = make_node(cli_args=['--ros-args', *remap])
+    world = make('rocket', num_envs=N)
+    with Client(node, executor, ConnectionOptions(patience=15.0)) as client:
+        np.testing.assert_array_equal(client.reset(3), world.reset(3))
+        assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
+        state = client.snapshot()
+        assert state == world.snapshot()
+        np.testing.assert_array_equal(client.restore(state), world.restore(state))
+    with Client(node, executor, ConnectionOptions(patience=5.0)) as other:  # it was released
+        other.reset(0)
 
 
 @pytest.mark.parametrize('name', ['simulator/reset', 'reset'])

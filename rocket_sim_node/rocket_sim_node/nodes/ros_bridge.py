@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.time import Time
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
@@ -78,9 +77,9 @@ class BridgeNode:
     def _on_state(self, message: msg.RocketState) -> None:
         with leaving_out(self._node, 'state'):
             missed = self._views.missed
-            stamp = Time.from_msg(message.header.stamp).nanoseconds
             for moment in self._views.add(
-                    message.session, samples_from_message(message), stamp):
+                    message.session, samples_from_message(message),
+                    conversion.stamp_of(message.header)):
                 self._stamp = moment.stamp
                 self._publishers.publish(moment)
             if self._views.missed > missed:

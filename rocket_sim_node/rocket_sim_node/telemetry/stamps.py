@@ -5,6 +5,9 @@ from __future__ import annotations
 NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
 """ns, end of what a message can say: its seconds have 32 bits."""
+LATEST_TOLD = LATEST // 2
+"""ns, 34 years: the latest simulated time of a simulator. A reader that follows it, or a wrong stamp,
+can still give later stamps to later sessions."""
 
 
 class Stamps:
@@ -95,8 +98,8 @@ class SimulatedTime:
         self._origin = 0
 
     def at(self, step: int) -> int:
-        """Return the time of a step of the present session, or the latest one that can be said."""
-        return min(self._origin + nanoseconds(step, self._dt), LATEST - 1)
+        """Return the time of a step of the present session, up to `LATEST_TOLD`."""
+        return min(self._origin + nanoseconds(step, self._dt), LATEST_TOLD)
 
 
 def nanoseconds(steps: int, dt: float) -> int:

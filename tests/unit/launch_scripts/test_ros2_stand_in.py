@@ -579,7 +579,7 @@ def test_messages_as_yaml() -> None:
         + ''.join(f'- {number}.0\n' for number in range(128)) + "- '...'\ninner:\n  x: 1.5\n")
 
 
-RESET = 'service', 'call', '/reset', 'rocket_msgs/srv/Reset'
+RESET = 'service', 'call', '/simulator/reset', 'rocket_msgs/srv/Reset'
 LAND = 'action', 'send_goal', '/land', 'rocket_msgs/action/Land'
 
 

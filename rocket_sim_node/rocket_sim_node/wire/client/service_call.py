@@ -2,6 +2,7 @@
 """A service call that is repeated until it is answered, without blocking."""
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -29,7 +30,9 @@ class ServiceCall:
         :param begin: steady-clock time, s, of the first call.
         """
         self.client, self._request = client, request
-        self._silence = Silence(node, f'an answer of {client.srv_name}', patience, topic)
+        self._silence = Silence(
+            node, f'an answer of {client.srv_name}', patience, topic, self._hint)
+        self._described = partial(node.count_publishers, topic)
         self._timeout = _TIMEOUT
         self._number = 0
         """Number of the latest request; 0 before the first."""
@@ -64,6 +67,16 @@ class ServiceCall:
         # In time for the next notice or the time-out.
         self.due = min(self._again, self._silence.due)
         return self.answers
+
+    def _hint(self) -> str:
+        """Return what to do where a simulator of another name describes itself."""
+        if self.client.service_is_ready() or not self._described():
+            return ''
+        name = self.client.srv_name
+        head, _, service = name.rpartition('/')
+        other = f'{head.rpartition("/")[0]}/NAME/{service}'
+        return (f'No node offers {name}; if the simulator has another name, remap the service: '
+                f'--ros-args -r {name}:={other}')
 
     def settle(self) -> None:
         """Note that the latest request is answered: further answers come from another server."""

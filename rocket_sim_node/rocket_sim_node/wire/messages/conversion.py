@@ -26,6 +26,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.telemetry.capture import Telemetry
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.quantities import QUANTITIES
+from rocket_sim_node.telemetry.stamps import LATEST_TOLD
 from rocket_sim_node.telemetry.stamps import NANOSECONDS
 from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
@@ -55,6 +56,21 @@ def time_of(stamp: int) -> Time:
     """Return a stamp in ns as a message."""
     seconds, nanoseconds = divmod(stamp, NANOSECONDS)
     return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def stamp_of(message: Header) -> int:
+    """Return the stamp of a simulator's message, ns.
+
+    :raises ValueError: when no simulator sends it, naming the field.
+    """
+    stamp = message.stamp
+    if not 0 <= stamp.sec * NANOSECONDS <= LATEST_TOLD:
+        raise ValueError(
+            f'header.stamp.sec: got {stamp.sec}, expected 0 to {LATEST_TOLD // NANOSECONDS}')
+    if stamp.nanosec >= NANOSECONDS:
+        raise ValueError(
+            f'header.stamp.nanosec: got {stamp.nanosec}, expected 0 to {NANOSECONDS - 1}')
+    return int(stamp.sec * NANOSECONDS + stamp.nanosec)
 
 
 def header(stamp: int, frame: str) -> Header:

@@ -114,9 +114,15 @@ class Waiter:
 class Silence:
     """A wait for an answer: logs a notice every few seconds and finally raises an error."""
 
-    def __init__(self, node: Node, what: str, patience: float, topic: str = '') -> None:
-        """Start to wait for `what` from the simulator that describes itself on `topic`."""
-        self._node = node
+    def __init__(
+        self, node: Node, what: str, patience: float, topic: str = '',
+        hint: Callable[[], str] = lambda: '',
+    ) -> None:
+        """Start to wait for `what` from the simulator that describes itself on `topic`.
+
+        :param hint: returns a sentence on what may be wrong, or nothing.
+        """
+        self._node, self._hint = node, hint
         self._what = what
         self._topic = topic
         self._start = time.monotonic()
@@ -152,6 +158,8 @@ class Silence:
         )
         if not set('*?[') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
             text += f' {simulators} publish there: give each simulator a namespace of its own'
+        if hint := self._hint():
+            text += f' {hint}'
         if now >= self._end:
             raise WireTimeout(text)
         self._node.get_logger().warning(text)

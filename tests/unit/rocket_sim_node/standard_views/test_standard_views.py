@@ -18,6 +18,7 @@ from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.stamps import LATEST
+from rocket_sim_node.telemetry.stamps import LATEST_TOLD
 from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.telemetry.stamps import Stamps
 from rocket_sim_node.worlds import make
@@ -151,7 +152,7 @@ def test_stamps_of_a_simulator_are_those_of_the_views() -> None:
     time.restart()
     assert time.at(3) == 60_000_000
     assert views.add(4, samples, time.at(60))[0].stamp == found[-1].stamp + 20_000_000
-    assert time.at(2**62) == LATEST - 1
+    assert time.at(2**62) == LATEST_TOLD
 
 
 def test_the_rate_is_limited_and_ends_are_kept() -> None:

@@ -308,7 +308,7 @@ def test_nothing_starts_with_a_bad_profile(
 @pytest.mark.parametrize('argv', [
     ['topic', 'list'], ['node', 'list'], ['action', 'list'],
     ['param', 'get', '/simulator', 'seed'],
-    ['service', 'call', '/reset', 'rcl_interfaces/srv/GetParameters']])
+    ['service', 'call', '/simulator/reset', 'rcl_interfaces/srv/GetParameters']])
 def test_the_ros2_command_refuses_what_nodes_refuse(
         argv: list[str], name: str, value: str, words: str, schema: Path, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
