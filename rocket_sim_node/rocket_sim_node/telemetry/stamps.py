@@ -6,7 +6,7 @@ NANOSECONDS = 1_000_000_000
 LATEST = 2**31 * NANOSECONDS
 """ns, end of what a message can say: its seconds have 32 bits."""
 LATEST_TOLD = LATEST // 2
-"""ns, 34 years: the latest simulated time of a simulator. A reader that has followed it, or a wrong
+"""ns, 34 years: the latest simulated time of a simulator. A reader that followed it, or a wrong
 stamp, can still give later stamps to later sessions."""
 
 
