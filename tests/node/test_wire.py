@@ -459,11 +459,15 @@ def test_who_does_not_answer_may_have_been_built_from_another_definition(
 
 
 def test_a_simulator_of_another_name_is_found_by_remapped_services(
-        processes: Processes, make_client: MakeClient, make_node: Callable[..., Any]) -> None:
+        processes: Processes, make_client: MakeClient, make_node: Callable[..., Any],
+        monkeypatch: pytest.MonkeyPatch) -> None:
     """Without them, the agent says which to remap."""
     processes.run_node('rocket_sim_node', 'simulator', ('__node:=falcon',), num_envs=N)
+    client = make_client(patience=60.0)
+    client.connect()
+    monkeypatch.setattr(client.connection, '_options', ConnectionOptions(patience=1.0))
     with pytest.raises(WireTimeout) as error:
-        make_client(patience=3.0).reset(0)
+        client.reset(0)
     advice = '--ros-args -r /simulator/reset:=/NAME/reset'
     assert str(error.value).endswith(
         'No node offers /simulator/reset; if the simulator has another name, remap the service: '
@@ -473,13 +477,13 @@ def test_a_simulator_of_another_name_is_found_by_remapped_services(
         for word in ('-r', f'simulator/{name}:=falcon/{name}')]
     node, executor = make_node(cli_args=['--ros-args', *remap])
     world = make('rocket', num_envs=N)
-    with Client(node, executor, ConnectionOptions(patience=15.0)) as client:
+    with Client(node, executor, ConnectionOptions()) as client:
         np.testing.assert_array_equal(client.reset(3), world.reset(3))
         assert_same(client.step(actions(1)[0]), world.step(actions(1)[0]))
         state = client.snapshot()
         assert state == world.snapshot()
         np.testing.assert_array_equal(client.restore(state), world.restore(state))
-    with Client(node, executor, ConnectionOptions(patience=5.0)) as other:  # it was released
+    with Client(node, executor, ConnectionOptions()) as other:  # it was released
         other.reset(0)
 
 
