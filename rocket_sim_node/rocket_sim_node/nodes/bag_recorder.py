@@ -40,6 +40,7 @@ from rocket_sim_node.wire.messages.definitions import hashes
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import USAGE_ERROR
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
@@ -245,8 +246,8 @@ def _profile(offers: list[QoSProfile]) -> QoSProfile:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
-def record(node: Node, executor: Executor) -> None:
-    """Record until asked to stop, or until the disk is nearly full."""
+def record(node: Node, executor: Executor) -> int:
+    """Record until asked to stop, or until the disk is nearly full; return the exit status."""
     os.nice(NICENESS)
     parameters = Parameters(node)
     options = parameters.declare(BagParameters)
@@ -268,6 +269,7 @@ def record(node: Node, executor: Executor) -> None:
         drain(executor, lambda: recorder.count)
     finally:
         recorder.close()
+    return 0 if bag.complete else USAGE_ERROR
 
 
 def main() -> None:
