@@ -57,7 +57,12 @@ finish() {
   exit "$status"
 }
 
+# shown PATH: prints a path, quoted for a shell if it has characters that could control a terminal.
+shown() {
+  if [[ $1 == *[![:print:]]* ]]; then printf '%q' "$1"; else printf '%s' "$1"; fi
+}
+
 # tell_recording FILE: prints the path of the recording and a command that shows it, from any shell.
 tell_recording() {
-  printf 'recording: %s; watch it with: %q %q\n' "$1" "$(command -v rerun || echo rerun)" "$1"
+  printf 'recording: %s; watch it with: %q %q\n' "$(shown "$1")" "$(command -v rerun || echo rerun)" "$1"
 }

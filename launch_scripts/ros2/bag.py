@@ -113,8 +113,7 @@ def play(args: argparse.Namespace) -> None:
 
     :raises CommandError: when it cannot be played.
     """
-    from mcap.reader import make_reader
-
+    from rocket_sim_node.bags import mcap_file
     from rocket_sim_node.bags.damage import DAMAGED
     from rocket_sim_node.bags.reader import files_of
     if not args.rate > 0.0:
@@ -135,8 +134,7 @@ def play(args: argparse.Namespace) -> None:
         try:
             for file in files_of(args.bag_path):
                 with file.open('rb') as stream:
-                    for _, channel, message in make_reader(stream).iter_messages(
-                            list(publishers)):
+                    for _, channel, message in mcap_file.messages(stream, publishers):
                         first = message.log_time if first is None else first
                         due = began + (message.log_time - first) / _NANOSECONDS / args.rate
                         time.sleep(max(0.0, due - time.monotonic()))

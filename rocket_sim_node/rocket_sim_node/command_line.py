@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import shlex
 import shutil
 import signal
 import sys
@@ -13,9 +12,12 @@ from collections.abc import Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import NoReturn
 from typing import TypeVar
 
 from rocket_sim_node import settings
+from rocket_sim_node.printable import printable
+from rocket_sim_node.printable import shell_command
 
 S = TypeVar('S')
 
@@ -91,7 +93,13 @@ def tell_usage(text: str, arguments: Sequence[str], bare: bool = False) -> bool:
 
 def watch_with(recording: Path) -> str:
     """Return the command that shows a recording, quoted for a shell."""
-    return shlex.join([shutil.which('rerun') or 'rerun', str(recording)])
+    return shell_command([shutil.which('rerun') or 'rerun', recording])
+
+
+def fail(name: str, error: Exception) -> NoReturn:
+    """End a command with its error, which may name files of strangers, and status 2."""
+    sys.stderr.write(f'{name}: {printable(str(error))}\n')
+    sys.exit(2)
 
 
 @contextmanager
@@ -135,7 +143,6 @@ def run(
         return
     try:
         with interruptible():
-            sys.stdout.write(do(parse(cls, arguments)))
+            sys.stdout.write(printable(do(parse(cls, arguments)), '\n'))
     except caught as error:
-        sys.stderr.write(f'{name}: {error}\n')
-        sys.exit(2)
+        fail(name, error)

@@ -9,12 +9,20 @@ from collections.abc import Mapping
 from collections.abc import MutableMapping
 from pathlib import Path
 
+from rocket_sim_node.printable import printable
+
 _HIGHEST_DOMAIN = 232
 """of DDS on UDP, whose ports end at 65535 (RTPS 2.2, 9.6.1.1)"""
 _SHARED_MEMORY = Path('/dev/shm')
 _ROOM = 64 * 1024
 """Bytes. The tracing library of ROS 2 maps two pages for each user; where none is left, the system
 ends each node with SIGBUS as it loads that library."""
+_DISCOVERY = (
+    'ROS_DISCOVERY_SERVER', 'ROS_STATIC_PEERS', 'ROS_AUTOMATIC_DISCOVERY_RANGE',
+    'ROS_LOCALHOST_ONLY', 'ROS2_EASY_MODE')
+"""Variables, beside the domain, that decide which other nodes a node finds."""
+_LONGEST = 100
+"""Maximum characters of a value in a message."""
 _LOGS = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 
 
@@ -27,6 +35,15 @@ def check(environ: Mapping[str, str]) -> None:
     if domain and not (re.fullmatch('[0-9]{1,9}', domain) and int(domain) <= _HIGHEST_DOMAIN):
         raise ValueError(
             f'ROS_DOMAIN_ID: got {domain!r}, expected a whole number from 0 to {_HIGHEST_DOMAIN}')
+
+
+def advice(environ: Mapping[str, str]) -> str:
+    """Return what to compare in the environments of two nodes that do not find each other."""
+    found = ', '.join(
+        f'{name}={printable(environ[name]):.{_LONGEST}}'
+        for name in _DISCOVERY if environ.get(name))
+    return ('is it running, with the same ROS_DOMAIN_ID and namespace?'
+            + (f' Here {found}, which also decides what is found' if found else ''))
 
 
 def check_shared_memory(folder: Path = _SHARED_MEMORY) -> None:

@@ -49,6 +49,19 @@ def test_a_silence_is_told_and_ends(clock: list[float]) -> None:
         wait(silence, clock, 1.0)
 
 
+def test_the_environment_that_decides_what_is_found_is_told(
+        clock: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_DISCOVERY_SERVER', '127.0.0.1:11811\x1b[2J')
+    monkeypatch.delenv('ROS_STATIC_PEERS', raising=False)
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    silence = Silence(Node(), 'an answer', 3.0, '/world')  # type: ignore[arg-type]
+    with pytest.raises(
+            WireTimeout, match=r'ROS_DISCOVERY_SERVER=127\.0\.0\.1:11811 \[2J, '
+            r'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, which also decides') as ended:
+        wait(silence, clock, 3.0)
+    assert 'ROS_STATIC_PEERS' not in str(ended.value)
+
+
 @pytest.mark.parametrize('frozen', [3600.0, 8.5, 7.5])
 def test_time_in_which_this_process_stood_still_is_nobodys_silence(
         clock: list[float], frozen: float) -> None:

@@ -2,11 +2,17 @@
 """Messages of a simulator for tests of bags, serialized as on the wire."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.records import Footer
+from mcap.records import Header
+from mcap.records import McapRecord
 from rclpy.serialization import serialize_message
 from rocket_msgs import msg
 
@@ -21,6 +27,17 @@ from rocket_sim_node.telemetry.stamps import SimulatedTime
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.worlds import make
+
+_MAGIC = b'\x89MCAP0\r\n'
+
+
+def write_records(path: Path, records: Sequence[McapRecord]) -> Path:
+    """Write records as an MCAP file without a summary, and return its path."""
+    builder = RecordBuilder()
+    for record in (Header('ros2', 'test'), *records, Footer(0, 0, 0)):
+        record.write(builder)
+    path.write_bytes(_MAGIC + builder.end() + _MAGIC)
+    return path
 
 
 def flight_messages(

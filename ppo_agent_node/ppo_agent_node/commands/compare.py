@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ppo_agent_node.commands import recorded_flights
 from rocket_sim_node import command_line
+from rocket_sim_node.printable import printable_path
 from rocket_sim_node.recording.comparison import comparison
 from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.settings import setting
@@ -46,7 +47,8 @@ def make(wanted: Comparison) -> str:
     said = comparison.write(output, sides, stage, touchdown.follow, heading, remarks)
     size = output.stat().st_size
     return (
-        f'{said.text}\ncomparison: {output} ({said.steps} steps, {size / 2**20:.1f} MiB); '
+        f'{said.text}\ncomparison: {printable_path(output)} '
+        f'({said.steps} steps, {size / 2**20:.1f} MiB); '
         f'watch it with: {command_line.watch_with(output)}\n')
 
 

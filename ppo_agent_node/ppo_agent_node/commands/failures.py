@@ -19,6 +19,7 @@ from ppo_agent_node.reporting.run_files import LARGEST
 from rocket_sim_node import command_line
 from rocket_sim_node import input_file
 from rocket_sim_node import worlds
+from rocket_sim_node.printable import printable_path
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.trajectories import touchdown
@@ -72,7 +73,7 @@ def make(wanted: Failures) -> str:
     told = ', '.join(
         f'{one["outcome"]} (rocket {one["row"]}, episode {one["episode"]})'
         for one in figures['failed_starts'])
-    return (f'{told}\nfailures: {output}; '
+    return (f'{told}\nfailures: {printable_path(output)}; '
             f'watch it with: {command_line.watch_with(output)}\n')
 
 

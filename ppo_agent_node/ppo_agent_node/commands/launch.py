@@ -32,7 +32,9 @@ from ppo_agent_node.runs.new_paths import new_folder
 from ppo_agent_node.runs.new_paths import new_recording
 from rocket_sim_node import input_file
 from rocket_sim_node import ros_environment
+from rocket_sim_node.command_line import fail
 from rocket_sim_node.command_line import interruptible
+from rocket_sim_node.printable import shell_command
 from rocket_sim_node.recording.sinks.destinations import check_page
 from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.destinations import page_address
@@ -215,8 +217,8 @@ def _train(start: Start) -> None:
     shown = [f'{name}:={value}' for name, value in given.given.items() if name in _OF_EACH_START]
     every = [f'{name}:={value}' for name, value in given.given.items()
              if name not in _OF_THE_START]
-    start.told['resume'] = shlex.join([*words, *shown])
-    start.told['begin_again'] = shlex.join([*words, *every])
+    start.told['resume'] = shell_command([*words, *shown])
+    start.told['begin_again'] = shell_command([*words, *every])
 
 
 def _land(start: Start) -> None:
@@ -305,8 +307,7 @@ def main() -> None:
             remove_leftovers(Path(scratch).parent)
             sys.stdout.write(run(script, int(pid), Path(scratch), texts))
     except (ValueError, TypeError, OSError) as error:
-        sys.stderr.write(f'{Path(script).name}: {" ".join(str(error).split())}\n')
-        sys.exit(2)
+        fail(Path(script).name, ValueError(' '.join(str(error).split())))
 
 
 if __name__ == '__main__':

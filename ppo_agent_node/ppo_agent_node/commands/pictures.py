@@ -24,6 +24,7 @@ from ppo_agent_node.reporting.run_files import Lines
 from ppo_agent_node.reporting.run_files import load
 from rocket_sim_node import command_line
 from rocket_sim_node import worlds
+from rocket_sim_node.printable import printable_path
 from rocket_sim_node.recording.reader import trajectories
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.render import render
@@ -221,7 +222,7 @@ def make(wanted: Pictures) -> str:
             made = MAKERS[name](run, scratch)
         path = save(made, output / name)
         first = made[0] if isinstance(made, list) else made
-        sys.stdout.write(f'{path}, {first.width} x {first.height}\n')
+        sys.stdout.write(f'{printable_path(path)}, {first.width} x {first.height}\n')
         sys.stdout.flush()
     return ''
 

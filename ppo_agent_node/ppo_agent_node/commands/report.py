@@ -20,6 +20,7 @@ from ppo_agent_node.reporting.run_files import Run
 from ppo_agent_node.reporting.run_files import load
 from ppo_agent_node.runs.new_paths import new_folder
 from rocket_sim_node import command_line
+from rocket_sim_node.printable import printable_path
 from rocket_sim_node.settings import setting
 
 PLOTS = 'plots'
@@ -83,9 +84,9 @@ def _report(arguments: Sequence[str]) -> None:
     runs = [load(folder) for folder in folders]
     output = _folder(options.output, runs[0]) if len(runs) > 1 else None
     for run in runs:
-        sys.stdout.write(f'{_write(run)}\n')
+        sys.stdout.write(f'{printable_path(_write(run))}\n')
     if output is not None:
-        sys.stdout.write(f'{write_comparison(runs, output)}\n')
+        sys.stdout.write(f'{printable_path(write_comparison(runs, output))}\n')
 
 
 def _folder(name: str, first: Run) -> Path:
@@ -123,8 +124,7 @@ def main() -> None:
         with command_line.interruptible():
             _report(arguments)
     except (ValueError, TypeError, OSError) as error:
-        sys.stderr.write(f'report: {error}\n')
-        sys.exit(2)
+        command_line.fail('report', error)
 
 
 if __name__ == '__main__':

@@ -24,6 +24,7 @@ from ppo_agent_node.pilots.keyboard import KeyboardSettings
 from ppo_agent_node.pilots.keyboard import StartSettings
 from ppo_agent_node.pilots.keys import EXACT_OFF
 from ppo_agent_node.pilots.keys import EXACT_ON
+from rocket_sim_node import ros_environment
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.node.parameters import Parameters
@@ -66,8 +67,8 @@ def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
             topic = node.resolve_topic_name('world')
             if waited >= patience:
                 raise WireTimeout(
-                    f'waited {waited:.0f} s for the simulator of {topic}; is it running, with the '
-                    'same ROS_DOMAIN_ID and namespace?') from None
+                    f'waited {waited:.0f} s for the simulator of {topic}; '
+                    f'{ros_environment.advice(os.environ)}') from None
             if waited > _NOTICE and not told:
                 told = True
                 node.get_logger().warning(

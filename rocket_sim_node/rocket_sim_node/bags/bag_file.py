@@ -18,10 +18,10 @@ import yaml
 from mcap.records import Channel
 from mcap.records import Message
 from mcap.records import Schema
-from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
 from mcap.writer import Writer
 
+from rocket_sim_node.bags import mcap_file
 from rocket_sim_node.bags.damage import DAMAGED
 from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.bags.metadata import FILE
@@ -82,6 +82,8 @@ class BagFile:
         self._schemas: dict[str, int] = {}
         self.count = 0
         """Messages written so far."""
+        self.complete = True
+        """Whether nothing was left unfinished; known once the bag is closed."""
         path.parent.mkdir(parents=True, exist_ok=True)
         check_space(path.parent)
         self._lock = self._take()
@@ -164,8 +166,14 @@ class BagFile:
             return
         self.tick()
 
+    def _named(self, error: OSError) -> OSError:
+        """Return an error with the name of the file; `write` does not tell it."""
+        if error.filename is not None:
+            return error
+        return OSError(error.errno, error.strerror or str(error), str(self._file))
+
     def _end_here(self, error: OSError) -> None:
-        self._note('ERROR', f'the bag ends here: {error}')
+        self._note('ERROR', f'the bag ends here: {self._named(error)}')
         self.close()
 
     def _put(self, topic: str, data: bytes, received: int, published: int) -> None:
@@ -209,8 +217,10 @@ class BagFile:
             self._note('INFO', f'bag saved: {where} ({self.count} messages, '
                                f'{size / 2**20:.1f} MiB)')
         except OSError as error:
+            self.complete = False
             self._note('ERROR', f'the bag could not be finished and remains at {self._partial}; '
-                                f'the next recorder with this output repairs it: {error}')
+                                f'the next recorder with this output repairs it: '
+                                f'{self._named(error)}')
         finally:
             os.close(self._lock)
 
@@ -279,7 +289,7 @@ def salvage(path: Path) -> Iterator[tuple[Topic, str, Message]]:
     topics: dict[int, tuple[Topic, str]] = {}
     with path.open('rb') as stream, suppress(
             *DAMAGED, OSError):
-        for record in StreamReader(stream, validate_crcs=True).records:
+        for record in mcap_file.records(stream):
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
 
 from rocket_sim_node import input_file
+from rocket_sim_node.bags import mcap_file
 from rocket_sim_node.bags.damage import DAMAGED
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import FILE
@@ -71,8 +71,7 @@ def messages(
         decoders: dict[int, Decoder] = {}
         try:
             with file.open('rb') as stream:
-                found = make_reader(stream, validate_crcs=True)
-                for schema, channel, message in found.iter_messages(topics):
+                for schema, channel, message in mcap_file.messages(stream, topics):
                     if schema is None or (types is not None and schema.name not in types):
                         continue
                     if schema.id not in decoders:

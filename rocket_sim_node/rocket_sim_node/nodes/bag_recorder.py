@@ -8,7 +8,6 @@ from __future__ import annotations
 import importlib
 import os
 import re
-import time
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -40,9 +39,11 @@ from rocket_sim_node.wire.messages.definitions import hashes
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
+from rocket_sim_node.wire.node.running import USAGE_ERROR
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
+from rocket_sim_node.wire.node.steady_clock import SteadyDate
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 _LOOK = 0.25
@@ -92,6 +93,7 @@ class BagNode:
             _absolute(node, name) for name in re.split(r'[\s,]+', wanted.strip()) if name]
         self._recorded: dict[str, _Recorded] = {}
         self._refused: dict[str, str] = {}
+        self._clock = SteadyDate()
         self.count = 0
         """Messages received so far."""
 
@@ -166,7 +168,7 @@ class BagNode:
     def _on_message(self, recorded: _Recorded, data: bytes) -> None:
         self.count += 1
         # Kilted's events executor fails on callbacks that ask for DDS's own times of a message.
-        now = time.time_ns()
+        now = self._clock.now()
         self._bag.write(recorded.topic.name, data, now, now)
         gap = recorded.steps.note(data)
         if gap is not None:
@@ -245,8 +247,8 @@ def _profile(offers: list[QoSProfile]) -> QoSProfile:
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
 
-def record(node: Node, executor: Executor) -> None:
-    """Record until asked to stop, or until the disk is nearly full."""
+def record(node: Node, executor: Executor) -> int:
+    """Record until asked to stop, or until the disk is nearly full; return the exit status."""
     os.nice(NICENESS)
     parameters = Parameters(node)
     options = parameters.declare(BagParameters)
@@ -268,6 +270,7 @@ def record(node: Node, executor: Executor) -> None:
         drain(executor, lambda: recorder.count)
     finally:
         recorder.close()
+    return 0 if bag.complete else USAGE_ERROR
 
 
 def main() -> None:

@@ -5,15 +5,22 @@ from __future__ import annotations
 import array
 import asyncio
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 import yaml
+import zstandard
+from mcap.records import Channel
+from mcap.records import Chunk
+from mcap.records import Schema
 
+from ros2 import bag
 from ros2.errors import CommandError
 from ros2.launch.actions import ProcessPlan
 from ros2.launch.actions import carry_out
@@ -597,6 +604,31 @@ def test_a_value_of_another_type_is_refused_and_no_abort(
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith(f'Failed to populate field: {field}: ')
     assert 'Traceback' not in done.stderr
+
+
+def test_a_bomb_is_not_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from support.bags import write_records
+    bomb = zstandard.compress(bytes(1 << 30))
+    write_records(tmp_path / 'bag_0.mcap', [
+        Schema(data=b'', encoding='ros2msg', id=1, name='a/msg/A'),
+        Channel(id=1, topic='/a', message_encoding='cdr', metadata={}, schema_id=1),
+        Chunk('zstd', bomb, 0, 0, 0, 1000)])
+    topic = {'name': '/a', 'type': 'a/msg/A', 'serialization_format': 'cdr',
+             'offered_qos_profiles': []}
+    (tmp_path / 'metadata.yaml').write_text(yaml.safe_dump({'rosbag2_bagfile_information': {
+        'storage_identifier': 'mcap', 'relative_file_paths': ['bag_0.mcap'], 'message_count': 1,
+        'starting_time': {'nanoseconds_since_epoch': 0}, 'duration': {'nanoseconds': 0},
+        'topics_with_message_count': [{'topic_metadata': topic, 'message_count': 1}]}}))
+    monkeypatch.setattr(bag.graph, 'direct_node', nullcontext)
+    monkeypatch.setattr(bag, '_publisher', lambda node, topic: None)
+    monkeypatch.setattr(bag, '_MATCH_SECONDS', 0.0)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert main(['bag', 'info', str(tmp_path)]) == 0, 'it reads no messages'
+    assert main(['bag', 'play', str(tmp_path)]) == (
+        f'{tmp_path}: a chunk claims 1000 bytes, and holds more')
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 << 10, 'KiB'
 
 
 def test_a_bag_of_a_stranger_cannot_control_the_terminal(

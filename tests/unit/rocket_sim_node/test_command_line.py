@@ -2,15 +2,20 @@
 """Commands that are no nodes: told to end, they tidy up and say nothing."""
 from __future__ import annotations
 
+import os
 import shlex
 import signal
 import subprocess
 import sys
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from rocket_sim_node import command_line
+from rocket_sim_node import settings
+from rocket_sim_node.printable import printable_path
 
 
 @pytest.mark.parametrize('replaced', [(), ('replaced',)])
@@ -45,6 +50,39 @@ def test_told_to_end_it_tidies_up(
     _, said = run.communicate(timeout=20)
     assert (run.returncode, said) == (130, '')
     assert not left.exists()
+
+
+NAMES = ('\x1b[2J7.rrd', '\x9b2J\x07.rrd', "it's\n\\033 \udcff.rrd", 'ü\t\x7f.rrd')
+"""names of files that control a terminal"""
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_what_is_shown_controls_no_terminal_and_can_be_pasted(name: str) -> None:
+    command = command_line.watch_with(Path(name))
+    assert command.isprintable()
+    shell = subprocess.run(
+        ['bash', '-c', f'printf "%s\\0" {command}'], capture_output=True, timeout=20, check=True)
+    assert shell.stdout.split(b'\0')[1] == os.fsencode(name)
+    assert printable_path(name) == command.split(' ', 1)[1]
+
+
+def test_an_error_about_a_strangers_file_controls_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    @dataclass(frozen=True)
+    class Options:
+        run: str = settings.setting('', '', 'a run')
+
+    def refuse(options: Options) -> str:
+        raise ValueError(f'{options.run}: no run')
+
+    monkeypatch.setattr(sys, 'argv', ['compare', 'run:=\x1b[2J\n'])
+    for do in (refuse, lambda options: f'written: {options.run}\n'):
+        with suppress(SystemExit):
+            command_line.run('compare', '', '', Options, do)
+    said = capsys.readouterr()
+    assert said.err == 'compare:  [2J : no run\n'
+    assert said.out == 'written:  [2J\n\n'
 
 
 @pytest.mark.parametrize('name', ['run.rrd', 'a run #1.rrd', "it's $(x); `y`.rrd"])

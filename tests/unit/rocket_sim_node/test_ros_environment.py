@@ -24,6 +24,18 @@ def test_any_other_is_named(value: str) -> None:
         ros_environment.check({'ROS_DOMAIN_ID': value})
 
 
+@pytest.mark.parametrize('name', [
+    'ROS_DISCOVERY_SERVER', 'ROS_STATIC_PEERS', 'ROS_AUTOMATIC_DISCOVERY_RANGE'])
+def test_the_advice_names_what_is_set_and_nothing_else(name: str) -> None:
+    plain = ros_environment.advice({})
+    assert 'ROS_DOMAIN_ID and namespace' in plain
+    assert name not in plain
+    assert ros_environment.advice({name: ''}) == plain
+    told = ros_environment.advice({name: 'x' * 500, 'ROS_DOMAIN_ID': '3'})
+    assert f'{name}={"x" * 100},' in told
+    assert told.isprintable()
+
+
 def test_full_shared_memory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ros_environment.check_shared_memory(tmp_path)
     ros_environment.check_shared_memory(tmp_path / 'none')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import time
 from dataclasses import asdict
 from dataclasses import replace
@@ -15,6 +14,7 @@ from std_msgs.msg import Header
 from ppo_agent_node.nodes.agent.rosout import show_warnings
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.terminal import Terminal
+from rocket_sim_node.printable import shell_command
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.dds import qos
 
@@ -70,7 +70,7 @@ class StatusPublisher:
             words += ['-p', f'loggers:={loggers}']
         words += ['-p', f'run_dir:={self._folder.path.resolve()}', '-p', 'resume:=true']
         self._terminal.say(
-            f'stopped; resume, with the same simulators, by: {shlex.join(words)}')
+            f'stopped; resume, with the same simulators, by: {shell_command(words)}')
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from typing import Any
 from rclpy.executors import Executor
 from rclpy.node import Node
 
+from rocket_sim_node import ros_environment
 from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.inbox import Inbox
@@ -154,12 +156,12 @@ class Silence:
         topic = self._topic or self._node.resolve_topic_name('world')
         text = (
             f'waited {now - self._start:.0f} s for {self._what} from the simulator of {topic}; '
-            'is it running, with the same ROS_DOMAIN_ID and namespace?'
+            f'{ros_environment.advice(os.environ)}'
         )
         if not set('*?[') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
-            text += f' {simulators} publish there: give each simulator a namespace of its own'
+            text += f'; {simulators} publish there: give each simulator a namespace of its own'
         if hint := self._hint():
-            text += f' {hint}'
+            text += f'; {hint}'
         if now >= self._end:
             raise WireTimeout(text)
         self._node.get_logger().warning(text)

@@ -336,6 +336,24 @@ def test_the_command_reports_and_compares(tmp_path: Path) -> None:
     assert (tmp_path / 'all' / 'plots' / 'seeds.png').is_file()
 
 
+def test_the_command_shows_no_escape_sequences(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = write_training(tmp_path / '\x1b[2J\n')
+    monkeypatch.setattr(report, '_write', lambda run: run.path / 'config.yaml')  # no pictures
+    monkeypatch.setattr(sys, 'argv', ['report', str(run)])
+    report.main()
+    (shown,) = capsys.readouterr().out.splitlines()
+    assert shown.isprintable()
+    bash = subprocess.run(
+        ['bash', '-c', f'test -f {shown}'], capture_output=True, timeout=20, check=False)
+    assert bash.returncode == 0, 'the path can be pasted'
+    monkeypatch.setattr(sys, 'argv', ['report', str(tmp_path / 'none\x1b[2J')])
+    with pytest.raises(SystemExit):
+        report.main()
+    assert capsys.readouterr().err.removesuffix('\n').isprintable()
+
+
 def test_the_command_refuses_in_one_line(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:

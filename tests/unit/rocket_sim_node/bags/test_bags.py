@@ -2,6 +2,7 @@
 """Bags: others read them, and what was flown comes back, bit for bit."""
 from __future__ import annotations
 
+import errno
 import os
 import re
 import subprocess
@@ -379,6 +380,33 @@ def test_a_full_disk_ends_a_whole_bag(
     write(bag, said[10:])
     assert not bag.open
     assert 'the bag ends here: [Errno 28] only 3 MiB of disk left' in notes.text
+    with AnyReader([tmp_path / 'bag']) as found:
+        assert found.message_count == 10
+
+
+def test_a_quota_that_no_figure_shows_leaves_a_bag_to_repair(
+    make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse() -> None:
+        raise OSError(errno.EDQUOT, 'Disk quota exceeded')  # as `write` does, without a name
+
+    said = flight_messages('rocket', 1, STEPS)
+    bag = make_bag()
+    write(bag, said[:10])
+    bag._writer.flush()
+    monkeypatch.setattr(bag._writer, 'flush', refuse)
+    monkeypatch.setattr(bag._writer, 'finish', refuse)
+    monkeypatch.setattr(bag_file, 'FLUSH', 0.0)
+    bag.tick()
+    assert not bag.open
+    assert not bag.complete
+    file = tmp_path / 'bag.partial/bag_0.mcap'
+    assert [text.split(': ', 1)[1] for level, text in notes if level == 'ERROR'] == 2 * [
+        f"[Errno {errno.EDQUOT}] Disk quota exceeded: '{file}'"]
+    again = make_bag()
+    again.close()
+    assert again.complete
     with AnyReader([tmp_path / 'bag']) as found:
         assert found.message_count == 10
 
