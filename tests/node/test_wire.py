@@ -470,7 +470,7 @@ def test_a_simulator_of_another_name_is_found_by_remapped_services(
         client.reset(0)
     advice = '--ros-args -r /simulator/reset:=/NAME/reset'
     assert str(error.value).endswith(
-        'No node offers /simulator/reset; if the simulator has another name, remap the service: '
+        'no node offers /simulator/reset; if the simulator has another name, remap the service: '
         + advice)
     remap = [
         word for name in ('reset', 'snapshot', 'restore', 'release')

@@ -75,7 +75,7 @@ class ServiceCall:
         name = self.client.srv_name
         head, _, service = name.rpartition('/')
         other = f'{head.rpartition("/")[0]}/NAME/{service}'
-        return (f'No node offers {name}; if the simulator has another name, remap the service: '
+        return (f'no node offers {name}; if the simulator has another name, remap the service: '
                 f'--ros-args -r {name}:={other}')
 
     def settle(self) -> None:
