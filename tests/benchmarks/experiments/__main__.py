@@ -69,7 +69,10 @@ def arguments() -> argparse.Namespace:
         '--page', action='store_true', help='put the results into docs/results/experiments.md')
     parser.add_argument(
         '--output', type=Path, help='JSON file for the figures; the plot is saved beside it')
-    return parser.parse_args()
+    given = parser.parse_args()
+    if given.page and not given.output:
+        parser.error('--page: got no --output, expected the file that keeps the figures')
+    return given
 
 
 def measure(name: str, options: Options) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def title(figures: Mapping[str, Any]) -> str:
         worst = min(sure, key=lambda name: sure[name], default=None)
         texts.append(f'{stage}: ' + (
             f'{worst}, {sure[worst]:+.3g}' if worst else 'nothing beyond doubt'))
-    return f'What costs most return on level 7, {"; ".join(texts)}'
+    return f'Greatest loss of return on level 7, {"; ".join(texts)}'
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
@@ -75,6 +75,7 @@ def _row(
 def _dress(panel: Axes, count: int, title: str) -> None:
     panel.axvline(0, color=style.INK, lw=1)
     panel.set_xscale('symlog', linthresh=_LINEAR)
+    panel.set_xticks([-100, -10, -1, 0, 1, 10, 100])
     panel.xaxis.set_major_formatter(StrMethodFormatter('{x:+,.10g}'))
     panel.set_xlabel('change of the mean return (reward points)')
     panel.set_title(title, fontsize=10.5)

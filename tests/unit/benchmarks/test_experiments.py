@@ -223,7 +223,7 @@ DRAWN = (
     (claims, claims_plot, of_claims,
      'Direct PPO fails: confirmed; cloning first lands: confirmed; PPO then softens: confirmed'),
     (ingredients, ingredients_plot, of_ingredients,
-     'What costs most return on level 7, imitation: no DAgger, -336; PPO: fixed rate, -2.24'),
+     'Greatest loss of return on level 7, imitation: no DAgger, -336; PPO: fixed rate, -2.24'),
     (reverse, reverse_plot, of_reverse,
      'From nothing to the full height in 2 iterations, 1 of 2 seeds'),
     (transfer, transfer_plot, of_transfer,
