@@ -303,6 +303,8 @@ def main() -> None:
     """Run the command: SCRIPT PID SCRATCH [ARGUMENT ...]."""
     script, pid, scratch, *texts = sys.argv[1:]
     try:
+        if sys.stdout is None:
+            raise ValueError('standard output: it is closed, expected a terminal, file or pipe')
         with interruptible():
             remove_leftovers(Path(scratch).parent)
             sys.stdout.write(run(script, int(pid), Path(scratch), texts))

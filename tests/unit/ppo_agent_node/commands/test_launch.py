@@ -302,6 +302,15 @@ def test_an_error_is_one_line_with_status_2(project: Project) -> None:
         2, '', "train: world: got 'mars', expected one of rocket, rocket_planar, lunar_lander\n")
 
 
+def test_a_closed_standard_output_is_refused_in_one_line(project: Project) -> None:
+    done = subprocess.run(
+        ['bash', '-c', '"$0" "$@" >&-', sys.executable, '-m', 'ppo_agent_node.commands.launch',
+         project.scripts / 'land', '42', project.scratch],
+        stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (
+        2, 'land: standard output: it is closed, expected a terminal, file or pipe\n')
+
+
 @pytest.mark.parametrize('command', ['train', 'land'])
 @pytest.mark.parametrize(('given', 'words'), [
     (['connect:=nonsense'], "connect: got 'nonsense', expected a URL like rerun+http"),
