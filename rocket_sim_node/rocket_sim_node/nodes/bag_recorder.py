@@ -27,6 +27,7 @@ from rocket_sim_node.bags.bag_file import COMPRESSIONS
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.steady_date import SteadyDate
 from rocket_sim_node.bags.step_counts import StepCounter
 from rocket_sim_node.nodes.listening import NICENESS
 from rocket_sim_node.nodes.listening import SPIN_PERIOD
@@ -43,7 +44,6 @@ from rocket_sim_node.wire.node.running import USAGE_ERROR
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
-from rocket_sim_node.wire.node.steady_clock import SteadyDate
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 _LOOK = 0.25

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from rocket_sim_node.wire.node.steady_clock import SteadyDate
+from rocket_sim_node.bags.steady_date import SteadyDate
 
 DAY = 86_400 * 10**9
 
