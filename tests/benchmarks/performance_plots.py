@@ -100,7 +100,8 @@ def _stepping(axes: Axes, f: Figures) -> None:
 def _threads(axes: Axes, f: Figures) -> None:
     rows = f['threads']
     _bars(axes, [f'{row["world"]},\n{row["size"]}' for row in rows], {
-        f'{rows[0]["threads"]} threads': [row['gain'] for row in rows]}, 'speed, one thread = 1')
+        '': [row['gain'] for row in rows]},
+        f'speed of {rows[0]["threads"]} threads, one thread = 1')
     axes.axhline(1.0, color='black', linewidth=0.8)
     axes.tick_params(axis='x', labelsize=8)
 
