@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nobody from another machine gets in, unless a range says so; the same test sees it then."""
+"""Nodes of another machine are found only if the discovery range allows it."""
 from __future__ import annotations
 
 import json

@@ -65,7 +65,7 @@ class _Waiting(NamedTuple):
 
 @dataclass
 class _Contents:
-    """What is found in a file before its messages are read."""
+    """Contents of a file that are known before its messages are read."""
 
     waiting: list[_Waiting] = field(default_factory=list)
     schemas: dict[int, Schema] = field(default_factory=dict)

@@ -57,7 +57,6 @@ class LunarLanderWorld(StateCapture):
         """Create the world and begin the first episodes.
 
         :param step_threads: threads that step the landers; the results are the same bits.
-
         :raises ValueError: for a setting that is unknown or out of range.
         """
         self.settings = s = settings_module.build(LunarSettings, settings)

@@ -69,7 +69,7 @@ class _Share:
     """Consecutive Spaces that one thread steps."""
 
     def __init__(self, blocks: Sequence[LaneBlock]) -> None:
-        """Take the Spaces; their part of the state is one piece of memory, as they follow."""
+        """Take the Spaces."""
         self._blocks = blocks
         self._bodies, self._arbiters = batch.Buffer(), batch.Buffer()
 
@@ -85,7 +85,7 @@ class _Share:
             batch.get_space_arbiters(block.space, lane_block.TOUCH, self._arbiters)
 
     def bodies(self) -> F64:
-        """Return the state `(B, 6)` of all bodies after the step."""
+        """Return the states of all bodies after the step, `(M, 6)`, static ones included."""
         return np.frombuffer(self._bodies.float_buf()).reshape(-1, 6)
 
     def touching(self) -> tuple[NDArray[np.uintp], F64]:
