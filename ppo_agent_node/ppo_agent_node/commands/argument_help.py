@@ -12,10 +12,10 @@ from ppo_agent_node.commands.arguments import SET_BY_AGENT
 from ppo_agent_node.commands.arguments import Arguments
 from ppo_agent_node.commands.arguments import agent_settings
 from ppo_agent_node.commands.arguments import full_name
+from ppo_agent_node.commands.arguments import simulator_settings
 from ppo_agent_node.commands.arguments import unknown
 from ppo_agent_node.commands.parameter_file import read_parameters
 from ppo_agent_node.config import presets
-from rocket_sim_node import worlds
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.rocket import conditions
 
@@ -126,10 +126,7 @@ def _groups(
             {**told, **found.agent})
     taken = {info.name for infos in agent.values() for info in infos} | found.declared.keys()
     taken |= SET_BY_AGENT.keys() if found.command == 'train' else set()
-    own = [
-        info for info in (
-            *worlds.settings(found.world), *worlds.stepping_settings(found.world))
-        if info.name not in taken]
+    own = [info for info in simulator_settings(found.world) if info.name not in taken]
     simulator = full_name(values['namespace'], 'simulator')
     told = {**read_parameters(Path(values['simulator_parameters']), simulator),
             **found.simulator}

@@ -96,9 +96,7 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
     found = Arguments(command, file, declared, world, given, saved=saved)
     one_of('world', world, worlds.names())
     agent = {info.name: info for group in agent_settings(command).values() for info in group}
-    simulator = {
-        info.name: info
-        for info in (*worlds.settings(world), *worlds.stepping_settings(world))}
+    simulator = {info.name: info for info in simulator_settings(world)}
     for name, text in given.items():
         if name in declared:
             if text:
@@ -117,6 +115,11 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
             raise unknown(name, world, (*declared, *agent, *simulator))
     _check(found)
     return found
+
+
+def simulator_settings(world: str) -> tuple[SettingInfo, ...]:
+    """Return the settings of a world and of how it is stepped."""
+    return (*worlds.settings(world), *worlds.stepping_settings(world))
 
 
 def agent_settings(command: str) -> dict[str, tuple[SettingInfo, ...]]:
@@ -203,8 +206,7 @@ def unknown(name: str, world: str, known: Sequence[str]) -> ValueError:
     """Return the error of a name that a command does not know."""
     others = [
         other for other in worlds.names()
-        if name in {
-            info.name for info in (*worlds.settings(other), *worlds.stepping_settings(other))}]
+        if name in {info.name for info in simulator_settings(other)}]
     if others:
         return ValueError(
             f'unknown argument {name!r} for world {world}, expected it only with world '
