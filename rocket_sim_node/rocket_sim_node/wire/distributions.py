@@ -115,7 +115,16 @@ def make_client(node: Node, kind: Any, name: str) -> Any:
 
 
 def make_wait_set(node: Node, subscriptions: int, timers: int, clients: int, services: int) -> Any:
-    """Return a wait set of rclpy's own C++ part; only for subscriptions of :func:`subscribe`."""
+    """Return a wait set of rclpy's own C++ part; only for subscriptions of :func:`subscribe`.
+
+    It has room for one guard condition.
+    """
     with node.context.handle:
         return _rclpy.WaitSet(
-            subscriptions, 0, timers, clients, services, 0, node.context.handle)
+            subscriptions, 1, timers, clients, services, 0, node.context.handle)
+
+
+def make_guard_condition(node: Node) -> Any:
+    """Return a guard condition of rclpy's own C++ part, for such a wait set."""
+    with node.context.handle:
+        return _rclpy.GuardCondition(node.context.handle)

@@ -30,9 +30,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from rocket_sim_node.wire.distributions import make_client
+from rocket_sim_node.wire.distributions import make_guard_condition
 from rocket_sim_node.wire.distributions import make_wait_set
 from rocket_sim_node.wire.distributions import subscribe
 from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.node import clock_steps
 from rocket_sim_node.wire.node.far_end import sender_of
 
 _SERVE_PERIOD = 0.05
@@ -217,6 +219,7 @@ class Inbox:
         """Set up without a wait set; `wait` creates it."""
         self._node, self._executor = node, executor
         self._wait_set: Any = None
+        self._guard: Any = None
         self._size: tuple[int, ...] = (0, 0, 0, 0)
         self._served = 0.0
         self._brisk = False
@@ -254,6 +257,7 @@ class Inbox:
             self._make(size)
         wait_set, now = self._wait_set, time.monotonic()
         wait_set.clear_entities()
+        wait_set.add_guard_condition(self._guard)
         for mailbox in mailboxes:
             wait_set.add_subscription(mailbox.handle)
         first = len(mailboxes)
@@ -298,6 +302,13 @@ class Inbox:
         subscriptions, clients, services, timers = self._size = tuple(
             max(pair) for pair in zip(size, self._size, strict=True))
         self._wait_set = make_wait_set(self._node, subscriptions, timers, clients, services)
+        if self._guard is None:
+            self._guard = make_guard_condition(self._node)
+            clock_steps.WATCH.add(self)
+
+    def wake(self) -> None:
+        """End the current wait in the wait set, or else the next one, early."""
+        self._guard.trigger_guard_condition()
 
 
 def _look_out(mailboxes: Sequence[Mailbox], seconds: float) -> list[Mailbox]:

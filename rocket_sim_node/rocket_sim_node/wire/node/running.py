@@ -12,6 +12,7 @@ from typing import NoReturn
 from typing import TypeAlias
 
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
@@ -29,6 +30,7 @@ from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.dds.transport import TransportError
 from rocket_sim_node.wire.dds.transport import prepared
 from rocket_sim_node.wire.distributions import initialised
+from rocket_sim_node.wire.node import clock_steps
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.inbox import Mailbox
 
@@ -37,6 +39,21 @@ USAGE_ERROR = 2
 Body: TypeAlias = Callable[[Node, Executor], 'int | None']
 """Main function of a node; may return an exit status."""
 Errors: TypeAlias = tuple[type[Exception], ...]
+
+
+class _Spinning:
+    """A node and its executor, whose waits a step of the system clock would prolong."""
+
+    def __init__(self, node: Node, executor: Executor) -> None:
+        self._node, self._executor = node, executor
+
+    def wake(self) -> None:
+        """End the current waits of the executor for events, and for timers."""
+        self._executor.wake()
+        for timer in self._node.timers:
+            with suppress(InvalidHandle):  # destroyed meanwhile
+                if not timer.is_canceled():
+                    timer.reset()  # the EventsExecutor then waits anew, for the timer's period
 
 
 class UsageError(ValueError):
@@ -102,7 +119,7 @@ def run_late(
         return USAGE_ERROR
 
     node = None
-    executor = None
+    spinning = None
     caught: Errors = (
         UsageError, ProfileError, TransportError, security.SecurityError, *expected)
     try:
@@ -128,10 +145,13 @@ def run_late(
                 caught = (*caught, *further)
                 executor = make_executor()
                 executor.add_node(node)
+                spinning = _Spinning(node, executor)
+                clock_steps.WATCH.add(spinning)
                 return body(node, executor) or 0
             finally:
                 # Before `leave`, which skips clean-up, so that peers notice the departure.
-                if executor is not None:
+                if spinning is not None:
+                    clock_steps.WATCH.discard(spinning)
                     executor.remove_node(node)
                 Mailbox.destroy_all(node)
                 node.destroy_node()

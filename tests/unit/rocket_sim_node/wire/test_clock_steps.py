@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps of the system clock are noticed, and objects that wait are woken."""
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from rocket_sim_node.wire.node import clock_steps
+
+PATIENCE = 10.0
+
+
+class Sleeper:
+    """An object that counts how often it was woken."""
+
+    def __init__(self) -> None:
+        self.woken = threading.Semaphore(0)
+
+    def wake(self) -> None:
+        self.woken.release()
+
+
+@pytest.mark.parametrize('step', [-86_400.0, -1.0, 3_600.0])
+def test_a_step_of_the_clock_wakes_who_waits(
+        monkeypatch: pytest.MonkeyPatch, step: float) -> None:
+    real, offset = time.time, 0.0
+    monkeypatch.setattr(clock_steps.time, 'time', lambda: real() + offset)
+    watch, sleeper, other = clock_steps.Watch(), Sleeper(), Sleeper()
+    watch.add(sleeper)
+    watch.add(other)
+    watch.discard(other)
+    assert not sleeper.woken.acquire(timeout=0.5)
+    offset = step
+    assert sleeper.woken.acquire(timeout=PATIENCE)
+    assert not sleeper.woken.acquire(timeout=0.5)  # once for each step
+    assert not other.woken.acquire(blocking=False)
