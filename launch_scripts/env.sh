@@ -38,12 +38,24 @@ _hoverslam_drop() {
   if [ -n "$_hoverslam_list" ]; then eval "export $1=\$_hoverslam_list"; else unset "$1"; fi
 }
 
+# _hoverslam_command: for the commands in this folder only, not for a shell.
+_hoverslam_command() {
+  # They import nothing from the folder in which they are called. In an interactive shell, Python finds modules beside
+  # your programs as usual.
+  export PYTHONSAFEPATH=1
+  # The next file that is opened would take the number of a closed stream, and receive its messages.
+  [ -e /dev/fd/0 ] || exec < /dev/null
+  [ -e /dev/fd/2 ] || exec 2> /dev/null
+  if ! [ -e /dev/fd/1 ]; then
+    echo "${0##*/}: standard output: it is closed, expected a terminal, file or pipe" >&2
+    exit 2
+  fi
+}
+
 _hoverslam_enter() {
   # If HOME is not set, set it to the user's home folder, where ROS 2 keeps its logs.
   if [ -z "${HOME:-}" ]; then unset HOME; HOME=~; export HOME; fi
-  # The commands in this folder import nothing from the folder in which they are called. In an interactive shell,
-  # Python finds modules beside your programs as usual.
-  if [ "$0" -ef "$_hoverslam_here/${0##*/}" ]; then export PYTHONSAFEPATH=1; fi
+  if [ "$0" -ef "$_hoverslam_here/${0##*/}" ]; then _hoverslam_command; fi
   "$_hoverslam_here/setup" --quiet || return
   . "$_hoverslam_here/distribution.sh"
   _hoverslam_root=${_hoverslam_here%/*}
@@ -73,7 +85,7 @@ _hoverslam_enter() {
 }
 
 if _hoverslam_enter; then _hoverslam_status=0; else _hoverslam_status=$?; fi
-unset -f _hoverslam_choose _hoverslam_drop _hoverslam_enter _hoverslam_prepend 2> /dev/null || true
+unset -f _hoverslam_choose _hoverslam_command _hoverslam_drop _hoverslam_enter _hoverslam_prepend 2> /dev/null || true
 unset _hoverslam_here _hoverslam_root _hoverslam_default _hoverslam_ros _hoverslam_mode _hoverslam_venv _hoverslam_built \
   _hoverslam_list _hoverslam_rest _hoverslam_name
 eval "unset _hoverslam_status; return $_hoverslam_status"

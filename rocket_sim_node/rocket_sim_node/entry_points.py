@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 
 _EXTRAS = {
@@ -20,6 +21,7 @@ def run(module: str) -> None:
 
     :param module: such as `rocket_sim_node.nodes.simulator`.
     """
+    _open_streams()
     try:
         importlib.import_module(module).main()
     except ModuleNotFoundError as error:
@@ -29,6 +31,19 @@ def run(module: str) -> None:
         name = module.rpartition('.')[2]
         sys.stderr.write(f'{name}: module {missing!r} is missing; {_advice(missing)}\n')
         sys.exit(2)
+
+
+def _open_streams() -> None:
+    """Open /dev/null as each standard stream that is closed.
+
+    The next file that is opened would take its number, and receive what libraries print.
+    """
+    for number, (name, mode) in enumerate((('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w'))):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest number that is free: those below are open.
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def _advice(missing: str) -> str:

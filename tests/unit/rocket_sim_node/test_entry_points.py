@@ -76,3 +76,22 @@ def test_a_module_that_pip_brings_is_named_with_the_command(
 def test_a_missing_module_of_our_own_is_a_bug_and_keeps_its_traceback() -> None:
     with pytest.raises(ModuleNotFoundError):
         entry_points.run('rocket_sim_node.nodes.no_such_node')
+
+
+def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
+    (tmp_path / 'node.py').write_text("""
+import sys
+def main():
+    sys.stdin.read()
+    with open('made', 'w') as file:
+        print('printed')
+        sys.stderr.write('error')
+        file.write(str(file.fileno() > 2))
+""")
+    for closed in ('<&-', '>&-', '2>&-', '<&- >&- 2>&-'):
+        subprocess.run(
+            ['bash', '-c', f'"$0" "$@" {closed}', sys.executable, '-c',
+             'from rocket_sim_node.entry_points import run; run("node")'],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            cwd=tmp_path, check=True, timeout=60)
+        assert (tmp_path / 'made').read_text() == 'True', closed
