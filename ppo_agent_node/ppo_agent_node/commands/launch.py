@@ -35,6 +35,7 @@ from rocket_sim_node import ros_environment
 from rocket_sim_node.command_line import fail
 from rocket_sim_node.command_line import interruptible
 from rocket_sim_node.printable import shell_command
+from rocket_sim_node.recording.sinks.destinations import check_name
 from rocket_sim_node.recording.sinks.destinations import check_page
 from rocket_sim_node.recording.sinks.destinations import check_space
 from rocket_sim_node.recording.sinks.destinations import page_address
@@ -157,11 +158,12 @@ def _check_recorder(start: Start) -> None:
 def _check_room(recording: Path) -> None:
     """Check that a recording can be written where it is wanted.
 
-    :raises ValueError: when its name is not that of a recording.
+    :raises ValueError: when its name is not that of a recording, or too long.
     :raises OSError: when its folder is not writable or its disk is nearly full.
     """
     if recording.suffix != '.rrd':
         raise ValueError(f"output: got '{recording}', expected a name that ends with .rrd")
+    check_name(recording)
     folder = next(path for path in recording.parents if path.exists())
     if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
         raise OSError(f'no recording can be written in {folder}')
@@ -303,8 +305,6 @@ def main() -> None:
     """Run the command: SCRIPT PID SCRATCH [ARGUMENT ...]."""
     script, pid, scratch, *texts = sys.argv[1:]
     try:
-        if sys.stdout is None:
-            raise ValueError('standard output: it is closed, expected a terminal, file or pipe')
         with interruptible():
             remove_leftovers(Path(scratch).parent)
             sys.stdout.write(run(script, int(pid), Path(scratch), texts))

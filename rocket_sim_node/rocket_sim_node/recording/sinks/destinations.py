@@ -21,6 +21,8 @@ from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 
 DEFAULT_PORT = 9876
 """Port of a viewer whose URL names none."""
+LONGEST_ADDITION = len('.partial.repaired-999')
+"""Characters that the name of a recording gains, at most, while it is written or repaired."""
 RESERVE = 32 * 2**20
 """Bytes of disk space to keep free; below it a recording is closed, complete."""
 Note: TypeAlias = Callable[[str, str], None]
@@ -73,6 +75,18 @@ def check_page(port: int, host: str) -> None:
                 errno.EADDRNOTAVAIL:
                     f'web_host: got {host!r}, expected an address of this machine',
             }.get(error.errno or 0, f'web_port: {port}: {error.strerror}')) from None
+
+
+def check_name(path: Path) -> None:
+    """Check that the name of a recording is short enough for its temporary files.
+
+    :raises ValueError: when it is not.
+    """
+    folder = next(parent for parent in path.absolute().parents if parent.exists())
+    longest = os.pathconf(folder, 'PC_NAME_MAX') - LONGEST_ADDITION
+    if (length := len(os.fsencode(path.name))) > longest:
+        raise ValueError(
+            f'output: got a name of {length} bytes, {path.name[:20]}…, expected at most {longest}')
 
 
 def numbered(path: Path, suffix: str = '') -> Iterator[Path]:
