@@ -12,6 +12,7 @@ import pytest
 from support import interposer
 from support.processes import Processes
 from support.rollouts import assert_same
+from support.training_runs import LOW
 from support.training_runs import agent
 from support.training_runs import assert_same_run
 from support.training_runs import train_in_process
@@ -72,7 +73,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_training_learns_the_same(
         processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
+    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N, **LOW)
     counts: Counter[str] = Counter()
     for seed in range(1, 51 if nightly else 2):
         run = tmp_path / f'run_{seed}'

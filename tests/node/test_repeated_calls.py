@@ -17,6 +17,7 @@ from support.faults import Moments
 from support.processes import Process
 from support.processes import Processes
 from support.rollouts import assert_same
+from support.training_runs import make_world
 from support.training_runs import simulator
 
 from rocket_sim_node.wire.client.client import Client
@@ -24,7 +25,6 @@ from rocket_sim_node.wire.client.service_call import ServiceCall
 from rocket_sim_node.wire.node import waiting
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
-from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import Reset
 
 N = 8
@@ -57,7 +57,7 @@ def actions(moments: Moments, steps: int = 20) -> np.ndarray:
 def test_calls_that_were_repeated_are_flown_once(
         processes: Processes, make_client: MakeClient, nightly: bool) -> None:
     node, client, moments = simulator(processes), make_client(), Moments()
-    world = make('rocket', num_envs=N)
+    world = make_world()
     client.reset(0)
     world.reset(0)
     for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
@@ -84,7 +84,7 @@ def test_calls_that_were_repeated_are_flown_once(
 def test_a_call_that_was_given_up_does_not_fly_into_the_next(
         processes: Processes, make_client: MakeClient, nightly: bool) -> None:
     node, client, moments = simulator(processes), make_client(), Moments()
-    world = make('rocket', num_envs=N)
+    world = make_world()
     client.reset(0)
     state = client.snapshot()
     for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
@@ -168,7 +168,7 @@ def test_what_no_service_takes_is_refused_as_in_process(
         processes: Processes, make_client: MakeClient) -> None:
     """The middleware would end the process."""
     simulator(processes)
-    client, world = make_client(), make('rocket', num_envs=N)
+    client, world = make_client(), make_world()
     for seed in (np.int64(5), np.uint8(7)):
         np.testing.assert_array_equal(client.reset(seed), world.reset(seed))
     for bad in (-1, 1.5, 2**63, '5'):

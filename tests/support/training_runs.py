@@ -19,6 +19,7 @@ from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node.worlds import VectorEnv
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import SerialFleet
 from support.processes import Process
@@ -30,15 +31,28 @@ SMALL = {
     'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
     'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
     'critic_warmup_iterations': 1,
+    'curriculum_start_level': 3, 'curriculum_final_level': 3, 'curriculum_wide_level': 4,
 }
 """Settings of a run that takes seconds and lands nothing."""
+
+LOW = {'spawn_height': 40.0, 'time_limit': 6.0}
+"""Settings of its world: a flight takes 4 s, and the expert lands on the levels of `SMALL`."""
 
 
 def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
     """Start a simulator of eight rockets."""
     return processes.run_node(
         'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (),
-        world=world, num_envs=8)
+        world=world, num_envs=8, **_start(world))
+
+
+def make_world(world: str = 'rocket') -> VectorEnv:
+    """Make the world of such a simulator in this process."""
+    return make(world, num_envs=8, **_start(world))
+
+
+def _start(world: str) -> dict[str, float]:
+    return {} if world == 'lunar_lander' else LOW
 
 
 def agent(processes: Processes, run: Path, **parameters: object) -> Process:
@@ -86,7 +100,7 @@ def train_in_process(run: Path, world: str = 'rocket', **parameters: Any) -> Pat
     """Train as `agent` does, without ROS, and return the folder."""
     values = {**SMALL, 'hidden_sizes': json.loads(str(SMALL['hidden_sizes'])), **parameters}
     result = Trainer(
-        SerialFleet(make(world, num_envs=8)), load_preset('default', world, **values),
+        SerialFleet(make_world(world)), load_preset('default', world, **values),
         RunFolder(run)).run()
     assert result.finished
     return run
@@ -94,10 +108,10 @@ def train_in_process(run: Path, world: str = 'rocket', **parameters: Any) -> Pat
 
 def evaluate_in_process(run: Path) -> Path:
     """Write `evaluation.json` of such a run, as `agent` does, and return the folder."""
-    world, config = make('rocket', num_envs=8), load_preset('default')
+    world, config = make_world(), load_preset('default')
     result = evaluate(
         world, PolicyPilot(run / 'policy.safetensors', world.spec), SMALL['evaluation_episodes'],
-        config.run.evaluation_seed, level=config.curriculum.curriculum_final_level)
+        config.run.evaluation_seed, level=SMALL['curriculum_final_level'])
     metrics.write_json(run / 'evaluation.json', metrics.summarise(
         result, **solve_sample(result).figures(result), messages_dropped=0,
         training_seed=SMALL['seed']))

@@ -51,6 +51,13 @@ def run(part: str, output: Path, *options: str) -> tuple[str, dict]:
     return text, json.loads(output.read_text('utf-8'))
 
 
+@pytest.fixture
+def long_enough(nightly: bool) -> None:
+    """Leave out a benchmark that takes longer than the others and shares their frame."""
+    if not nightly:
+        pytest.skip('a benchmark of 15 to 30 s: --nightly')
+
+
 def test_heuristic(tmp_path: Path) -> None:
     text, figures = run('heuristic', tmp_path / 'out.json', '--episodes', '20')
     figures = figures['heuristic']
@@ -99,7 +106,7 @@ def test_peers(tmp_path: Path) -> None:
         assert f'{name}: not measured: {reason}' in text
 
 
-def test_onnx(tmp_path: Path) -> None:
+def test_onnx(tmp_path: Path, long_enough: None) -> None:
     pytest.importorskip('onnxscript')
     text, figures = run(
         'onnx', tmp_path / 'out.json', '--sizes', '1', '8', '--rounds', '1', '--seconds', '0.01',
@@ -111,7 +118,7 @@ def test_onnx(tmp_path: Path) -> None:
     assert 'torch / onnx' in text
 
 
-def test_recorder(tmp_path: Path) -> None:
+def test_recorder(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
         'recorder', tmp_path / 'out.json', '--turns', '2', '--seconds', '0.5', '--parts', 'flying')
     flying = figures['flying']
@@ -132,7 +139,7 @@ def test_exchange(tmp_path: Path) -> None:
     assert 'TCP' in text
 
 
-def test_learner(tmp_path: Path) -> None:
+def test_learner(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
         'learner', tmp_path / 'out.json', '--cases', '1', '--rounds', '1', '--threads', '1',
         '--samples', '1024')
@@ -241,7 +248,8 @@ def test_rollouts_that_are_terminated_leave_no_simulators(processes: Processes) 
 
 
 def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
-        processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        long_enough: None) -> None:
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join(
         filter(None, (str(TESTS), os.environ.get('PYTHONPATH')))))
     output = tmp_path / 'out.json'

@@ -29,7 +29,7 @@ from support.processes import wait_until
 from support.training_runs import SMALL
 from support.training_runs import simulator
 
-ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 5, 15, 50
+ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 3, 9, 50
 """kills; more of them where the machine was busy with something else in most of the first"""
 PROMISED = 0.5
 """s from the kill to the next exchange, beyond the start of the process"""

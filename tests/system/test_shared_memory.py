@@ -16,10 +16,10 @@ from support import shared_memory
 from support import start_beside
 from support.processes import Process
 from support.processes import Processes
+from support.training_runs import make_world
 from support.training_runs import simulator
 
 from rocket_sim_node.wire.dds.shared_memory_cleanup import SHARED_MEMORY
-from rocket_sim_node.worlds import make
 
 TOGETHER = 4
 """simulators killed at once, and the agent of one"""
@@ -50,7 +50,7 @@ def test_an_agent_has_a_queue_in_shared_memory_and_a_simulator_has_none(
 def test_leftovers_of_killed_nodes_are_removed_at_the_next_start(
         processes: Processes, make_client: Callable[..., Any], nightly: bool) -> None:
     living = simulator(processes)
-    client, world = make_client(), make('rocket', num_envs=8)
+    client, world = make_client(), make_world()
     client.reset(1)
     world.reset(1)
     used = shared_memory.files(shared_memory.owned(living))
@@ -101,7 +101,7 @@ def test_who_starts_while_leftovers_are_removed_keeps_its_port(
         'sh', '-c', 'mount -t tmpfs beside /dev/shm && exec "$@"', 'sh')
     if processes.start(*alone, 'true').wait(10.0):
         pytest.skip('mounts and process ids of its own need root')
-    rounds = 500 if nightly else 40
+    rounds = 500 if nightly else 10
     beside = processes.start(*alone, sys.executable, start_beside.__file__, str(rounds))
     status = beside.wait(1200.0 if nightly else 120.0)
     lines = beside.output().splitlines()

@@ -93,7 +93,7 @@ def test_training_among_forgeries_equals_training_in_process(
 
 def test_expert_pilot_lands(processes: Processes) -> None:
     simulator(processes)
-    pilot = processes.run_node('ppo_agent_node', 'expert_pilot', episodes=24, level=7)
+    pilot = processes.run_node('ppo_agent_node', 'expert_pilot', episodes=24, level=3)
     assert pilot.wait(60.0) == 0, processes.logs()
     assert 'landed 24' in pilot.output() or 'landed 25' in pilot.output(), pilot.output()
 

@@ -18,7 +18,9 @@ from rocket_sim_node.recording.reader import trajectories
 
 SETTINGS: dict[str, dict[str, Any]] = {
     # Long enough for landers to crash, to lie about and to begin anew.
-    'lunar_lander': {'demonstration_episodes': 0, 'n_steps': 100, 'critic_warmup_iterations': 0},
+    'lunar_lander': {
+        'demonstration_episodes': 0, 'n_steps': 100, 'critic_warmup_iterations': 0,
+        'curriculum_start_level': 0, 'curriculum_final_level': 0, 'curriculum_wide_level': 0},
     'rocket_planar': {'demonstration_episodes': 8, 'n_steps': 100},
 }
 

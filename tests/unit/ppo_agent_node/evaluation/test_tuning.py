@@ -66,8 +66,8 @@ def test_a_search_finds_the_optimum_of_a_parabola() -> None:
 
 @pytest.mark.slow
 def test_gains_are_judged_on_the_same_starts_and_never_those_of_an_evaluation() -> None:
-    world = worlds.make('rocket', 40)
-    worth = judge([Task(world, 7, 1000), Task(world, 8, 1001, weight=0.5)],
+    world = worlds.make('rocket', 8, spawn_height=40.0)
+    worth = judge([Task(world, 1, 1000), Task(world, 3, 1001, weight=0.5)],
                   lambda spec, gains: ExpertPilot(spec, **gains))
     assert worth({}) == worth({})
     assert worth({'flare_speed': 0.1}) < worth({}) - 2
@@ -78,8 +78,8 @@ def test_gains_are_judged_on_the_same_starts_and_never_those_of_an_evaluation() 
 
 @pytest.mark.slow
 def test_returns_are_weighted() -> None:
-    world = worlds.make('rocket', 40)
+    world = worlds.make('rocket', 8, spawn_height=40.0)
     pilot = scripted_pilot(world.spec)
-    first, second = Task(world, 1, 1000), Task(world, 8, 1001, weight=3.0)
+    first, second = Task(world, 1, 1000), Task(world, 7, 1001, weight=3.0)
     expected = (first.mean_return(pilot) + 3 * second.mean_return(pilot)) / 4
     assert judge([first, second], lambda spec, gains: pilot)({}) == pytest.approx(expected)

@@ -26,6 +26,8 @@ pytest.importorskip('onnxruntime')
 pytest.importorskip('onnxscript')
 WORLDS = {'rocket_planar': 'rocket_planar', 'lunar_lander': 'lunar_lander'}
 RICH = ('robust', 'hoverslam')
+KINDS = ('rocket', 'lunar_lander', 'robust')
+"""With 15 observations, with choices instead of actions, and with 33 observations."""
 
 
 def shipped(name: str) -> Path:
@@ -34,11 +36,13 @@ def shipped(name: str) -> Path:
 
 
 @pytest.fixture(scope='module')
-def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """The policies that ship, exported, by name."""
+def files(
+    tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest,
+) -> dict[str, Path]:
+    """Policies that ship, exported, by name: one of each kind; with `--nightly`, all."""
     folder = tmp_path_factory.mktemp('onnx')
     found = {}
-    for name in shipped_names():
+    for name in shipped_names() if request.config.getoption('--nightly') else KINDS:
         done = export(shipped(name), folder / f'{name}.onnx')
         assert done.observations == OBSERVATIONS
         assert done.difference <= max(TOLERANCE, done.spread)
@@ -46,13 +50,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return found
 
 
-def test_all_policies_that_ship_are_exported(files: dict[str, Path]) -> None:
-    assert set(files) == {
-        'rocket', 'rocket_planar', 'lunar_lander', 'robust', 'from_scratch', 'hoverslam'}
-
-
 @pytest.mark.parametrize('name', shipped_names())
 def test_actions_are_those_of_pytorch_in_any_batch(files: dict[str, Path], name: str) -> None:
+    if name not in files:
+        pytest.skip('another one of its kind: --nightly')
     seen = {'observation': 'extended'} if name in RICH else {}
     spec = worlds.make(WORLDS.get(name, 'rocket'), 1, **seen).spec
     observation = sample(shipped(name), spec, 1000)

@@ -45,8 +45,9 @@ def test_a_name_that_is_not_there_has_no_column() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
 def test_policy_and_expert_fly_alike_in_both(world: str) -> None:
-    plain = worlds.make(world, 5, 3, spawn_height=30.0)
-    rich = worlds.make(world, 5, 3, spawn_height=30.0, observation='extended')
+    short = {'spawn_height': 30.0, 'time_limit': 3.0}
+    plain = worlds.make(world, 5, 3, **short)
+    rich = worlds.make(world, 5, 3, **short, observation='extended')
     path = find_policy('default', world)
     for pilot in (lambda spec: PolicyPilot(path, spec), ExpertPilot):
         one = evaluate(plain, pilot(plain.spec), 5, 4, level=8)
