@@ -20,6 +20,7 @@ setup(
     install_requires=['setuptools', 'gymnasium>=1.1', 'numpy', 'pillow', 'pymunk'],
     extras_require={
         'bags': ['mcap', 'pyyaml'],
+        'foxglove': ['foxglove-sdk'],
         'recording': ['pyarrow', 'rerun-sdk'],
         'ros': ['lxml'],  # beside rclpy and rocket_msgs, which come with ROS 2
         'rsl_rl': ['rsl-rl-lib'],

@@ -7,7 +7,8 @@ import os
 import sys
 
 _EXTRAS = {
-    'rerun': 'recording', 'pyarrow': 'recording', 'mcap': 'bags', 'yaml': 'bags', 'lxml': 'ros'}
+    'foxglove': 'foxglove', 'rerun': 'recording', 'pyarrow': 'recording', 'mcap': 'bags',
+    'yaml': 'bags', 'lxml': 'ros'}
 """extras of this package that bring a module"""
 _FROM_PIP = ('torch', 'rich', 'scipy', 'matplotlib', 'safetensors', 'clarabel', 'onnxruntime')
 """modules that pip installs under their own name"""

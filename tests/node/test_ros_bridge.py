@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,7 @@ from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from rocket_msgs import msg
 from rosgraph_msgs.msg import Clock
@@ -28,6 +30,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from support.falling_rockets import FALL
 from support.falling_rockets import Simulator
+from support.foxglove_viewer import Viewer
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
@@ -35,6 +38,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
+from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.wire.client.state_input import samples_from_message
@@ -270,3 +274,45 @@ def test_views_for_rviz_and_foxglove_are_installed_and_name_real_topics() -> Non
              for path in config.get('paths', ())]
     assert plots
     assert {path.partition('.')[0] for path in plots} <= real
+
+
+def test_foxglove_gets_the_same_messages(
+    processes: Processes, simulator: Simulator, listener: Listener,
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        port = probe.getsockname()[1]
+    serving = {'max_rate': 0.0, 'rows': '[1]', 'serve_foxglove': True, 'foxglove_port': port}
+    bridge = start(processes, **serving)
+    bridge.wait_for(f'Foxglove can connect to ws://127.0.0.1:{port}', 1.0)
+    odom = listener.listen('rocket_1/odom', Odometry)
+    described = listener.listen('robot_description', String, qos.LATCHED)
+    simulator.begin(training=False)
+    listener.wait_until(lambda: bool(described) and listener.node.count_publishers(
+        'rocket_1/odom') > 0)
+    # Viewers that come late: what is latched is there.
+    with Viewer(f'ws://127.0.0.1:{port}') as viewer, Viewer(f'ws://127.0.0.1:{port}') as second:
+        for one in (viewer, second):
+            wait_until(lambda one=one: one.receive() or '/rocket_1/odom' in one.channels, 20.0)
+            urdf = one.subscribe('/robot_description')
+            wait_until(lambda one=one, urdf=urdf: one.receive() or bool(urdf), 20.0)
+            assert deserialize_message(urdf[0][1], String) == described[0]
+        shown = viewer.subscribe('/rocket_1/odom')
+        viewer.receive()
+        wait_until(lambda: simulator.state.get_subscription_count() == 1, 20.0)
+        simulator.fall(30)
+        listener.wait_until(lambda: len(odom) >= 30)
+        wait_until(lambda: viewer.receive() or len(shown) >= 30, 20.0)
+        last = odom[-len(shown):]
+        assert [deserialize_message(data, Odometry) for _, data in shown] == last
+        assert [stamp for stamp, _ in shown] == [stamp_of(message) for message in last]
+        assert viewer.time == stamp_of(odom[-1])
+        channel = viewer.channels['/rocket_1/odom']
+        assert (channel['encoding'], channel['schemaName'], channel['schemaEncoding']) == (
+            'cdr', 'nav_msgs/msg/Odometry', 'ros2msg')
+        assert channel['schema'] == definition('nav_msgs/msg/Odometry')
+        refused = processes.run_node('rocket_sim_node', 'ros_bridge', **serving)
+        assert refused.wait(20.0) == 2
+        assert f'foxglove_port: {port} is taken by another program' in refused.output()
+    bridge.signal(signal.SIGINT)
+    assert bridge.wait(20.0) == 0

@@ -143,6 +143,8 @@ KINDS = (
     Kind(r'ros2 run rocket_sim_node rerun_recorder .*serve_web:=true.*', '-p web_port:=$PORT',
          'in a browser'),
     Kind(r'ros2 run rocket_sim_node rerun_recorder .*', until='recording to'),
+    Kind(r'ros2 run rocket_sim_node ros_bridge.*serve_foxglove.*', '-p foxglove_port:=$PORT',
+         until='standard views of rockets'),
     Kind(r'ros2 run rocket_sim_node ros_bridge.*', until='standard views of rockets'),
     Kind(r'ros2 run rocket_sim_node bag_recorder .*', until='recording to'),
     Kind(r'ros2 run ppo_agent_node action_server', until='are served'),

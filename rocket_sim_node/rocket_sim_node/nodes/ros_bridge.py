@@ -6,6 +6,7 @@ It reads topics `world` and `state` only; no other node depends on it.
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 from rclpy.executors import Executor
@@ -13,6 +14,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
+from rocket_sim_node.nodes.bridge.publishers import Topics
 from rocket_sim_node.nodes.listening import NICENESS
 from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
@@ -46,18 +48,24 @@ class BridgeParameters:
     frame_prefix: str = setting(
         '', '', 'prefix of the frame names rocket_<i>/..., e.g. sim_0/; needed with more than '
         'one simulator')
+    serve_foxglove: bool = setting(
+        False, '', 'whether to serve the same messages to Foxglove, live')
+    foxglove_port: int = setting(8765, '', 'port to which Foxglove connects', 1, 65535)
+    foxglove_host: str = setting(
+        '127.0.0.1', '', 'address at which that is served. The default is this machine only; '
+        'with 0.0.0.0 anyone who can reach this machine can see the flights')
 
 
 class BridgeNode:
     """Passes messages of a simulator to the publishers of standard messages."""
 
-    def __init__(self, node: Node, parameters: BridgeParameters) -> None:
+    def __init__(self, node: Node, topics: Topics, parameters: BridgeParameters) -> None:
         """Create publishers, then subscriptions."""
         self._node = node
         self._views = MotionViews(parameters.rows, parameters.max_rate)
         self._stamp = 0
         self._publishers = BridgePublishers(
-            node, parameters.rows, parameters.frame_prefix, parameters.clock)
+            topics, parameters.rows, parameters.frame_prefix, parameters.clock)
         for kind, topic, callback, profile in (
             (msg.World, 'world', self._on_world, qos.READ_WORLD),
             (msg.RocketState, 'state', self._on_state, qos.EVENTS),
@@ -101,11 +109,19 @@ def bridge(node: Node, executor: Executor) -> None:
     parameters = Parameters(node)
     options = parameters.declare(BridgeParameters)
     parameters.finish()
-    viewed = BridgeNode(node, options)
-    rows = ', '.join(map(str, options.rows)) or 'none'
-    node.get_logger().info(f'publishing standard views of rockets {rows}')
-    while not stopping.requested():
-        executor.spin_once(timeout_sec=SPIN_PERIOD)
+    with ExitStack() as stack:
+        server = None
+        if options.serve_foxglove:
+            # Imported only now, as foxglove-sdk is optional.
+            from rocket_sim_node.nodes.bridge.foxglove_server import FoxgloveServer
+            server = FoxgloveServer(options.foxglove_port, options.foxglove_host)
+            stack.callback(server.close)
+            node.get_logger().info(f'Foxglove can connect to {server.url}')
+        viewed = BridgeNode(node, Topics(node, server), options)
+        rows = ', '.join(map(str, options.rows)) or 'none'
+        node.get_logger().info(f'publishing standard views of rockets {rows}')
+        while not stopping.requested():
+            executor.spin_once(timeout_sec=SPIN_PERIOD)
     node.get_logger().info(viewed.summary())
 
 

@@ -2,7 +2,10 @@
 """Publishers of the standard messages: those of one rocket, and those of a whole world."""
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 from typing import Any
+from typing import TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import AccelStamped
@@ -10,6 +13,7 @@ from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from sensor_msgs.msg import JointState
@@ -30,14 +34,46 @@ from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 
+if TYPE_CHECKING:  # it needs foxglove-sdk
+    from rocket_sim_node.nodes.bridge.foxglove_server import FoxgloveServer
+
+Publish: TypeAlias = Callable[[Any], None]
+"""Publishes a message of one topic."""
 MARKER_PERIOD = 40_000_000
 """ns of simulated time between two sets of markers, which are larger than the rest."""
+
+
+class Topics:
+    """Creates publishers of a node, whose messages may go to Foxglove as well."""
+
+    def __init__(self, node: Node, foxglove: FoxgloveServer | None = None) -> None:
+        """Publish by a node, and by a server if there is one."""
+        self._node, self._foxglove = node, foxglove
+
+    def open(self, kind: Any, topic: str, profile: QoSProfile) -> Publish:
+        """Return the function that publishes on a topic."""
+        publish: Publish = self._node.create_publisher(kind, topic, profile).publish
+        if self._foxglove is None:
+            return publish
+        serve = self._foxglove.topic(
+            kind, self._node.resolve_topic_name(topic), profile is qos.LATCHED)
+
+        def both(message: Any) -> None:
+            publish(message)
+            serve(message)
+
+        return both
+
+    def set_time(self, stamp: int) -> None:
+        """Tell the simulated time, ns, of the messages that follow."""
+        if self._foxglove is not None:
+            self._foxglove.set_time(stamp)
 
 
 class RocketPublishers:
     """Publishers of one rocket, below its name, such as `rocket_0`."""
 
-    def __init__(self, node: Node, row: int, prefix: str) -> None:
+    def __init__(self, topics: Topics, row: int, prefix: str) -> None:
         """Create them.
 
         :param prefix: of the names of frames.
@@ -46,7 +82,7 @@ class RocketPublishers:
         self.frames = f'{prefix}{self.name}'
         self.body = f'{self.frames}/{BASE_LINK}'
         self._row = row
-        self._publish: dict[str, Any] = {}
+        self._publish: dict[str, Publish] = {}
         for kind, topic, profile in (
             (Odometry, f'{self.name}/odom', qos.VIEWS),
             (PoseStamped, f'{self.name}/pose', qos.VIEWS),
@@ -57,8 +93,7 @@ class RocketPublishers:
             (DiagnosticStatus, f'{self.name}/conditions', qos.LATCHED),
             (MarkerArray, f'{self.name}/markers', qos.VIEWS),
         ):
-            publisher = node.create_publisher(kind, topic, profile)
-            self._publish[topic.rpartition('/')[2]] = publisher.publish
+            self._publish[topic.rpartition('/')[2]] = topics.open(kind, topic, profile)
         self._drawn_at = -MARKER_PERIOD
         self._told: tuple[int, bytes] | None = None
 
@@ -96,26 +131,26 @@ class RocketPublishers:
 class BridgePublishers:
     """Publishers of all viewed rockets, `/tf`, the scene and, when asked for, `/clock`."""
 
-    def __init__(self, node: Node, rows: tuple[int, ...], prefix: str, clock: bool) -> None:
+    def __init__(self, topics: Topics, rows: tuple[int, ...], prefix: str, clock: bool) -> None:
         """Create what does not depend on the world."""
-        self._node = node
+        self._topics = topics
         self._rows = rows
         self._prefix = prefix
         self._rockets: dict[int, RocketPublishers] = {}
         self._ends = Ends()
         self._urdf = ''
         self._world = ''
-        self._description = node.create_publisher(String, 'robot_description', qos.LATCHED)
-        self._scene = node.create_publisher(MarkerArray, 'markers', qos.LATCHED)
-        self._transforms = node.create_publisher(TFMessage, '/tf', qos.VIEWS)
-        self._clock = node.create_publisher(Clock, '/clock', qos.CLOCK) if clock else None
+        self._description = topics.open(String, 'robot_description', qos.LATCHED)
+        self._scene = topics.open(MarkerArray, 'markers', qos.LATCHED)
+        self._transforms = topics.open(TFMessage, '/tf', qos.VIEWS)
+        self._clock = topics.open(Clock, '/clock', qos.CLOCK) if clock else None
 
     def begin(self, info: WorldInfo, num_envs: int, stamp: int) -> None:
         """Begin a world of `num_envs` rockets, or another description of the same one."""
         model = vehicle_model(info)
         for row in self._rows:
             if row < num_envs and row not in self._rockets:
-                self._rockets[row] = RocketPublishers(self._node, row, self._prefix)
+                self._rockets[row] = RocketPublishers(self._topics, row, self._prefix)
         for rocket in self._rockets.values():
             rocket.begin(info, model)
         self._info = info
@@ -124,18 +159,19 @@ class BridgePublishers:
             self._ends.clear()
         if (urdf := model.urdf()) != self._urdf:
             self._urdf = urdf
-            self._description.publish(String(data=urdf))
+            self._description(String(data=urdf))
         self._publish_scene(stamp)
 
     def publish(self, moment: Moment) -> None:
         """Publish the messages of a moment, the clock first."""
+        self._topics.set_time(moment.stamp)
         if self._clock is not None:
-            self._clock.publish(Clock(clock=conversion.time_of(moment.stamp)))
+            self._clock(Clock(clock=conversion.time_of(moment.stamp)))
         transforms: list[Any] = []
         for view in moment.rockets:
             if view.row in self._rockets:
                 transforms += self._rockets[view.row].publish(view, moment.stamp)
-        self._transforms.publish(TFMessage(transforms=transforms))
+        self._transforms(TFMessage(transforms=transforms))
         ended = [view for view in moment.rockets if view.outcome]
         for view in ended:
             self._ends.add(view)
@@ -143,4 +179,4 @@ class BridgePublishers:
             self._publish_scene(moment.stamp)
 
     def _publish_scene(self, stamp: int) -> None:
-        self._scene.publish(messages.marker_array(scene(self._info, self._ends), stamp))
+        self._scene(messages.marker_array(scene(self._info, self._ends), stamp))

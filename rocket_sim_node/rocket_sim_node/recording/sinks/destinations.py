@@ -46,24 +46,26 @@ def viewer_address(url: str) -> tuple[str, int]:
     return host, port or DEFAULT_PORT
 
 
-def page_address(host: str) -> ipaddress.IPv4Address:
+def page_address(host: str, name: str = 'web') -> ipaddress.IPv4Address:
     """Return the address at which a web page is to be served.
 
+    :param name: what the parameter's name begins with.
     :raises ValueError: when `host` is not an IPv4 address.
     """
     try:
         return ipaddress.IPv4Address(host)
     except ValueError:
         raise ValueError(
-            f'web_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
+            f'{name}_host: got {host!r}, expected an IPv4 address such as {LOCAL}') from None
 
 
-def check_page(port: int, host: str) -> None:
-    """Check that a web page can be served at a port of an address of this machine.
+def check_page(port: int, host: str, name: str = 'web') -> None:
+    """Check that something can be served at a port of an address of this machine.
 
+    :param name: what the parameters' names begin with.
     :raises ValueError: when it cannot, naming what is in the way.
     """
-    address = str(page_address(host))
+    address = str(page_address(host, name))
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -71,10 +73,10 @@ def check_page(port: int, host: str) -> None:
             probe.listen(1)
         except OSError as error:
             raise ValueError({
-                errno.EADDRINUSE: f'web_port: {port} is taken by another program',
+                errno.EADDRINUSE: f'{name}_port: {port} is taken by another program',
                 errno.EADDRNOTAVAIL:
-                    f'web_host: got {host!r}, expected an address of this machine',
-            }.get(error.errno or 0, f'web_port: {port}: {error.strerror}')) from None
+                    f'{name}_host: got {host!r}, expected an address of this machine',
+            }.get(error.errno or 0, f'{name}_port: {port}: {error.strerror}')) from None
 
 
 def check_name(path: Path) -> None:
