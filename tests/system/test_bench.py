@@ -139,6 +139,15 @@ def test_exchange(tmp_path: Path) -> None:
     assert 'TCP' in text
 
 
+def test_carriers(tmp_path: Path) -> None:
+    text, figures = run(
+        'carriers', tmp_path / 'out.json', '--rounds', '1', '--count', '20', '--sizes', '8',
+        '--only', 'TCP')
+    assert [row['carrier'] for row in figures['carriers']] == ['ours', 'TCP']
+    assert all(row['us'] > 0 and not row['failed'] for row in figures['carriers'])
+    assert 'x ours' in text
+
+
 def test_learner(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
         'learner', tmp_path / 'out.json', '--cases', '1', '--rounds', '1', '--threads', '1',
