@@ -122,21 +122,22 @@ def _threads(f: Figures) -> str:
     rows = f['threads']
     gains = ', '.join(f'{row["gain"]:.2f} with {row["size"]} of `{row["world"]}`' for row in rows)
     return (
-        'Parameter `step_threads` of a simulator, and of `worlds.make` and `gymnasium.make_vec`, '
-        "shares the Spaces of a `lunar_lander` world among threads: pymunk's solver releases "
-        "Python's global lock. Results are the same bits for any number of threads "
-        '(`tests/unit/rocket_sim_node/worlds/test_lunar_lander.py`). `rocket` has no such '
-        'parameter; its rows show worlds of a part of the size, which share nothing and are '
-        'stepped by one thread each, as the most that threads could gain there. '
-        f'{rows[0]["threads"]} threads are this many times as fast as one: {gains}, by the 5 % '
-        'quantiles. Threads pay where cores are free while the simulator steps; the agent and '
-        '[further simulators](#many-simulators) need cores as well.')
+        'The parameter `step_threads` of a simulator, of `worlds.make` and of '
+        '`gymnasium.make_vec` distributes the pymunk Spaces of a `lunar_lander` world over '
+        "threads, because pymunk's solver releases Python's global lock. Results are the same, "
+        'bit for bit, for any number of threads '
+        '(`tests/unit/rocket_sim_node/worlds/test_lunar_lander.py`). `rocket` does not use '
+        'threads; its rows show the most that threads could gain there, with separate smaller '
+        'worlds that are stepped by one thread each. '
+        f'{rows[0]["threads"]} threads are this many times as fast as one, by the 5 % '
+        f'quantiles: {gains}. Threads are useful if cores are idle while the simulator steps; '
+        'the agent and [further simulators](#many-simulators) need cores as well.')
 
 
 def _learner(f: Figures) -> str:
     return (
-        'A PPO update beside that of stable-baselines3, with equal networks, minibatches, epochs '
-        'and samples. The floor is the bare matrix products of the same shapes. '
+        'This section compares a PPO update with that of stable-baselines3, with equal networks, '
+        'minibatches, epochs and samples. The floor is the bare matrix products of the same shapes. '
         '`tests/unit/ppo_agent_node/ppo/test_update_reference.py` compares losses and weights '
         'with an autograd reference.')
 
@@ -149,12 +150,13 @@ def _result(f: Figures) -> str:
     lander = f['lunar_lander']
     return (
         'Wall clock from the start of the processes until a deterministic evaluation of 100 '
-        'episodes passes, side by side in one run on the same cores. The contestants: ours over '
-        'DDS in separate processes, with the preset `quick`; stable-baselines3 with the settings '
-        'of rl-zoo; and a tuned PPO in one process on EnvPool. A run that reaches the cap, '
-        f'{lander["cap"]:.0f} s, counts as that long. Each contestant evaluates in its own '
-        "lander. The last column shows the return of the same policy in Gymnasium's. The lines "
-        'with medians show how many seeds each contestant ran; these numbers can differ.')
+        'episodes passes, measured in one run on the same cores. Three programs are compared: '
+        'ours over DDS in separate processes, with the preset `quick`; stable-baselines3 with '
+        'the settings of rl-baselines3-zoo; and a tuned PPO in one process on EnvPool. A run '
+        f'that reaches the cap, {lander["cap"]:.0f} s, counts as that long. Each program '
+        'evaluates in its own lander. The last column shows the return of the same policy in '
+        "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
+        'numbers can differ.')
 
 
 def _recorder(f: Figures) -> str:
@@ -199,7 +201,8 @@ def _transfer(f: Figures) -> str:
         'The `lunar_lander` policy of the newest run, or the shipped one if there is no run, '
         "flies unchanged in Gymnasium's LunarLander. Mean return: "
         f'{f["ours"]:.1f} here, {f["gymnasium"]:.1f} there, difference '
-        f'{f["difference"]:+.1f} ({low:+.1f} to {high:+.1f}, 95 % interval).')
+        f'{f["difference"]:+.1f} ({low:+.1f} to {high:+.1f}, 95 % interval). '
+        '[Learning](learning.md#world-lunar_lander) has this comparison for five training seeds.')
 
 
 def _stopping(f: Figures) -> str:
