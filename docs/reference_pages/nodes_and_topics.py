@@ -101,7 +101,7 @@ remap all four in the agent: `--ros-args -r simulator/reset:=my_simulator/reset`
 (`/sim_1/simulator/reset`) if the simulator is in another namespace than the agent. Below the same
 name are the services of [`simulation_interfaces`](../how-to/simulation-interfaces.md).
 
-The names of before 1.0, `reset`, `snapshot`, `restore` and `release`, still answer. They are
+The names from before 1.0, `reset`, `snapshot`, `restore` and `release`, still answer. They are
 deprecated and will be removed in 2.0; the first call is logged as a warning.
 
 [Why a snapshot clears hidden state](../explanation/pymunk-batch.md) in worlds with contact.

@@ -137,7 +137,8 @@ def _threads(f: Figures) -> str:
 def _learner(f: Figures) -> str:
     return (
         'This section compares a PPO update with that of stable-baselines3, with equal networks, '
-        'minibatches, epochs and samples. The floor is the bare matrix products of the same shapes. '
+        'minibatches, epochs and samples. The floor is the bare matrix products of the same '
+        'shapes. '
         '`tests/unit/ppo_agent_node/ppo/test_update_reference.py` compares losses and weights '
         'with an autograd reference.')
 

@@ -35,8 +35,8 @@ class CurriculumConfig:
         choices=_CONDITIONS)
     curriculum_nominal_share: float = setting(
         0.0, '', "probability that each condition of an episode stays nominal (the world's "
-        'nominal_share), in demonstrations and roll-outs; so vehicles that differ in one way only '
-        'are met as well', 0.0, 0.99)
+        'nominal_share), in demonstrations and roll-outs, so that vehicles that differ in only '
+        'one condition occur as well', 0.0, 0.99)
     observation: str = setting(
         'standard', '', 'observation of a rocket; extended: also its last commands and '
         'accelerations. The simulator must be started with the same value',

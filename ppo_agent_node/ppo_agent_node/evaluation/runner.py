@@ -79,7 +79,7 @@ class EvaluationResult:
     def fuel_bound(self) -> F64:
         """`(K,)` kg, minimum fuel of a straight drop from the start; NaN in other worlds.
 
-        It takes up to a second to compute, so only those who ask for it wait.
+        It takes up to a second to compute, so it is computed only on request.
         """
         if not self.is_rocket:
             return np.full(len(self.episodes), np.nan)
@@ -156,7 +156,7 @@ def evaluate(
 ) -> EvaluationResult:
     """Fly `episodes` episodes from a seed; equal arguments give equal results, bit for bit.
 
-    Every rocket flies its share (see :func:`quotas`); one that is done flies on, uncounted, until
+    Every rocket flies its share (see :func:`quotas`); one that is done goes on, uncounted, until
     the last has finished.
 
     :param pilot: called once per step; no noise is added to its actions.

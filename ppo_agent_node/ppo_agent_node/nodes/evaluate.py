@@ -44,8 +44,8 @@ class EvaluationParameters:
         '', '', 'policy file, ONNX file, or name of a shipped policy; empty: the policy of the '
         'newest finished run, or the shipped policy for the world if there is no run')
     pilots: str = setting(
-        '', '', 'pilots of the table, separated by commas: policy, expert, random, names of '
-        'shipped policies, files; empty: that of parameter pilot, and the expert')
+        '', '', 'pilots of the table, separated by commas: policy, expert, expert_estimator, '
+        'random, names of shipped policies, files; empty: that of parameter pilot, and the expert')
     conditions: str = setting(
         '', '', "set of conditions; empty: the simulator's own; all: the whole table of "
         'conditions on levels 7 and 8', choices=('', *conditions.NAMES, ALL))
@@ -56,8 +56,8 @@ class EvaluationParameters:
         0, '', "curriculum level; 0: the simulator's own, or 7 and 8 for the table", 0, 8)
     seed: int = setting(conditions_table.SEED, '', 'seed of the starts', 0, 2**62)
     optimum_sample: int = setting(
-        SAMPLE, '', 'number of first episodes for which the optimum of fuel and time is computed; '
-        '0: none', 0, 100_000)
+        SAMPLE, '', 'number of episodes, from the first, for which the optimum of fuel and time '
+        'is computed; 0: none', 0, 100_000)
     output: str = setting('', '', 'folder for figures and plots; empty: no files are written')
 
 

@@ -43,9 +43,9 @@ def choose(name: str, spec: WorldSpec, seed: int = 0, policy: str = '') -> Chose
     """Return a pilot.
 
     :param name: `policy`, `expert`, `expert_estimator`, `random`, the name of a built-in policy,
-        or a file: a policy, or a `.json` of tuned gains from `./bench tune`.
+        or a file: a policy, or a `.json` of tuned gains from `bench tune`.
     :param seed: of the random pilot.
-    :param policy: the policy that `policy` stands for, see `find_policy`.
+    :param policy: the policy to fly if `name` is `policy`; see `find_policy`.
     :raises FileNotFoundError: when there is no such policy.
     :raises ValueError: when the pilot does not fit the world.
     """

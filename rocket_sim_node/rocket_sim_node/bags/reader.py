@@ -65,7 +65,7 @@ def messages(
     :param path: folder of the bag, or its file.
     :param topics: names of the topics wanted; None: all.
     :param types: likewise, of message types such as rocket_msgs/msg/World.
-    :raises ValueError: when it is no bag, or is damaged.
+    :raises ValueError: when it is not a bag, or is damaged.
     """
     for file in files_of(path):
         decoders: dict[int, Decoder] = {}
@@ -88,13 +88,13 @@ def read(
 ) -> list[Trajectory]:
     """Return the flights of a bag, in the order in which they ended.
 
-    Those that had not ended come last, with an empty `outcome`. Flights of which steps are missing
-    are left out.
+    Flights that had not ended come last, with an empty `outcome`. Flights with missing steps are
+    left out.
 
     :param path: folder of the bag, or its file.
     :param topic: of the states, such as /sim_0/state; None: the only one that there is.
     :param rows: of the rockets wanted; None: all.
-    :raises ValueError: when it is no bag, is damaged, or `topic` is needed.
+    :raises ValueError: when it is not a bag, is damaged, or needs a `topic`.
 
     >>> for flight in read('my_bag'):
     ...     print(flight.row, flight.episode, flight.outcome, flight.position[-1])

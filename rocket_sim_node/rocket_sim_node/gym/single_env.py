@@ -86,5 +86,5 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         return None if frames is None else frames[0]
 
     def close(self) -> None:
-        """Let go of the world, or release the simulator; may be called again."""
+        """Free the world, or release the simulator; may be called again."""
         self._envs.close()

@@ -85,7 +85,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :param step_threads: threads that step the world, as `worlds.make` takes them; in process
             only, as simulators have a parameter of that name.
         :param settings: of the world, as `worlds.make` takes them. Over DDS, those that a reset
-            can change are sent with each reset, and the simulators must have the others.
+            can change are sent with each reset; start the simulators with the others.
         :raises ValueError: for an unknown keyword, or a value that is out of range.
         :raises ImportError: when `simulators` is given and ROS 2 is missing.
         :raises TimeoutError: when there are not enough simulators.
@@ -169,7 +169,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :param actions: `(N, A)` numbers, or `(N,)` whole numbers.
         :return: observation, reward, terminated, truncated, info.
         :raises ValueError: for actions of a wrong shape or type, or that are not finite.
-        :raises EnvironmentRestarted: when a simulator is in another session; `reset` goes on.
+        :raises EnvironmentRestarted: when a simulator is in another session; call `reset`.
         """
         world = self._open()
         if not self._begun:
@@ -240,7 +240,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         return self._camera.frame(self._simulated.finished, 0)
 
     def close_extras(self, **_: Any) -> None:
-        """Let go of the world, or release the simulators; `close` calls this once."""
+        """Free the world, or release the simulators; `close` calls this once."""
         world, self._world, self._simulated = self._world, None, None
         close = getattr(world, 'close', None)
         if close is not None:

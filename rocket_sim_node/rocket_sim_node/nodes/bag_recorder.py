@@ -61,7 +61,7 @@ class BagParameters:
         'bag', '', 'folder of the bag; it appears under its name at the end. An existing one is '
         'never overwritten: the new one is numbered (-2, -3, ...)')
     topics: str = setting(
-        '', '', 'names of the topics to record, separated by blanks or commas; * stands for any '
+        '', '', 'names of the topics to record, separated by spaces or commas; * stands for any '
         'characters. Empty: all topics except hidden ones')
     compression: str = setting(
         'zstd', '', 'compression of the bag', choices=tuple(COMPRESSIONS))

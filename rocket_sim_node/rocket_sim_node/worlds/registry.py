@@ -35,7 +35,7 @@ _MOST_ENVS = 1_000_000
 
 @dataclass(frozen=True)
 class SteppingSettings:
-    """How a world is stepped; results are the same bits for any values."""
+    """How a world is stepped; results are the same, bit for bit, for any values."""
 
     step_threads: int = settings_module.setting(
         1, '', 'number of threads that step the world, for example one for each core that is '
@@ -75,7 +75,7 @@ def settings(name: str) -> tuple[SettingInfo, ...]:
 
 
 def stepping_settings(name: str) -> tuple[SettingInfo, ...]:
-    """Return the settings of how a world is stepped, none for a world without.
+    """Return the settings of how a world is stepped; empty if it has none.
 
     :raises ValueError: for an unknown world.
     """

@@ -73,8 +73,8 @@ class LandingOptimiser:
 
         :param settings: of a rocket world, by name, as in `WorldSpec.settings`.
         :param blocks: number of nearly equal parts of a flight in which the thrust is constant.
-        :raises ValueError: for a vehicle without weight, thrust or fuel, or one that does not fly
-            by the nominal model: a minimum throttle would make the problem non-convex.
+        :raises ValueError: for a vehicle without weight, thrust or fuel, or one whose conditions
+            are not nominal: a minimum throttle would make the problem non-convex.
         :raises KeyError: when a constant is missing.
         """
         for name in ('gravity', 'max_thrust', 'fuel'):

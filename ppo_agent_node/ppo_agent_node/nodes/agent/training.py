@@ -53,7 +53,7 @@ class TrainingParameters:
         'default', '', "preset on which the run's settings are based",
         choices=presets.preset_names())
     loggers: str = setting(
-        '', '', 'further logs of the run, separated by commas: tensorboard, package.module:Class '
+        '', '', 'additional loggers, separated by commas: tensorboard, package.module:Class '
         'or file.py:Class')
 
 

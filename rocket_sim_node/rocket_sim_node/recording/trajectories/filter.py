@@ -16,7 +16,7 @@ class RecordingFilter:
     """
 
     rows: tuple[int, ...] = setting(
-        (0, 1, 2, 3), '', 'number of rockets recorded, of those that the simulator '
+        (0, 1, 2, 3), '', 'numbers of the rockets to record, of those that the simulator '
         'publishes', 0, 1e9)
     every_nth_episode: int = setting(
         5, 'episodes', 'interval, in episodes of a rocket, at which episodes are recorded while '
@@ -24,8 +24,8 @@ class RecordingFilter:
     crashes: bool = setting(
         False, '', 'whether to record all crashes of those rockets, too, while an agent learns')
     max_steps: int = setting(
-        200_000, 'steps', 'maximum size of the recording (about 100 KiB per 1000 steps); half of '
-        'it while an agent learns', 0, 1e12)
+        200_000, 'steps', 'maximum number of steps recorded (about 100 KiB per 1000); while an '
+        'agent learns, only half of it is used', 0, 1e12)
 
     def wanted(self, episode: int, *, landed: bool, learning: bool) -> bool:
         """Return whether a flight of a selected rocket is recorded."""

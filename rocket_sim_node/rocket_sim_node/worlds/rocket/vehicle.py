@@ -69,9 +69,9 @@ class TaskSettings:
     height_limit: float = setting(400.0, 'm', 'maximum height; flying higher is a crash', 0.0, 1e5)
     range_limit: float = setting(
         200.0, 'm', 'maximum |x| and |z|; beyond them is a crash', 0.0, 1e5)
-    reward_step: float = setting(-0.01, '', 'each step', -1e6, 1e6)
-    reward_crash: float = setting(-100.0, '', 'a crash', -1e6, 1e6)
-    reward_landed: float = setting(100.0, '', 'a landing', -1e6, 1e6)
+    reward_step: float = setting(-0.01, '', 'reward of each step', -1e6, 1e6)
+    reward_crash: float = setting(-100.0, '', 'reward of a crash', -1e6, 1e6)
+    reward_landed: float = setting(100.0, '', 'reward of a landing', -1e6, 1e6)
     reward_speed: float = setting(100.0, '', 'bonus of a landing with no speed', -1e6, 1e6)
     reward_tilt: float = setting(50.0, '', 'bonus of a landing with no tilt', -1e6, 1e6)
     reward_distance: float = setting(50.0, '', "bonus of a landing on the pad's centre", -1e6, 1e6)
