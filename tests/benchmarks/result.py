@@ -3,7 +3,7 @@
 
 `lunar_lander`: ours (simulator and agent as nodes over DDS, preset `quick`), a tuned PPO in one
 process on EnvPool, and stable-baselines3 with the settings of its zoo. 100 deterministic episodes
-in the contestant's own lander must return 200 on average. Afterwards each policy that has passed
+in the program's own lander must return 200 on average. Afterwards each policy that has passed
 flies in Gymnasium's lander, untimed. `rocket`: only ours, preset `quick`, until 99 % of 2 000
 fresh starts on level 7 land. All runs use the same cores, one run at a time, seed by seed. The
 time includes imports, discovery and evaluations, but not reading libraries from the disk.
@@ -184,7 +184,7 @@ def main() -> None:
         '--worlds', nargs='+', choices=WORLDS, default=list(WORLDS), help='worlds to train in')
     parser.add_argument(
         '--contestants', nargs='+', choices=list(CONTESTANTS), default=list(CONTESTANTS),
-        help='contestants to train')
+        help='programs to train')
     parser.add_argument(
         '--seeds', type=int, nargs='*', default=[1, 2, 3, 4, 5], help='training seeds')
     parser.add_argument(
