@@ -2,6 +2,7 @@
 """The actions of node `action_server`: feedback, results, cancellation, refusals."""
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -112,6 +113,7 @@ def test_a_canceled_training_goes_on_to_its_end(
     operator.wait(lambda: any(one.status.stage == 'finetune' for one in heard), 120.0)
     status, result = operator.result(operator.send('land', output=str(tmp_path / 'busy.rrd')))
     assert (status, result.code) == (GoalStatus.STATUS_ABORTED, Land.Result.BUSY)
+    assert math.isnan(result.figures.landing_rate)
     assert result.message.startswith('train: a goal of it is being executed')
     operator.cancel(first)
     status, result = operator.result(first)
@@ -153,6 +155,7 @@ def test_an_invalid_goal_is_answered_in_one_line_that_names_the_field(
 ) -> None:
     status, result = operator.result(operator.send(action, **fields))
     assert (status, result.code) == (GoalStatus.STATUS_ABORTED, Train.Result.INVALID)
+    assert math.isnan(result.figures.landing_rate)
     assert result.message.startswith(complaint)
     assert '\n' not in result.message
 

@@ -8,9 +8,9 @@ from rocket_sim_node.telemetry.training_status import Status
 
 STAGES = {
     'demonstrate': 'expert flies', 'clone': 'cloning', 'finetune': 'PPO', 'evaluate': 'evaluating',
-    'done': 'done',
+    'land': 'landing', 'done': 'done',
 }
-_LEVELLED = ('finetune', 'evaluate')
+_LEVELLED = ('finetune', 'evaluate', 'land')
 
 
 def stage_name(stage: str) -> str:

@@ -42,7 +42,7 @@ class Execution:
         self._place = Path(launch['run_dir' if command == 'train' else 'output'])
         self._before = _mark(self._place / _FIGURES)
         self._kept = bool(command == 'train' or goal.output)
-        self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0))
+        self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0), command)
         self.job = Job([
             'ros2', 'launch', str(launch_file(command)),
             *(f'{name}:={value}' for name, value in launch.items())], scratch / 'nodes.log')

@@ -17,6 +17,7 @@ from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.nodes.actions.execution import KINDS
 from ppo_agent_node.nodes.actions.execution import Execution
+from ppo_agent_node.nodes.actions.tally import no_figures
 from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import wording
 from rocket_sim_node.scratch_folder import scratch_folder
@@ -82,7 +83,7 @@ class Actions:
         # A rejection could not say why: a goal that cannot be executed is accepted and aborted.
         if self._execution is not None:
             handle.abort()
-            return kind(code=kind.BUSY, message=(
+            return kind(code=kind.BUSY, figures=no_figures(), message=(
                 f'{self._execution.command}: a goal of it is being executed, expected none; wait '
                 'for its result or cancel it'))
         with scratch_folder() as scratch:
@@ -91,7 +92,8 @@ class Actions:
                     name, handle.request, self._node.get_namespace(), scratch)
             except (ValueError, TypeError, OSError) as error:
                 handle.abort()
-                return kind(code=kind.INVALID, message=' '.join(str(error).split()))
+                return kind(code=kind.INVALID, figures=no_figures(),
+                            message=' '.join(str(error).split()))
             self._handle, self._ended = handle, Future(executor=self._executor)
             try:
                 log.info(f'{name}: started')
@@ -99,7 +101,7 @@ class Actions:
                 result = execution.result(self._stopped)
             except (ValueError, TypeError, KeyError, OSError) as error:
                 # A result that was not set would read as OK.
-                result = kind(code=kind.FAILED, message=(
+                result = kind(code=kind.FAILED, figures=no_figures(), message=(
                     f'{name}: the figures cannot be read: {" ".join(str(error).split())}'))
             finally:
                 execution.job.kill()

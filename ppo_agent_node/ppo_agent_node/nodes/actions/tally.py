@@ -21,13 +21,14 @@ LANDED = 0
 class Tally:
     """Episodes of a goal so far."""
 
-    def __init__(self, planned: int, level: int) -> None:
+    def __init__(self, planned: int, level: int, command: str) -> None:
         """Begin with none.
 
         :param planned: number of episodes to be flown, 0: unknown.
         :param level: curriculum level for the text, 0: unknown.
+        :param command: that flies them, `evaluate` or `land`.
         """
-        self._planned, self._level = planned, level
+        self._planned, self._level, self._command = planned, level, command
         self._count, self._landed, self._sum = 0, 0, 0.0
         self._began = time.monotonic()
 
@@ -52,7 +53,7 @@ class Tally:
         elapsed = time.monotonic() - self._began
         left = elapsed * (self._planned / self._count - 1) if self._count else math.inf
         return wording.line(Status(
-            stage='evaluate', iteration=min(self._count, self._planned or self._count),
+            stage=self._command, iteration=min(self._count, self._planned or self._count),
             iterations=self._planned, unit='episodes', level=self._level, elapsed=elapsed,
             remaining=max(0.0, left) if self._planned else math.inf,
             landing_rate=found.landing_rate, landing_rate_low=found.landing_rate_low,

@@ -52,7 +52,7 @@ _MOST_STATES = 50_000
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
-    'repeated answers', 'differing repeats', 'second simulator seen')
+    'actions after release', 'repeated answers', 'differing repeats', 'second simulator seen')
 _GONE = 0.75
 """Seconds of silence after which an agent may have been killed and started again. Longer than the
 time between two keep-alives, and shorter than an agent takes to start."""
@@ -177,6 +177,9 @@ class Server:
 
     def _on_action(self, message: Any) -> None:
         """Step the world, repeat the last answer, or refuse the action."""
+        if self._lease.left(message.agent):
+            self._health.count('actions after release')
+            return
         refusal = self._lease.stranger(message.agent)
         if not refusal:
             refusal = self._past_session(message)

@@ -82,7 +82,7 @@ def test_the_first_outcome_of_every_world_is_landed() -> None:
 
 
 def test_figures_of_flights() -> None:
-    tally = Tally(8, 7)
+    tally = Tally(8, 7, 'evaluate')
     assert math.isnan(tally.figures().mean_return)
     assert tally.figures().episodes == no_figures().episodes == 0
     tally.add(Episodes(outcome=[0, 1], episode_return=[290.0, -10.0]))
@@ -94,6 +94,7 @@ def test_figures_of_flights() -> None:
     assert (found.landing_rate_low, found.landing_rate_high) == pytest.approx(
         (0.3006, 0.9544), abs=1e-4)
     assert 'evaluating 4/8 episodes: level 7, landed 75.0%' in tally.text()
+    assert 'landing 0/8 episodes' in Tally(8, 7, 'land').text()
 
 
 @pytest.mark.parametrize(('said', 'reason', 'failed'), [
