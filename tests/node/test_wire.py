@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -331,6 +332,22 @@ def test_stopped_simulator_costs_time_and_no_step(
         assert_same(client.step(action), world.step(action))
     timer.join()
     assert client.resent > 0
+
+
+def test_an_action_before_the_release_is_flown(
+        simulator: Process, make_client: MakeClient) -> None:
+    """A service may overtake a topic: both have arrived when the simulator goes on."""
+    client = make_client()
+    client.reset(1)
+    simulator.signal(signal.SIGSTOP)
+    client.connection.ask(actions(1)[0])
+    released = client.connection.release()
+    time.sleep(0.3)
+    simulator.signal(signal.SIGCONT)
+    client.waiter.linger(released, 10.0)
+    assert released()
+    client.reset(1)  # the simulator has handled all that came before
+    assert 'refused' not in simulator.output()
 
 
 def test_nobody_there_is_an_error_and_not_a_hang(make_client: MakeClient) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -31,6 +32,9 @@ from rocket_sim_node.wire.node.parameters import Parameters
 from rocket_sim_node.wire.node.running import leave
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.node.steady_clock import STEADY
+
+if TYPE_CHECKING:  # it needs foxglove-sdk
+    from rocket_sim_node.nodes.bridge.foxglove_server import FoxgloveServer
 
 
 @dataclass(frozen=True)
@@ -59,13 +63,15 @@ class BridgeParameters:
 class BridgeNode:
     """Passes messages of a simulator to the publishers of standard messages."""
 
-    def __init__(self, node: Node, topics: Topics, parameters: BridgeParameters) -> None:
-        """Create publishers, then subscriptions."""
+    def __init__(
+        self, node: Node, parameters: BridgeParameters, foxglove: FoxgloveServer | None = None,
+    ) -> None:
+        """Create publishers, then subscriptions; a server sends the same messages to Foxglove."""
         self._node = node
         self._views = MotionViews(parameters.rows, parameters.max_rate)
         self._stamp = 0
         self._publishers = BridgePublishers(
-            topics, parameters.rows, parameters.frame_prefix, parameters.clock)
+            Topics(node, foxglove), parameters.rows, parameters.frame_prefix, parameters.clock)
         for kind, topic, callback, profile in (
             (msg.World, 'world', self._on_world, qos.READ_WORLD),
             (msg.RocketState, 'state', self._on_state, qos.EVENTS),
@@ -117,7 +123,7 @@ def bridge(node: Node, executor: Executor) -> None:
             server = FoxgloveServer(options.foxglove_port, options.foxglove_host)
             stack.callback(server.close)
             node.get_logger().info(f'Foxglove can connect to {server.url}')
-        viewed = BridgeNode(node, Topics(node, server), options)
+        viewed = BridgeNode(node, options, server)
         rows = ', '.join(map(str, options.rows)) or 'none'
         node.get_logger().info(f'publishing standard views of rockets {rows}')
         while not stopping.requested():

@@ -2,6 +2,7 @@
 """Programs that pip installs where there is no ROS 2."""
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -93,5 +94,7 @@ def main():
             ['bash', '-c', f'"$0" "$@" {closed}', sys.executable, '-c',
              'from rocket_sim_node.entry_points import run; run("node")'],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            cwd=tmp_path, check=True, timeout=60)
+            cwd=tmp_path, check=True, timeout=60, env={
+                **os.environ, 'PYTHONPATH': os.pathsep.join(
+                    [str(tmp_path), os.environ.get('PYTHONPATH', '')])})
         assert (tmp_path / 'made').read_text() == 'True', closed

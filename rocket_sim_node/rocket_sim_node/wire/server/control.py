@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 
 NOBODY = 0
-_LATE = 1.0
-"""Seconds within which the last actions of an agent that has given up control may arrive."""
 
 
 class ControlLease:
@@ -23,7 +21,6 @@ class ControlLease:
         self.seconds = seconds
         self._clock = clock
         self._heard = 0.0
-        self._released, self._released_at = NOBODY, 0.0
         self.owner = NOBODY
 
     def refusal(self, agent: int) -> str:
@@ -50,14 +47,6 @@ class ControlLease:
         if agent == self.owner:
             return ''
         return f'agent: {agent}, expected {self.owner}, which controls this simulator'
-
-    def left(self, agent: int) -> bool:
-        """Return whether `agent` has just given up control.
-
-        Its last actions may arrive later: a topic and a service have no common order.
-        """
-        return (agent == self._released != NOBODY and self.owner == NOBODY
-                and self._clock() - self._released_at < _LATE)
 
     @property
     def vacant(self) -> bool:
@@ -86,6 +75,5 @@ class ControlLease:
         """Give up control; return false if `agent` did not have it."""
         if self.stranger(agent):
             return False
-        self._released, self._released_at = agent, self._clock()
         self.owner = NOBODY
         return True

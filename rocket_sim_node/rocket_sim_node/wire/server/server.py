@@ -52,7 +52,7 @@ _MOST_STATES = 50_000
 _MODES = {msg.World.LOCKSTEP: 'lockstep', msg.World.REALTIME: 'realtime'}
 _EVENTS = (
     *(f'refused on {where}' for where in ('action', 'reset', 'restore', 'snapshot', 'release')),
-    'actions after release', 'repeated answers', 'differing repeats', 'second simulator seen')
+    'repeated answers', 'differing repeats', 'second simulator seen')
 _GONE = 0.75
 """Seconds of silence after which an agent may have been killed and started again. Longer than the
 time between two keep-alives, and shorter than an agent takes to start."""
@@ -164,22 +164,23 @@ class Server:
         while not stopping.requested():
             inbox.wait(
                 [self._mailbox], _SPIN_PERIOD, services=self._awaited, timers=self._timers)
-            try:
-                message = self._mailbox.take()
-            except ValueError as error:
-                self._health.refuse('action', str(error))
-                continue
-            if message is not None:
-                self._on_action(message)
+            self._take_action()
         self._state.flush()
+
+    def _take_action(self) -> None:
+        """Handle the oldest action that has arrived, if there is one."""
+        try:
+            message = self._mailbox.take()
+        except ValueError as error:
+            self._health.refuse('action', str(error))
+            return
+        if message is not None:
+            self._on_action(message)
 
     # Actions
 
     def _on_action(self, message: Any) -> None:
         """Step the world, repeat the last answer, or refuse the action."""
-        if self._lease.left(message.agent):
-            self._health.count('actions after release')
-            return
         refusal = self._lease.stranger(message.agent)
         if not refusal:
             refusal = self._past_session(message)
@@ -361,6 +362,9 @@ class Server:
             f'(heard {self._lease.silent:.1f} s ago)')
 
     def _on_release(self, request: srv.Release.Request, response: Any, caller: bytes) -> Any:
+        # The agent's last actions: a topic and a service have no common order.
+        for _ in range(qos.STREAM.depth):
+            self._take_action()
         impostor = self._impostor('release', request.agent, caller)
         if not impostor and self._lease.release(request.agent):
             response.code = response.OK

@@ -54,19 +54,3 @@ def test_who_lets_go_is_replaced_at_once_and_only_the_owner_can() -> None:
     assert lease.refusal(2)
     assert lease.release(1)
     assert not lease.refusal(2)
-
-
-def test_the_last_actions_of_an_agent_may_arrive_after_its_release() -> None:
-    clock = Clock()
-    lease = ControlLease(10.0, clock)
-    assert not lease.left(NOBODY)
-    lease.take(1)
-    assert not lease.left(1)
-    assert lease.release(1)
-    clock.now = 0.5
-    assert lease.left(1) and not lease.left(2) and not lease.left(NOBODY)
-    lease.take(2)
-    assert not lease.left(1)
-    assert lease.release(2)
-    clock.now = 1.5
-    assert not lease.left(1) and not lease.left(2)
