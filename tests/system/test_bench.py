@@ -148,14 +148,6 @@ def test_carriers(tmp_path: Path) -> None:
     assert 'x ours' in text
 
 
-def test_discovery(tmp_path: Path) -> None:
-    text, figures = run(
-        'discovery', tmp_path / 'out.json', '--sizes', '2', '--ways', 'server', '--rounds', '1')
-    (row,) = figures['discovery']
-    assert 0.0 < row['seconds'][0] < 30.0
-    assert 'server' in text
-
-
 def test_learner(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
         'learner', tmp_path / 'out.json', '--cases', '1', '--rounds', '1', '--threads', '1',
