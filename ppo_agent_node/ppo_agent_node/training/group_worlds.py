@@ -62,14 +62,16 @@ class GroupWorlds:
         :return: rocket steps taken.
         """
         config, pilot = self._config, without_noise(policy)
-        level, reach = state.curriculum.level, state.reverse.reset_settings()
+        level = state.curriculum.level
         # Starts at all heights are spread already, and roll-outs of whole episodes do not need it.
         scattered = state.reverse.over and not config.ppo.whole_episodes
         steps = config.ppo.scatter_steps if scattered else 0
 
         def begin(group: int) -> Job[bytes]:
             seed = self._seed(state, group)
-            settings = {**config.curriculum.reset_settings(level, group), **reach}
+            settings = {
+                **config.curriculum.reset_settings(level, group),
+                **state.reverse.reset_settings(group)}
             observation = yield Reset(seed, settings)
             yield from scatter(
                 self._spec, observation, pilot, steps, np.random.default_rng(seed))

@@ -58,9 +58,15 @@ class ReverseCurriculum:
         """Return values for the log: the height, m, at which the highest episodes begin."""
         return {'reach': self.reach or self.full_reach} if self.full_reach else {}
 
-    def reset_settings(self) -> dict[str, float]:
-        """Return the reset settings of roll-outs, besides the level."""
-        return {} if self.over else {'spawn_reach': self.reach}
+    def reset_settings(self, group: int = 0) -> dict[str, float]:
+        """Return the reset settings of a group's roll-outs, besides the level.
+
+        Once all heights are learnt, every second group still begins at all of them: from the
+        highest starts alone, a policy that no longer lands would not learn to land again.
+        """
+        if self.over:
+            return {'spawn_reach': self.full_reach} if group % 2 and self.full_reach else {}
+        return {'spawn_reach': self.reach}
 
     def advance(self, landed: Iterable[bool]) -> ReverseCurriculum:
         """Return the curriculum after more of the hardest episodes, in the order they ended.

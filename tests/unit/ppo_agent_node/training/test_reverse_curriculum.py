@@ -37,7 +37,7 @@ def test_none_is_over_before_it_begins() -> None:
     """And says nothing; worlds without heights need have none."""
     for name in ('rocket', 'lunar_lander'):
         now = ReverseCurriculum.begin(CurriculumConfig(), worlds.make(name).spec)
-        assert now.over and now.reset_settings() == now.figures() == {}
+        assert now.over and now.reset_settings() == now.reset_settings(1) == now.figures() == {}
         assert now.advance([True] * 100) == now
 
 
@@ -60,6 +60,9 @@ def test_it_grows_to_the_whole_task_and_there_is_over() -> None:
     assert reaches[:-1] == pytest.approx([0.4 * 1.2**k for k in range(34)])
     assert reaches[-1] == now.full_reach
     assert now.reset_settings() == {} and now.figures() == {'reach': now.full_reach}
+    # Of several groups every second one keeps all heights.
+    assert [now.reset_settings(group) for group in range(3)] == [
+        {}, {'spawn_reach': now.full_reach}, {}]
     assert now.advance([False] * 100) == now
 
 
