@@ -142,8 +142,8 @@ def test_exchange(tmp_path: Path) -> None:
 def test_carriers(tmp_path: Path) -> None:
     text, figures = run(
         'carriers', tmp_path / 'out.json', '--rounds', '1', '--count', '20', '--sizes', '8',
-        '--only', 'TCP')
-    assert [row['carrier'] for row in figures['carriers']] == ['ours', 'TCP']
+        '--only', 'UDP, sockets of 4 MiB')
+    assert [row['carrier'] for row in figures['carriers']] == ['ours', 'UDP, sockets of 4 MiB']
     assert all(row['us'] > 0 and not row['failed'] for row in figures['carriers'])
     assert 'x ours' in text
 

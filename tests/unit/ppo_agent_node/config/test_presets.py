@@ -77,8 +77,9 @@ def test_the_hoverslam_learns_with_the_engine_that_cannot_hover() -> None:
 def test_one_world_may_begin_with_the_presets_of_another(
         tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     planar = {
-        'curriculum_heading', 'dagger_rounds', 'demonstration_spawn_heading', 'gamma',
-        'iterations'}
+        'actor_learning_rate', 'batch_size', 'clip_range', 'curriculum_heading', 'dagger_rounds',
+        'demonstration_spawn_heading', 'desired_kl', 'gamma', 'iterations', 'n_epochs',
+        'target_kl'}
     for name, own in (('default', planar), ('original', set())):
         values, taken = preset_values(name, 'rocket_planar'), preset_values(name, 'rocket')
         assert {name for name in values if values[name] != taken.get(name)} == own
