@@ -43,8 +43,9 @@ def _open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            # The lowest number that is free: those below are open.
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest number: those below are open
+            os.set_inheritable(opened, True)
+            setattr(sys, name, os.fdopen(opened, mode))
 
 
 def _advice(missing: str) -> str:

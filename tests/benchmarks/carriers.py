@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import statistics
 import subprocess
 import sys
@@ -34,6 +35,8 @@ from rocket_sim_node.wire.node.running import make_executor
 
 SIZES = (1, 256, 1024, 4096)
 OURS = 'ours'
+_PATIENCE = 60.0
+"""s for one measurement"""
 _PROFILE = Path(transport.__file__).parent / 'profiles' / 'machine.xml'
 _SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
 _PORT = '<port><offsetd3>${HOVERSLAM_DATA_PORT_OFFSET}</offsetd3></port>'
@@ -56,9 +59,10 @@ _BY_TCP = """<defaultUnicastLocatorList>
 def carriers(folder: Path) -> dict[str, dict[str, str]]:
     """Return the environment of each carrier, by name; profiles are written to a folder."""
     version, _ = fast_dds()
-    text = version.spelled(_PROFILE.read_text('utf-8')).replace(_PORT, '')
-    head, tag, rest = text.partition('<userTransports>')
+    text = version.spelled(_PROFILE.read_text('utf-8'))
+    head, tag, rest = text.replace(_PORT, '').partition('<userTransports>')
     rest = rest.replace(_SHARED_MEMORY, '', 1)
+    assert all(part in text for part in (_PORT, _SHARED_MEMORY, '</transport_descriptors>'))
     profiles = {
         'UDP, sockets of 4 MiB': f'{head}{tag}{rest}',
         'TCP': f'{head.replace("</transport_descriptors>", _TCP)}{_BY_TCP}{rest}'}
@@ -100,13 +104,19 @@ def in_own_process(
     environment: Mapping[str, str], size: int, count: int,
 ) -> dict[str, float] | None:
     """Measure in a process of its own; return None if it fails."""
-    done = subprocess.run(
+    child = subprocess.Popen(
         [sys.executable, '-m', 'benchmarks.carriers', '--one', str(size), '--count', str(count)],
-        env={**os.environ, **environment}, capture_output=True, text=True, check=False,
-        timeout=300)
-    if done.returncode:
+        env={**os.environ, **environment}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        text=True)
+    try:
+        text, _ = child.communicate(timeout=_PATIENCE)
+    except subprocess.TimeoutExpired:
+        child.send_signal(signal.SIGINT)  # it ends its simulator
+        child.communicate()
         return None
-    figures: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    if child.returncode:
+        return None
+    figures: dict[str, float] = json.loads(text.splitlines()[-1])
     return figures
 
 

@@ -183,6 +183,11 @@ def main() -> None:
         '--num-envs', type=int, default=256, help='number of rockets or landers with --in-process')
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
+    wrong = [task for task in options.tasks if options.world != 'lunar_lander'
+             and task.partition(':')[0] not in (SINGLE, *conditions.NAMES, *conditions.SINGLE)]
+    if wrong or (options.world == 'lunar_lander' and options.tasks != ['nominal']):
+        parser.error(f'--tasks: got {", ".join(wrong or options.tasks)}, expected conditions and '
+                     'level, such as mix:7, or nominal for the lander')
     single = [task for task in options.tasks if task.partition(':')[0] == SINGLE]
     options.tasks = spread(options.tasks)
     torch.set_num_threads(1)

@@ -294,14 +294,14 @@ def test_foxglove_gets_the_same_messages(
     with Viewer(f'ws://127.0.0.1:{port}') as viewer, Viewer(f'ws://127.0.0.1:{port}') as second:
         for one in (viewer, second):
             wait_until(lambda one=one: one.receive() or '/rocket_1/odom' in one.channels, 20.0)
+            one.subscribe('/rocket_1/odom')  # in force when the answer to the next one is there
             urdf = one.subscribe('/robot_description')
             wait_until(lambda one=one, urdf=urdf: one.receive() or bool(urdf), 20.0)
             assert deserialize_message(urdf[0][1], String) == described[0]
-        shown = viewer.subscribe('/rocket_1/odom')
-        viewer.receive()
+        shown = viewer.received['/rocket_1/odom']
         wait_until(lambda: simulator.state.get_subscription_count() == 1, 20.0)
         simulator.fall(30)
-        listener.wait_until(lambda: len(odom) >= 30)
+        listener.wait_until(lambda: len(odom) == 31)  # the start as well
         wait_until(lambda: viewer.receive() or len(shown) >= 30, 20.0)
         last = odom[-len(shown):]
         assert [deserialize_message(data, Odometry) for _, data in shown] == last

@@ -128,6 +128,8 @@ def bridge(node: Node, executor: Executor) -> None:
         node.get_logger().info(f'publishing standard views of rockets {rows}')
         while not stopping.requested():
             executor.spin_once(timeout_sec=SPIN_PERIOD)
+            if server is not None:
+                server.serve_latecomers()
     node.get_logger().info(viewed.summary())
 
 

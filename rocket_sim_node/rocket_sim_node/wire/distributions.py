@@ -95,7 +95,7 @@ def subscribe(node: Node, kind: Any, topic: str, profile: QoSProfile) -> Any:
     """
     check_is_valid_msg_type(kind)  # also loads the type's C support
     try:
-        make_wait_set(node, 1, 0, 0, 0)
+        _try_wait_set(node)
         with node.handle:
             return _rclpy.Subscription(node.handle, kind, topic, profile.get_c_qos_profile())
     except (AttributeError, TypeError):
@@ -106,12 +106,17 @@ def make_client(node: Node, kind: Any, name: str) -> Any:
     """Return a service's client of rclpy's own C++ part, or None, as :func:`subscribe` does."""
     check_is_valid_srv_type(kind)  # also loads the type's C support
     try:
-        make_wait_set(node, 0, 0, 1, 0)
+        _try_wait_set(node)
         with node.handle:
             return _rclpy.Client(
                 node.handle, kind, name, qos_profile_services_default.get_c_qos_profile())
     except (AttributeError, TypeError):
         return None
+
+
+def _try_wait_set(node: Node) -> None:
+    """Use a wait set and a guard condition once, to see whether this rclpy has both."""
+    make_wait_set(node, 1, 0, 1, 0).add_guard_condition(make_guard_condition(node))
 
 
 def make_wait_set(node: Node, subscriptions: int, timers: int, clients: int, services: int) -> Any:

@@ -81,9 +81,12 @@ def test_a_missing_module_of_our_own_is_a_bug_and_keeps_its_traceback() -> None:
 
 def test_no_file_takes_the_place_of_a_closed_stream(tmp_path: Path) -> None:
     (tmp_path / 'node.py').write_text("""
+import subprocess
 import sys
 def main():
     sys.stdin.read()
+    child = 'import os; [os.fstat(n) for n in range(3)]'
+    subprocess.run([sys.executable, '-c', child], check=True)
     with open('made', 'w') as file:
         print('printed')
         sys.stderr.write('error')

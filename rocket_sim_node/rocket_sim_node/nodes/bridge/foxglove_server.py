@@ -6,6 +6,7 @@ as it shows those of a bag or of a `foxglove_bridge`.
 """
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,9 @@ from rclpy.serialization import serialize_message
 from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.recording.sinks.destinations import check_page
 
+_BACKLOG = 100
+"""Messages kept for a viewer that does not keep up; then the oldest are dropped."""
+
 
 class FoxgloveServer:
     """Serves messages to any number of viewers, which only listen."""
@@ -34,10 +38,15 @@ class FoxgloveServer:
         check_page(port, host, 'foxglove')
         self._context = Context()
         self._latched: dict[int, Callable[[], None]] = {}
+        self._asked: deque[int] = deque()
         self._time = 0
-        self._server = start_server(
-            name='hoverslam', host=host, port=port, capabilities=[Capability.Time],
-            server_listener=_Latecomers(self._latched), context=self._context)
+        try:
+            self._server = start_server(
+                name='hoverslam', host=host, port=port, capabilities=[Capability.Time],
+                server_listener=_Latecomers(self._asked), context=self._context,
+                message_backlog_size=_BACKLOG)
+        except RuntimeError as error:  # taken since the check
+            raise ValueError(f'foxglove_port: {port}: {error}') from None
         self.url = f'ws://{host}:{port}'
 
     def topic(self, kind: Any, topic: str, latched: bool) -> Callable[[Any], None]:
@@ -66,6 +75,15 @@ class FoxgloveServer:
             self._latched[channel.id()] = send_last
         return send
 
+    def serve_latecomers(self) -> None:
+        """Send the last message of latched topics that viewers have subscribed to since.
+
+        All viewers receive it: the server cannot single one out. Call this often.
+        """
+        asked = {self._asked.popleft() for _ in range(len(self._asked))}
+        for number in sorted(asked & self._latched.keys()):
+            self._latched[number]()
+
     def set_time(self, stamp: int) -> None:
         """Set the simulated time, ns, of what is sent from now on."""
         self._time = stamp
@@ -77,13 +95,12 @@ class FoxgloveServer:
 
 
 class _Latecomers(ServerListener):
-    """Sends the last message of a latched topic to those who subscribe to it."""
+    """Notes which channels viewers subscribe to; called by threads of the server."""
 
-    def __init__(self, latched: dict[int, Callable[[], None]]) -> None:
-        """Take a function for each channel, by its number."""
-        self._latched = latched
+    def __init__(self, asked: deque[int]) -> None:
+        """Note the channels' numbers in `asked`."""
+        self._asked = asked
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Send the last message again, to all viewers: the server cannot single one out."""
-        if send_last := self._latched.get(channel.id):
-            send_last()
+        """Note that a viewer has subscribed."""
+        self._asked.append(channel.id)

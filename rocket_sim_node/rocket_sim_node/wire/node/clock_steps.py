@@ -10,7 +10,13 @@ from __future__ import annotations
 import threading
 import time
 import weakref
+from contextlib import suppress
 from typing import Protocol
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor
+from rclpy.logging import get_logger
+from rclpy.node import Node
 
 _PERIOD = 0.2
 """Seconds between two looks at the clock."""
@@ -61,14 +67,39 @@ class Watch:
                     self._thread = None
                     return
                 if abs(now - before) > _STEP:
-                    for one in self._waiting:
-                        one.wake()
+                    self._wake_all()
             before = now
+
+    def _wake_all(self) -> None:
+        for one in self._waiting:
+            try:
+                one.wake()
+            except RuntimeError as error:  # the others are woken all the same
+                get_logger('clock').error(f'the system clock was set: {error!r}')
 
 
 def _difference() -> float:
     """Return the system clock less the steady clock, s."""
-    return time.time() - time.monotonic()
+    while True:
+        before, now, after = time.monotonic(), time.time(), time.monotonic()
+        if after - before < _STEP / 10:  # else this thread was held up in between
+            return now - before
+
+
+class Spinning:
+    """A node and its executor, whose waits a step of the system clock would prolong."""
+
+    def __init__(self, node: Node, executor: Executor) -> None:
+        """Take an executor that serves the node."""
+        self._node, self._executor = node, executor
+
+    def wake(self) -> None:
+        """End the current waits of the executor for events, and for timers."""
+        self._executor.wake()
+        for timer in self._node.timers:
+            with suppress(InvalidHandle):  # destroyed meanwhile
+                if not timer.is_canceled():
+                    timer.reset()  # the EventsExecutor then waits anew, for the timer's period
 
 
 WATCH = Watch()

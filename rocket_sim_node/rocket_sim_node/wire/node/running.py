@@ -12,7 +12,6 @@ from typing import NoReturn
 from typing import TypeAlias
 
 from rclpy.context import Context
-from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.executors import ExternalShutdownException
 from rclpy.executors import SingleThreadedExecutor
@@ -39,21 +38,6 @@ USAGE_ERROR = 2
 Body: TypeAlias = Callable[[Node, Executor], 'int | None']
 """Main function of a node; may return an exit status."""
 Errors: TypeAlias = tuple[type[Exception], ...]
-
-
-class _Spinning:
-    """A node and its executor, whose waits a step of the system clock would prolong."""
-
-    def __init__(self, node: Node, executor: Executor) -> None:
-        self._node, self._executor = node, executor
-
-    def wake(self) -> None:
-        """End the current waits of the executor for events, and for timers."""
-        self._executor.wake()
-        for timer in self._node.timers:
-            with suppress(InvalidHandle):  # destroyed meanwhile
-                if not timer.is_canceled():
-                    timer.reset()  # the EventsExecutor then waits anew, for the timer's period
 
 
 class UsageError(ValueError):
@@ -145,7 +129,7 @@ def run_late(
                 caught = (*caught, *further)
                 executor = make_executor()
                 executor.add_node(node)
-                spinning = _Spinning(node, executor)
+                spinning = clock_steps.Spinning(node, executor)
                 clock_steps.WATCH.add(spinning)
                 return body(node, executor) or 0
             finally:

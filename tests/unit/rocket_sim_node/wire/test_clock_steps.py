@@ -2,8 +2,10 @@
 """Steps of the system clock are noticed, and objects that wait are woken."""
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 
 import pytest
 
@@ -36,3 +38,24 @@ def test_a_step_of_the_clock_wakes_who_waits(
     assert sleeper.woken.acquire(timeout=PATIENCE)
     assert not sleeper.woken.acquire(timeout=0.5)  # once for each step
     assert not other.woken.acquire(blocking=False)
+
+
+def test_an_object_that_fails_keeps_nobody_else_asleep_and_none_is_kept(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing:
+        def wake(self) -> None:
+            raise RuntimeError('gone')
+
+    real, offset = time.time, 0.0
+    monkeypatch.setattr(clock_steps.time, 'time', lambda: real() + offset)
+    watch, sleeper, failing = clock_steps.Watch(), Sleeper(), [Failing(), Failing()]
+    for one in (failing[0], sleeper, failing[1]):
+        watch.add(one)
+    for _ in range(2):
+        offset -= 3600.0
+        assert sleeper.woken.acquire(timeout=PATIENCE)
+    kept = weakref.ref(sleeper)
+    del one, sleeper
+    failing.clear()
+    gc.collect()
+    assert kept() is None
