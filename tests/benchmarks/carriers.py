@@ -21,17 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from rclpy.utilities import get_rmw_implementation_identifier
-from support.processes import Processes
 
 from benchmarks.exchange import microseconds
+from benchmarks.exchange import still_simulator
 from ppo_agent_node.evaluation.metrics import write_json
-from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import transport
 from rocket_sim_node.wire.distributions import fast_dds
-from rocket_sim_node.wire.distributions import initialised
-from rocket_sim_node.wire.node.running import make_executor
 
 SIZES = (1, 256, 1024, 4096)
 OURS = 'ours'
@@ -78,26 +74,14 @@ def carriers(folder: Path) -> dict[str, dict[str, str]]:
 
 def measure(num_envs: int, count: int, warm_up: int) -> dict[str, float]:
     """Return the median time of an exchange, us, and how many messages were sent again."""
-    with tempfile.TemporaryDirectory() as folder:
-        processes = Processes(Path(folder))
-        with (transport.prepared(get_rmw_implementation_identifier()),
-              initialised(domain_id=processes.domain)):
-            node = rclpy.create_node('bench_carriers')
-            executor = make_executor()
-            executor.add_node(node)
-            try:
-                simulator = processes.start(
-                    'python', '-m', 'benchmarks.still_world', str(num_envs))
-                simulator.wait_for('waiting for an agent', 60.0)
-                with Client(node, executor) as client:
-                    client.reset(0)
-                    action = np.zeros((num_envs, 3), np.float32)
-                    microseconds(lambda: client.step(action), warm_up)
-                    before = client.resent
-                    median, late = microseconds(lambda: client.step(action), count)
-                    return {'us': median, 'p99': late, 'resent': client.resent - before}
-            finally:
-                processes.end()
+    with still_simulator(
+            num_envs, lambda: transport.prepared(get_rmw_implementation_identifier()),
+    ) as (client, _):
+        action = np.zeros((num_envs, 3), np.float32)
+        microseconds(lambda: client.step(action), warm_up)
+        before = client.resent
+        median, late = microseconds(lambda: client.step(action), count)
+        return {'us': median, 'p99': late, 'resent': client.resent - before}
 
 
 def in_own_process(

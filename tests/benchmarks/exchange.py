@@ -15,13 +15,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from contextlib import contextmanager
+from contextlib import nullcontext
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rclpy
+from support.processes import Process
 from support.processes import Processes
 
 from benchmarks import checks
@@ -59,41 +63,54 @@ def on_core(number: int, pid: int = 0) -> Iterator[None]:
                 os.sched_setaffinity(thread, its)
 
 
+@contextmanager
+def still_simulator(
+    num_envs: int, transport: Callable[[], AbstractContextManager[None]] = nullcontext,
+) -> Iterator[tuple[Client, Process]]:
+    """Yield a client in this process and a simulator without physics, which it has reset.
+
+    :param transport: what configures the transport of the client's node, and of it alone.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        processes = Processes(Path(folder))
+        with ExitStack() as stack:
+            stack.callback(processes.end)
+            with transport():
+                stack.enter_context(initialised(domain_id=processes.domain))
+                node = rclpy.create_node('bench_exchange')
+            executor = make_executor()
+            executor.add_node(node)
+            simulator = processes.start('python', '-m', 'benchmarks.still_world', str(num_envs))
+            simulator.wait_for('waiting for an agent', 60.0)
+            with Client(node, executor) as client:
+                client.reset(0)
+                yield client, simulator
+
+
 def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
     """Return medians over rounds for one size of batch."""
     found: dict[str, list[tuple[float, float]]] = {
         'tcp': [], 'tcp_apart': [], 'dds': [], 'dds_apart': []}
-    with tempfile.TemporaryDirectory() as folder:
-        processes = Processes(Path(folder))
-        floor, apart = TcpFloor(num_envs), TcpFloor(num_envs, core=1)
-        with initialised(domain_id=processes.domain):
-            node = rclpy.create_node('bench_exchange')
-            executor = make_executor()
-            executor.add_node(node)
-            try:
-                simulator = processes.start(
-                    'python', '-m', 'benchmarks.still_world', str(num_envs))
-                simulator.wait_for('waiting for an agent', 60.0)
-                with Client(node, executor) as client:
-                    client.reset(0)
-                    action = np.zeros((num_envs, 3), np.float32)
+    floor, apart = TcpFloor(num_envs), TcpFloor(num_envs, core=1)
+    try:
+        with still_simulator(num_envs) as (client, simulator):
+            action = np.zeros((num_envs, 3), np.float32)
 
-                    def step() -> Any:
-                        return client.step(action)
+            def step() -> Any:
+                return client.step(action)
 
-                    for once in (floor, apart, step):
-                        microseconds(once, count // 4)
-                    for _ in range(rounds):
-                        found['tcp'].append(microseconds(floor, count))
-                        found['dds'].append(microseconds(step, count))
-                        with on_core(0), on_core(1, simulator.pid):
-                            found['tcp_apart'].append(microseconds(apart, count))
-                            found['dds_apart'].append(microseconds(step, count))
-                    resent = client.resent
-            finally:
-                processes.end()
-                floor.close()
-                apart.close()
+            for once in (floor, apart, step):
+                microseconds(once, count // 4)
+            for _ in range(rounds):
+                found['tcp'].append(microseconds(floor, count))
+                found['dds'].append(microseconds(step, count))
+                with on_core(0), on_core(1, simulator.pid):
+                    found['tcp_apart'].append(microseconds(apart, count))
+                    found['dds_apart'].append(microseconds(step, count))
+            resent = client.resent
+    finally:
+        floor.close()
+        apart.close()
 
     def ratio(ours: str, floor: str) -> float:
         return statistics.median(
