@@ -34,14 +34,11 @@ from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.statistics import mean_interval
 from ppo_agent_node.statistics import wilson
 from rocket_sim_node import worlds
-from rocket_sim_node.worlds.rocket import conditions
 
 ROOT = Path(__file__).parents[2]
 ROCKETS = 500
 SEED = 40_000_000
 """of the fresh starts"""
-SINGLE = 'single'
-"""as the conditions of a task: each that differs from nominal in one way, in turn"""
 _ALIASES = {'scripted': choice.EXPERT}
 
 
@@ -88,15 +85,6 @@ def figures(result: EvaluationResult) -> dict[str, Any]:
         'tanks_dry': float((flown.fuel_left <= 0).mean())}
 
 
-def spread(tasks: Sequence[str]) -> list[str]:
-    """Return the tasks, with `single:7` replaced by one task for each single condition."""
-    return [
-        one for task in tasks for one in (
-            [f'{label}:{task.partition(":")[2]}' for label in conditions.SINGLE
-             if label not in conditions.NAMES]
-            if task.partition(':')[0] == SINGLE else [task])]
-
-
 def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, Any]:
     """Fly a pilot on a task such as `mix:7` from fresh starts.
 
@@ -104,18 +92,15 @@ def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, 
     """
     name, _, level = task.partition(':')
     settings: dict[str, Any] = {}
-    drawn: dict[str, float] = {'level': int(level)} if level else {}
     if options.world != 'lunar_lander':
-        settings = {'observation': 'extended'}
-        if name in conditions.NAMES:
-            settings['conditions'] = name
-        else:
-            drawn |= conditions.SINGLE[name]
+        settings = {'conditions': name, 'observation': 'extended'}
     world = worlds.make(options.world, ROCKETS, **settings)
     chosen: Pilot = (
         PolicyPilot(pilot, world.spec) if isinstance(pilot, Path) else
         choice.choose(_ALIASES.get(pilot, pilot), world.spec, options.seed).pilot)
-    return figures(evaluate(world, chosen, options.episodes, options.seed, **drawn))
+    return figures(evaluate(
+        world, chosen, options.episodes, options.seed,
+        **({'level': int(level)} if level else {})))
 
 
 def markdown(flown: Sequence[dict[str, Any]]) -> str:
@@ -133,19 +118,6 @@ def markdown(flown: Sequence[dict[str, Any]]) -> str:
             line += [f'{percent(one["landed"] / one["episodes"])} %',
                      f'{one["mean_return"]:.2f} [{low:.2f}, {high:.2f}]']
         lines.append(line)
-    return aligned(lines)
-
-
-def single_markdown(flown: Sequence[dict[str, Any]]) -> str:
-    """Return a table of landing rates under single conditions: a line each, a column a pilot."""
-    found = {(one['pilot'], one['task']): one for one in flown
-             if one['task'].partition(':')[0] not in conditions.NAMES}
-    names = list(dict.fromkeys(pilot for pilot, _ in found))
-    lines = [['condition', *names]]
-    for task in dict.fromkeys(task for _, task in found):
-        cells = [found[name, task] for name in names]
-        lines.append([task.partition(':')[0], *(
-            f'{percent(one["landed"] / one["episodes"])} %' for one in cells)])
     return aligned(lines)
 
 
@@ -167,10 +139,9 @@ def main() -> None:
     parser.add_argument('--world', default='rocket', choices=worlds.names(), help='world')
     parser.add_argument('--preset', default='default', help='preset')
     parser.add_argument(
-        '--seeds', type=int, nargs='*', default=[1, 2, 3, 4, 5], help='training seeds')
+        '--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5], help='training seeds')
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
-                        help='conditions and level, such as mix:7; single:7 for each single '
-                        'condition in turn; for the lander: nominal')
+                        help='conditions and level, such as mix:7; for the lander: nominal')
     parser.add_argument(
         '--pilots', nargs='*', default=['scripted'],
         help='further pilots besides clone and policy: scripted, random, expert_estimator, names '
@@ -183,13 +154,6 @@ def main() -> None:
         '--num-envs', type=int, default=256, help='number of rockets or landers with --in-process')
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
-    wrong = [task for task in options.tasks if options.world != 'lunar_lander'
-             and task.partition(':')[0] not in (SINGLE, *conditions.NAMES, *conditions.SINGLE)]
-    if wrong or (options.world == 'lunar_lander' and options.tasks != ['nominal']):
-        parser.error(f'--tasks: got {", ".join(wrong or options.tasks)}, expected conditions and '
-                     'level, such as mix:7, or nominal for the lander')
-    single = [task for task in options.tasks if task.partition(':')[0] == SINGLE]
-    options.tasks = spread(options.tasks)
     torch.set_num_threads(1)
     found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}
 
@@ -212,7 +176,7 @@ def main() -> None:
             path = run / f'{name}.safetensors'
             for task in options.tasks if path.exists() else ():
                 show(label, task, path)
-    print(f'\n{(single_markdown if single else markdown)(found["flown"])}')
+    print(f'\n{markdown(found["flown"])}')
     if options.output:
         write_json(options.output, found)
 

@@ -10,26 +10,20 @@ from __future__ import annotations
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Any
+from typing import TypeVar
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.logging import get_logger
-from rclpy.node import Node
 
+T = TypeVar('T')
 _PERIOD = 0.2
 """Seconds between two looks at the clock."""
 _STEP = 0.1
 """A change of this much between two looks is a step, s; clocks are adjusted more slowly."""
-
-
-class Waiting(Protocol):
-    """An object whose wait can be ended from another thread."""
-
-    def wake(self) -> None:
-        """End the current wait, or else the next one, early."""
-        ...
 
 
 class Watch:
@@ -40,22 +34,21 @@ class Watch:
 
     def __init__(self) -> None:
         """Start with no objects."""
-        self._waiting: weakref.WeakSet[Waiting] = weakref.WeakSet()
+        self._wake: weakref.WeakKeyDictionary[Any, Callable[[Any], None]] = (
+            weakref.WeakKeyDictionary())
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
 
-    def add(self, waiting: Waiting) -> None:
-        """Wake an object after each step from now on, for as long as it exists."""
+    def add(self, waiting: T, wake: Callable[[T], None]) -> None:
+        """Wake an object after each step from now on, for as long as it exists.
+
+        :param wake: ends its current wait, or else the next one, early; called in a thread.
+        """
         with self._lock:
-            self._waiting.add(waiting)
+            self._wake[waiting] = wake
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name='clock', daemon=True)
                 self._thread.start()
-
-    def discard(self, waiting: Waiting) -> None:
-        """Wake an object no longer; it is not being woken when this returns."""
-        with self._lock:
-            self._waiting.discard(waiting)
 
     def _run(self) -> None:
         before = _difference()
@@ -63,7 +56,7 @@ class Watch:
             time.sleep(_PERIOD)  # by the steady clock
             now = _difference()
             with self._lock:
-                if not self._waiting:
+                if not self._wake:
                     self._thread = None
                     return
                 if abs(now - before) > _STEP:
@@ -71,9 +64,9 @@ class Watch:
             before = now
 
     def _wake_all(self) -> None:
-        for one in self._waiting:
+        for one, wake in self._wake.items():
             try:
-                one.wake()
+                wake(one)
             except RuntimeError as error:  # the others are woken all the same
                 get_logger('clock').error(f'the system clock was set: {error!r}')
 
@@ -86,17 +79,11 @@ def _difference() -> float:
             return now - before
 
 
-class Spinning:
-    """A node and its executor, whose waits a step of the system clock would prolong."""
-
-    def __init__(self, node: Node, executor: Executor) -> None:
-        """Take an executor that serves the node."""
-        self._node, self._executor = node, executor
-
-    def wake(self) -> None:
-        """End the current waits of the executor for events, and for timers."""
-        self._executor.wake()
-        for timer in self._node.timers:
+def wake_executor(executor: Executor) -> None:
+    """End the current waits of an executor for events, and for the timers of its nodes."""
+    executor.wake()
+    for node in executor.get_nodes():
+        for timer in node.timers:
             with suppress(InvalidHandle):  # destroyed meanwhile
                 if not timer.is_canceled():
                     timer.reset()  # the EventsExecutor then waits anew, for the timer's period

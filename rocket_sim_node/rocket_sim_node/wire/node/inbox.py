@@ -304,11 +304,7 @@ class Inbox:
         self._wait_set = make_wait_set(self._node, subscriptions, timers, clients, services)
         if self._guard is None:
             self._guard = make_guard_condition(self._node)
-            clock_steps.WATCH.add(self)
-
-    def wake(self) -> None:
-        """End the current wait in the wait set, or else the next one, early."""
-        self._guard.trigger_guard_condition()
+            clock_steps.WATCH.add(self, lambda inbox: inbox._guard.trigger_guard_condition())
 
 
 def _look_out(mailboxes: Sequence[Mailbox], seconds: float) -> list[Mailbox]:

@@ -48,12 +48,15 @@ def make_executor(context: Context | None = None) -> Executor:
     """Return the fastest available executor, for `spin_once` with a finite time-out.
 
     The events executor does not rebuild a wait set for each message; older releases lack it.
+    A step of the system clock does not prolong its waits, see `clock_steps`.
     """
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
-        return SingleThreadedExecutor(context=context)
-    executor: Executor = EventsExecutor(context=context)
+        executor: Executor = SingleThreadedExecutor(context=context)
+    else:
+        executor = EventsExecutor(context=context)
+    clock_steps.WATCH.add(executor, clock_steps.wake_executor)
     return executor
 
 
@@ -103,7 +106,7 @@ def run_late(
         return USAGE_ERROR
 
     node = None
-    spinning = None
+    executor = None
     caught: Errors = (
         UsageError, ProfileError, TransportError, security.SecurityError, *expected)
     try:
@@ -129,13 +132,10 @@ def run_late(
                 caught = (*caught, *further)
                 executor = make_executor()
                 executor.add_node(node)
-                spinning = clock_steps.Spinning(node, executor)
-                clock_steps.WATCH.add(spinning)
                 return body(node, executor) or 0
             finally:
                 # Before `leave`, which skips clean-up, so that peers notice the departure.
-                if spinning is not None:
-                    clock_steps.WATCH.discard(spinning)
+                if executor is not None:
                     executor.remove_node(node)
                 Mailbox.destroy_all(node)
                 node.destroy_node()

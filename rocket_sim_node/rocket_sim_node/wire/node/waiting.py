@@ -14,7 +14,6 @@ from rclpy.node import Node
 
 from rocket_sim_node import ros_environment
 from rocket_sim_node.errors import EnvironmentClosed
-from rocket_sim_node.wire.node import clock_steps
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
@@ -41,8 +40,6 @@ class Waiter:
         self._node = node
         self._executor = executor
         self._inbox = Inbox(node, executor)
-        self._spinning = clock_steps.Spinning(node, executor)
-        clock_steps.WATCH.add(self._spinning)
         self.patience = patience
 
     def spin(self, seconds: float) -> None:

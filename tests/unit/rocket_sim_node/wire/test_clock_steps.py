@@ -30,14 +30,16 @@ def test_a_step_of_the_clock_wakes_who_waits(
     real, offset = time.time, 0.0
     monkeypatch.setattr(clock_steps.time, 'time', lambda: real() + offset)
     watch, sleeper, other = clock_steps.Watch(), Sleeper(), Sleeper()
-    watch.add(sleeper)
-    watch.add(other)
-    watch.discard(other)
+    watch.add(sleeper, Sleeper.wake)
+    watch.add(other, Sleeper.wake)
+    gone = other.woken
+    del other
+    gc.collect()
     assert not sleeper.woken.acquire(timeout=0.5)
     offset = step
     assert sleeper.woken.acquire(timeout=PATIENCE)
     assert not sleeper.woken.acquire(timeout=0.5)  # once for each step
-    assert not other.woken.acquire(blocking=False)
+    assert not gone.acquire(blocking=False)
 
 
 def test_an_object_that_fails_keeps_nobody_else_asleep_and_none_is_kept(
@@ -50,7 +52,7 @@ def test_an_object_that_fails_keeps_nobody_else_asleep_and_none_is_kept(
     monkeypatch.setattr(clock_steps.time, 'time', lambda: real() + offset)
     watch, sleeper, failing = clock_steps.Watch(), Sleeper(), [Failing(), Failing()]
     for one in (failing[0], sleeper, failing[1]):
-        watch.add(one)
+        watch.add(one, type(one).wake)
     for _ in range(2):
         offset -= 3600.0
         assert sleeper.woken.acquire(timeout=PATIENCE)
