@@ -163,8 +163,8 @@ def _check_room(recording: Path) -> None:
     """
     if recording.suffix != '.rrd':
         raise ValueError(f"output: got '{recording}', expected a name that ends with .rrd")
-    check_name(recording)
     folder = next(path for path in recording.parents if path.exists())
+    check_name(recording.name, folder)
     if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
         raise OSError(f'no recording can be written in {folder}')
     check_space(folder)

@@ -79,16 +79,16 @@ def check_page(port: int, host: str, name: str = 'web') -> None:
             }.get(error.errno or 0, f'{name}_port: {port}: {error.strerror}')) from None
 
 
-def check_name(path: Path) -> None:
+def check_name(name: str, folder: Path) -> None:
     """Check that the name of a recording is short enough for its temporary files.
 
+    :param folder: one on the file system of the recording.
     :raises ValueError: when it is not.
     """
-    folder = next(parent for parent in path.absolute().parents if parent.exists())
     longest = os.pathconf(folder, 'PC_NAME_MAX') - LONGEST_ADDITION
-    if (length := len(os.fsencode(path.name))) > longest:
+    if (length := len(os.fsencode(name))) > longest:
         raise ValueError(
-            f'output: got a name of {length} bytes, {path.name[:20]}…, expected at most {longest}')
+            f'output: got a name of {length} bytes, {name[:20]}…, expected at most {longest}')
 
 
 def numbered(path: Path, suffix: str = '') -> Iterator[Path]:
