@@ -21,9 +21,11 @@ import torch
 from benchmarks import machine
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import train as train_in_process
+from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.conditions_files import aligned
 from ppo_agent_node.evaluation.conditions_files import percent
+from ppo_agent_node.evaluation.conditions_table import fly_table
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
@@ -146,6 +148,8 @@ def main() -> None:
         '--pilots', nargs='*', default=['scripted'],
         help='further pilots besides clone and policy: scripted, random, expert_estimator, names '
         'of shipped policies, policy files')
+    parser.add_argument('--table', type=int, metavar='LEVEL', help=(
+        'also fly all policies under each condition of the table of evaluate, on this level'))
     parser.add_argument('--episodes', type=int, default=10_000, help='episodes for each task')
     parser.add_argument('--seed', type=int, default=SEED, help='seed of the fresh starts')
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
@@ -165,6 +169,7 @@ def main() -> None:
     for name in options.pilots:
         for task in options.tasks:
             show(name, task, name)
+    policies: dict[str, Path] = {}
     for seed in options.seeds:
         run, seconds = train(options, seed)
         assert RunFolder(run, resume=True).read_config()['training']['seed'] == seed
@@ -176,7 +181,14 @@ def main() -> None:
             path = run / f'{name}.safetensors'
             for task in options.tasks if path.exists() else ():
                 show(label, task, path)
+        policies[f'policy {seed}'] = run / 'policy.safetensors'
     print(f'\n{markdown(found["flown"])}')
+    if options.table:
+        world = worlds.make(options.world, ROCKETS, observation='extended')
+        found['table'] = fly_table(
+            world, {label: PolicyPilot(path, world.spec) for label, path in policies.items()},
+            options.episodes, options.seed, (options.table,))
+        print(conditions_files.markdown(found['table']))
     if options.output:
         write_json(options.output, found)
 
