@@ -36,6 +36,10 @@ _PATIENCE = 60.0
 _PROFILE = Path(transport.__file__).parent / 'profiles' / 'machine.xml'
 _SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
 _PORT = '<port><offsetd3>${HOVERSLAM_DATA_PORT_OFFSET}</offsetd3></port>'
+_LARGE_SOCKET = '<receiveBufferSize>4194304</receiveBufferSize>'
+_USUAL_SOCKET = (
+    '<sendBufferSize>212992</sendBufferSize><receiveBufferSize>212992</receiveBufferSize>')
+"""What Linux allows by default (net.core.rmem_max)"""
 _TCP = """<transport_descriptor>
         <transport_id>tcp</transport_id>
         <type>TCPv4</type>
@@ -58,9 +62,11 @@ def carriers(folder: Path) -> dict[str, dict[str, str]]:
     text = version.spelled(_PROFILE.read_text('utf-8'))
     head, tag, rest = text.replace(_PORT, '').partition('<userTransports>')
     rest = rest.replace(_SHARED_MEMORY, '', 1)
-    assert all(part in text for part in (_PORT, _SHARED_MEMORY, '</transport_descriptors>'))
+    assert all(part in text for part in (
+        _PORT, _SHARED_MEMORY, _LARGE_SOCKET, '</transport_descriptors>'))
     profiles = {
         'UDP, sockets of 4 MiB': f'{head}{tag}{rest}',
+        'UDP, sockets of 208 KiB': f'{head}{tag}{rest}'.replace(_LARGE_SOCKET, _USUAL_SOCKET),
         'TCP': f'{head.replace("</transport_descriptors>", _TCP)}{_BY_TCP}{rest}'}
     found: dict[str, dict[str, str]] = {OURS: {}}
     for number, (name, profile) in enumerate(profiles.items()):
