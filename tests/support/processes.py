@@ -154,10 +154,10 @@ class Processes:
             'ROS_LOG_DIR': str(self.folder / 'ros'),
         }
 
-    def start(self, *command: str) -> Process:
-        """Start a process of this test."""
+    def start(self, *command: str, **variables: str) -> Process:
+        """Start a process of this test, with environment variables of its own."""
         log = self.folder / f'process_{len(self._started)}.log'
-        process = Process(list(command), log, self.env)
+        process = Process(list(command), log, {**self.env, **variables})
         self._started.append(process)
         return process
 

@@ -12,7 +12,8 @@ def simulators_setting() -> Any:
     """Declare the setting that names the simulators of a training."""
     return setting(
         '', '', "namespaces of the simulators to train in, such as /sim_*; simulators may join "
-        "later. Empty: the simulator in the agent's own namespace")
+        "later; {rank} stands for the rank of this agent. Empty: the simulator in the agent's own "
+        'namespace')
 
 
 @dataclass(frozen=True)

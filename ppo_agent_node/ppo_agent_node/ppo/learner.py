@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 from typing import Protocol
 from typing import TypeVar
@@ -14,6 +15,8 @@ from torch import nn
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.distributed.ranks import ALONE
+from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.ppo import update
 from ppo_agent_node.ppo.networks.adam import FlatAdam
 from ppo_agent_node.ppo.networks.features import make_features
@@ -65,13 +68,14 @@ class Learner:
     there, and the results are copied back.
     """
 
-    def __init__(self, spec: WorldSpec, config: Config) -> None:
+    def __init__(self, spec: WorldSpec, config: Config, ranks: Ranks = ALONE) -> None:
         """Create both networks, initialised from the seed alone.
 
+        :param ranks: learners of the same run, which average their gradients.
         :raises ValueError: when the configured device is not available, or for features that
             cannot be computed from the world's observations.
         """
-        network, self._seed = config.network, config.run.seed
+        network, self._seed, self._ranks = config.network, config.run.seed, ranks
         self._ppo, self.device = config.ppo, find_device(config.run.device)
         self.policy = make_policy(spec, network, random_streams.generator(self._seed, 'policy'))
         self.critic = Critic(
@@ -86,8 +90,8 @@ class Learner:
             self.policy.normaliser.hide(spec.observation_names.index(name))
         self._rate_factor = torch.ones((), dtype=torch.float64)
         """Factor of the actor's learning rate, see `_adapt_rate`."""
-        self._policy_update = update.PolicyUpdate(self._there(self.policy), self._ppo)
-        self._critic_update = update.CriticUpdate(self._there(self.critic), self._ppo)
+        self._policy_update = update.PolicyUpdate(self._there(self.policy), self._ppo, ranks)
+        self._critic_update = update.CriticUpdate(self._there(self.critic), self._ppo, ranks)
 
     def _there(self, network: M) -> M:
         here = torch.device('cpu')
@@ -101,6 +105,7 @@ class Learner:
         :param iteration: from 1.
         :param poll: called before each minibatch; may raise, which leaves the update incomplete.
         :raises ValueError: when the new weights are not finite.
+        :raises RankLost: when another rank is gone.
         """
         c = self._ppo
         self._carry(there=True)  # the critic evaluates the roll-out there
@@ -141,15 +146,18 @@ class Learner:
         if self.policy.noise_parameters():
             rates.append(c.log_std_learning_rate * part)
         diagnostics = update.update(
-            self._policy_update, self._critic_update, batch.to(self.device),
+            self._policy_update, self._critic_update,
+            self._evenly(batch, iteration, poll).to(self.device),
             random_streams.generator(self._seed, 'minibatches', iteration), rates,
             c.critic_learning_rate * part,
             train_policy=iteration > c.critic_warmup_iterations,
             train_critic=c.start_copies == 1, poll=poll,
             entropy_coefficient=self.entropy_coefficient(iteration))
+        diagnostics = Diagnostics(*self._ranks.main.mean(astuple(diagnostics), poll))
         self._adapt_rate(diagnostics.approx_kl)
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)
+        self.copy_first(poll)
         for name, network in (('policy', self.policy), ('critic', self.critic)):
             if not all(bool(weight.isfinite().all()) for weight in network.parameters()):
                 raise ValueError(
@@ -157,6 +165,24 @@ class Learner:
                     'rewards or learning rates are too large; a resumed run would end '
                     'the same way')
         return diagnostics, rates[0]
+
+    def copy_first(self, poll: Callable[[], None]) -> None:
+        """Take the weights of rank 0: different processors may round differently."""
+        for network in (self.policy, self.critic):
+            self._ranks.main.copy_first_(network.state_dict().values(), poll)
+
+    def _evenly(self, batch: Batch, iteration: int, poll: Callable[[], None]) -> Batch:
+        """Return as many of the samples as the rank with the fewest has.
+
+        Roll-outs of whole episodes have as many samples as the episodes are long.
+        """
+        samples = len(batch.value)
+        fewest = min(self._ranks.main.gather(samples, poll))
+        if fewest == samples:
+            return batch
+        kept = torch.randperm(
+            samples, generator=random_streams.generator(self._seed, 'even', iteration))[:fewest]
+        return Batch(*(tensor[kept] for tensor in batch))
 
     def _adapt_rate(self, divergence: float) -> None:
         """Adapt the learning rate to the desired KL divergence, nats; NaN: no update happened.

@@ -18,6 +18,8 @@ import torch
 from torch import Tensor
 
 from ppo_agent_node.config.training_config import PPOConfig
+from ppo_agent_node.distributed.ranks import ALONE
+from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.ppo.losses import clipped_objective
 from ppo_agent_node.ppo.losses import error_gradient
 from ppo_agent_node.ppo.losses import objective_gradient
@@ -67,13 +69,14 @@ def explained_variance(value: Tensor, target: Tensor) -> float:
 class CriticUpdate:
     """Updates the critic; holds its optimiser."""
 
-    def __init__(self, critic: Critic, config: PPOConfig) -> None:
+    def __init__(self, critic: Critic, config: PPOConfig, ranks: Ranks = ALONE) -> None:
         """Take over the critic's parameters."""
         self.critic, self.config = critic, config
+        self._channel, self._batch_size = ranks.critic, ranks.share(config.batch_size)
         self.optimiser = FlatAdam(
             [list(critic.value.parameters())], ties=critic.value.ties())
         self._network = Backpropagation(
-            critic.value, self.optimiser.gradient_of, config.batch_size)
+            critic.value, self.optimiser.gradient_of, self._batch_size)
 
     @torch.inference_mode()
     def run(
@@ -84,8 +87,7 @@ class CriticUpdate:
         seen = self.critic.normaliser(batch.observation)
         values = torch.empty_like(batch.value)
         minibatches = Minibatches(
-            (seen, batch.target, batch.value), (values,), config.batch_size,
-            self._network.rows)
+            (seen, batch.target, batch.value), (values,), self._batch_size, self._network.rows)
         losses = []
         for order in orders:
             _, target, old = minibatches.shuffle(order)
@@ -96,7 +98,9 @@ class CriticUpdate:
                     self._network.forward(x, value[None])
                     error = error_gradient(value, before, wanted, config.value_clip_range)
                     self._network.backward(error[None])
-                self.optimiser.step([rate], config.max_grad_norm, stop - start)
+                self._channel.sum_(self.optimiser.gradient, poll)
+                self.optimiser.step(
+                    [rate], config.max_grad_norm, (stop - start) * self._channel.count)
             losses.append(squared_error(values, old, target, config.value_clip_range).mean())
         return 0.5 * _sum(losses) / len(losses)
 
@@ -116,15 +120,16 @@ class PolicyDiagnostics:
 class PolicyUpdate:
     """Updates the policy; holds its optimiser."""
 
-    def __init__(self, policy: Policy, config: PPOConfig) -> None:
+    def __init__(self, policy: Policy, config: PPOConfig, ranks: Ranks = ALONE) -> None:
         """Take over the policy's parameters."""
         self.policy, self.config = policy, config
+        self._channel, self._batch_size = ranks.policy, ranks.share(config.batch_size)
         self._noise = policy.noise_parameters()
         groups = [list(policy.network.parameters())]
         self.optimiser = FlatAdam(
             groups + [self._noise] if self._noise else groups, ties=policy.network.ties())
         self._network = Backpropagation(
-            policy.network, self.optimiser.gradient_of, config.batch_size)
+            policy.network, self.optimiser.gradient_of, self._batch_size)
 
     @torch.inference_mode()
     def run(
@@ -137,10 +142,10 @@ class PolicyUpdate:
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
-            config.batch_size, self._network.rows)
+            self._batch_size, self._network.rows)
         losses, entropies, clipped, norms = [], [], [], []
         learnt_from = judged = 0
-        kl = torch.tensor(NAN)
+        kl = NAN
         for order in orders:
             *_, advantage = minibatches.shuffle(order)
             if config.normalise_advantages:
@@ -149,10 +154,12 @@ class PolicyUpdate:
             for start, stop, pieces in minibatches:
                 poll()
                 self._find_gradient(pieces, entropy_coefficient)
-                if config.target_kl and config.target_kl < (kl := _divergence(
-                        log_ratio[start:stop])):
+                if config.target_kl and config.target_kl < (kl := self._divergence(
+                        log_ratio[start:stop], poll)):
                     break
-                norms.append(self.optimiser.step(rates, config.max_grad_norm, stop - start))
+                self._channel.sum_(self.optimiser.gradient, poll)
+                norms.append(self.optimiser.step(
+                    rates, config.max_grad_norm, (stop - start) * self._channel.count))
                 self.policy.constrain()
                 learnt = stop
             ratio = log_ratio[:stop].exp()
@@ -161,13 +168,13 @@ class PolicyUpdate:
                 ratio[:learnt], advantage[:learnt], config.clip_range).sum())
             entropies.append(entropy[:learnt].sum())
             learnt_from, judged = learnt_from + learnt, judged + stop
-            kl = _divergence(log_ratio[start:stop])
+            kl = self._divergence(log_ratio[start:stop], poll)
             if learnt < stop:
                 break
         return PolicyDiagnostics(
             policy_loss=-_sum(losses) / learnt_from if learnt_from else NAN,
             entropy=_sum(entropies) / learnt_from if learnt_from else NAN,
-            approx_kl=float(kl), clipfrac=_sum(clipped) / judged,
+            approx_kl=kl, clipfrac=_sum(clipped) / judged,
             grad_norm=sum(norms) / len(norms) if norms else NAN, updates=len(norms))
 
     def _find_gradient(
@@ -187,10 +194,9 @@ class PolicyUpdate:
             for parameter, gradient in zip(self._noise, by_noise, strict=True):
                 self.optimiser.gradient_of(parameter).add_(gradient)
 
-
-def _divergence(log_ratio: Tensor) -> Tensor:
-    """Return the mean of r - 1 - log r."""
-    return (log_ratio.exp() - 1 - log_ratio).mean()
+    def _divergence(self, log_ratio: Tensor, poll: Poll) -> float:
+        """Return the mean of r - 1 - log r, of all ranks."""
+        return self._channel.mean([float((log_ratio.exp() - 1 - log_ratio).mean())], poll)[0]
 
 
 def _sum(values: list[Tensor]) -> float:
@@ -214,6 +220,9 @@ def update(
     On a CPU both run in parallel if there are enough threads, and each always has half of them:
     two threads that share every operation wait for each other all the time, and are slower than
     one on a busy machine.
+
+    Of several ranks each has as many of the samples; gradients are averaged over all of them, so
+    that all take the same steps.
 
     :param policy: both have the settings; the policy's number of epochs applies to both.
     :param batch: on the device of both.

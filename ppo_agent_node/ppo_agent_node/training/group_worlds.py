@@ -33,9 +33,13 @@ from rocket_sim_node.worlds.jobs import Snapshot
 class GroupWorlds:
     """State of each group's world."""
 
-    def __init__(self, spec: WorldSpec, config: Config, fly: Fly) -> None:
-        """Begin without worlds; `fly` runs jobs."""
-        self._spec, self._config, self._fly = spec, config, fly
+    def __init__(self, spec: WorldSpec, config: Config, fly: Fly, ranks: int = 1) -> None:
+        """Begin without worlds.
+
+        :param fly: runs jobs, job number j on rank j modulo the number of ranks.
+        :param ranks: their number; each has a roll-out of its groups alone.
+        """
+        self._spec, self._config, self._fly, self._ranks = spec, config, fly, ranks
         self.snapshots = [b''] * config.ppo.num_groups
         """Latest snapshot of each group's world."""
 
@@ -89,7 +93,8 @@ class GroupWorlds:
         def begin(group: int) -> Job[tuple[list[Ended], bytes]]:
             noise = random_streams.generator(
                 self._config.run.seed, 'roll-out', state.iteration + 1, *_later(group))
-            return rollout.flight(group, self._begin(group, state), policy, noise)
+            return rollout.flight(
+                group // self._ranks, self._begin(group, state), policy, noise)
 
         flown = list(self._fly([
             functools.partial(begin, group) for group in range(len(self.snapshots))]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import dataclass
 from dataclasses import replace
@@ -87,6 +88,24 @@ def drawn_conditions(spec: WorldSpec, config: Config) -> dict[str, str]:
     if not spec.condition_names:
         return {}
     return {'conditions': config.curriculum.conditions or conditions.name_of(spec.settings)}
+
+
+def check_alike(descriptions: Sequence[dict[str, Any]]) -> None:
+    """Check that all ranks of a run have the same settings.
+
+    :raises ValueError: names one that differs, and the ranks.
+    """
+    first, *others = (
+        {'version': one['version'], 'world': one['world'], 'num_envs': one['num_envs'],
+         **one['training'], **one['world_settings']} for one in descriptions)
+    for rank, other in enumerate(others, start=1):
+        for name, expected in first.items():
+            found = other.get(name, _NOTHING)
+            if name not in _FREE_TO_CHANGE and found != expected:
+                told = 'none' if found is _NOTHING else found
+                raise ValueError(
+                    f'{name}: rank {rank} has {told!s:.200}, rank 0 has {expected!s:.200}, '
+                    'expected the same on all ranks')
 
 
 def _launched(spec: WorldSpec) -> dict[str, str]:

@@ -16,6 +16,9 @@ from typing import Any
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import check_world
 from ppo_agent_node.config.training_config import fit_copies
+from ppo_agent_node.distributed.fleet import RankedFleet
+from ppo_agent_node.distributed.ranks import ALONE
+from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.flying.episodes import Pilot
 from ppo_agent_node.imitation.dagger import Imitation
 from ppo_agent_node.imitation.demonstrations import scripted_teacher
@@ -61,6 +64,7 @@ class Trainer:
         stop_requested: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda line: None,
         loggers: Sequence[MakeLogger] = (),
+        ranks: Ranks = ALONE,
     ) -> None:
         """Prepare a run; nothing flies yet.
 
@@ -70,13 +74,19 @@ class Trainer:
         :param stop_requested: called before each step and each minibatch.
         :param say: called with a line for each episode, if the settings ask for it.
         :param loggers: receive the lines of the log; see `runs.loggers`.
+        :param ranks: the processes that train this run together, each with a fleet of its own;
+            see `distributed`. Each flies its part of the groups.
         :raises ValueError: when demonstrations are needed and the scripted pilot cannot fly the
             world, or when a setting does not fit the world.
         """
         spec = self._spec = fleet.spec
         config = fit_copies(config, spec.num_envs)
-        self._config, self._folder, self._say = config, folder, say
+        self._config, self._folder, self._say, self._ranks = config, folder, say, ranks
         check_world(config, spec)
+        if config.ppo.num_groups % ranks.count:
+            raise ValueError(
+                f'num_groups: got {config.ppo.num_groups}, expected a multiple of the number of '
+                f'ranks, {ranks.count}')
         if config.demonstration.demonstration_episodes and expert is None:
             expert = scripted_teacher(
                 spec.after_reset(config.curriculum.task_settings(0)), config.demonstration)
@@ -84,20 +94,23 @@ class Trainer:
         self._stop_criterion = StopCriterion(
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
-        self._learner = Learner(spec, config)
+        self._learner = Learner(spec, config, ranks)
         self._metrics = MetricsLogger(folder, report, lambda: fleet.messages_dropped, loggers)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._metrics.keep(stages=(*imitation, 'finetune'))
         self._state = RunState(
             Curriculum.begin(config.curriculum),
             ReverseCurriculum.begin(config.curriculum, spec))
+        groups = config.ppo.num_groups // ranks.count
         self._rollout = EpisodeRollout(
-            spec.num_envs, config.ppo.start_copies, config.ppo.num_groups,
+            spec.num_envs, config.ppo.start_copies, groups,
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
-            config.ppo.num_groups)
-        self._fleet = InterruptibleFleet(fleet, stop_requested, self._metrics.message)
-        self._worlds = GroupWorlds(spec, config, self._fleet.fly)
+            groups)
+        self._fleet = InterruptibleFleet(
+            RankedFleet(fleet, ranks) if ranks.count > 1 else fleet, stop_requested,
+            self._metrics.message)
+        self._worlds = GroupWorlds(spec, config, self._fleet.fly, ranks.count)
         self._selector = Selector(spec, config, self._metrics, self._fleet.fly)
         self._checkpoints = CheckpointWriter(spec, config, folder, self._metrics)
 
@@ -106,8 +119,10 @@ class Trainer:
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
         :raises OSError: when the folder cannot be written; the last checkpoint is complete.
+        :raises RankLost: when another rank is gone; rank 0 has saved what was learnt.
         """
         finished = False
+        self._check_ranks()
         saved = self._folder.newest(self._metrics.message)
         try:
             if saved is None:
@@ -128,6 +143,14 @@ class Trainer:
         finally:
             self._metrics.close()
         return Result(finished, self._state.iteration, self._state.best, self._folder.policy)
+
+    def _check_ranks(self) -> None:
+        """Check that all ranks train the same run.
+
+        :raises ValueError: names a setting that differs.
+        """
+        run_state.check_alike(self._ranks.main.gather(
+            run_state.description(self._spec, self._config), self._fleet.poll))
 
     def _take_up(self, path: Path, sealed: Sealed) -> None:
         tensors = dict(sealed.tensors)
@@ -156,6 +179,7 @@ class Trainer:
             self._spec, self._config, self._expert, self._fleet.fly, self._metrics,
             self._fleet.poll_learning)
         imitation.teach(self._learner.policy)
+        self._learner.copy_first(self._fleet.poll)
         self._state = replace(self._state, steps=self._state.steps + imitation.steps)
         self._learner.critic.normaliser.copy_from(self._learner.policy.normaliser)
         self._checkpoints.save_clone(self._learner.policy, self._state)
@@ -208,7 +232,8 @@ class Trainer:
             state.advance(
                 episode_scores.landed(episodes, outcomes),
                 episode_scores.landed(self._worlds.hardest(flown, state), outcomes)),
-            iteration=iteration, steps=state.steps + rollout.steps,
+            iteration=iteration,
+            steps=state.steps + sum(self._ranks.main.gather(rollout.steps, self._fleet.poll)),
             episodes=state.episodes + len(episodes))
         if message := self._state.news(state):
             self._reset_world()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,10 @@ from ppo_agent_node.config import presets
 from ppo_agent_node.config import training_config
 from ppo_agent_node.config.connection_config import simulators_setting
 from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.distributed.errors import RankLost
+from ppo_agent_node.distributed.ranks import Ranks
+from ppo_agent_node.distributed.rendezvous import joined
+from ppo_agent_node.distributed.run_folder import open_folder
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.imitation.cloning import NothingLanded
 from ppo_agent_node.nodes.agent.status_publisher import StatusPublisher
@@ -24,6 +29,7 @@ from ppo_agent_node.nodes.flights.connection import require_lockstep
 from ppo_agent_node.nodes.flights.evaluation import fly_and_write
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.loggers import MakeLogger
 from ppo_agent_node.runs.loggers import find as find_loggers
 from ppo_agent_node.terminal import Terminal
 from ppo_agent_node.training.trainer import Trainer
@@ -58,19 +64,59 @@ class TrainingParameters:
 
 
 def train(node: Node, executor: Executor, parameters: Parameters) -> int:
-    """Train with the simulators of this namespace, evaluate, plot; return the exit status."""
+    """Train with the simulators of this namespace, evaluate, plot; return the exit status.
+
+    With the environment variables of torchrun it is a rank of a run of several agents.
+    """
     options = parameters.declare(TrainingParameters)
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
     check_pattern(options.simulators)
     loggers = find_loggers(options.loggers)
-    folder = RunFolder(_run_path(options), options.resume)
+    path = _run_path(options)
+    try:
+        with (
+            joined(poll=_check_stop, say=node.get_logger().info) as ranks,
+            open_folder(path, options.resume, ranks) as folder,
+            make_fleet(
+                node, executor, connection, options.simulators.replace('{rank}', str(ranks.index)),
+                agent_of_run(path if ranks.first else path / f'rank_{ranks.index}')) as fleet,
+        ):
+            lead = _lead if ranks.first else _follow
+            return lead(node, parameters, options, fleet, folder, loggers, ranks)
+    except EnvironmentClosed:  # while waiting for the other ranks
+        return 0
+
+
+def _check_stop() -> None:
+    """Raise EnvironmentClosed when this process is asked to stop."""
+    if stopping.requested():
+        raise EnvironmentClosed('asked to stop')
+
+
+def _follow(
+    node: Node, parameters: Parameters, options: TrainingParameters, fleet: SimulatorFleet,
+    folder: RunFolder, loggers: Sequence[MakeLogger], ranks: Ranks,
+) -> int:
+    """Train as a rank other than the first, which writes the files and reports."""
+    def stop_requested() -> bool:
+        fleet.keep()
+        return stopping.requested()
+
     saved = _saved_settings(folder) if options.resume else {}
-    with (
-        folder.locked(), Terminal() as terminal,
-        make_fleet(
-            node, executor, connection, options.simulators, agent_of_run(folder.path)) as fleet,
-    ):
+    config = _config(parameters, options.preset, fleet.connect().name, saved)
+    require_lockstep(fleet)
+    Trainer(fleet, config, folder, stop_requested=stop_requested, ranks=ranks).run()
+    return 0
+
+
+def _lead(
+    node: Node, parameters: Parameters, options: TrainingParameters, fleet: SimulatorFleet,
+    folder: RunFolder, loggers: Sequence[MakeLogger], ranks: Ranks,
+) -> int:
+    """Train as the first rank, or the only one."""
+    saved = _saved_settings(folder) if options.resume else {}
+    with Terminal() as terminal:
         def tick() -> None:
             fleet.keep()
             terminal.tick()
@@ -87,7 +133,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             require_lockstep(fleet)
             result = Trainer(
                 fleet, config, folder, publisher.report, stop_requested=stop_requested,
-                say=terminal.say, loggers=loggers).run()
+                say=terminal.say, loggers=loggers, ranks=ranks).run()
             if result.finished:
                 folder.mark_unfinished()
                 try:
@@ -100,7 +146,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
                 return 0
         except EnvironmentClosed:
             pass
-        except (WireTimeout, SimulatorBusy, EnvironmentRestarted):
+        except (WireTimeout, SimulatorBusy, EnvironmentRestarted, RankLost):
             publisher.advise(options.simulators, options.loggers)
             raise
         except NothingLanded:

@@ -12,6 +12,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.config.connection_config import ConnectionConfig
+from ppo_agent_node.distributed.errors import RankLost
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import SimulatorBusy
@@ -21,7 +22,8 @@ from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentRestarted
 
 EXPECTED_ERRORS = (
-    ParameterError, WireTimeout, SimulatorBusy, EnvironmentRestarted, ValueError, OSError)
+    ParameterError, WireTimeout, SimulatorBusy, EnvironmentRestarted, RankLost, ValueError,
+    OSError)
 """Errors with external causes: reported in one line, without a traceback."""
 
 

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several processes train one policy without ROS: torchrun starts a rank for each.
+
+torchrun --nproc-per-node 2 docs/examples/train_ranks.py runs/ranks preset=quick num_groups=2
+"""
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.distributed.rendezvous import joined
+from ppo_agent_node.distributed.run_folder import open_folder
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node import worlds
+from rocket_sim_node.command_line import read_value
+from rocket_sim_node.telemetry.training_status import Status
+from rocket_sim_node.worlds.jobs import SerialFleet
+
+
+def main(run: str, *settings: str) -> None:
+    """Train in folder `run`; settings are written as name=value."""
+    given = dict(setting.split('=', 1) for setting in settings)
+    preset, world = given.pop('preset', 'default'), given.pop('world', 'rocket')
+    defaults = load_preset(preset, world).flat()
+    values = {name: read_value(text, defaults[name]) for name, text in given.items()}
+    config = load_preset(preset, world, threads=1, **values)
+    fleet = SerialFleet(worlds.make(world, num_envs=256))
+    with joined(say=print) as ranks, open_folder(Path(run), True, ranks) as folder:
+        def report(status: Status) -> None:
+            if ranks.first and status.message:
+                print(status.message)
+
+        result = Trainer(fleet, config, folder, report, ranks=ranks).run()
+    if ranks.first:
+        print(f'policy: {result.policy}')
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Several processes that train one run: equal weights, averaged gradients, loss of a process."""
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from support.rank_program import free_port
+from support.rank_program import train
+from support.training_runs import left_by
+from support.training_runs import log_without_times
+from support.training_runs import weights
+
+from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.distributed.ranks import ALONE
+from ppo_agent_node.distributed.ranks import Ranks
+from ppo_agent_node.distributed.rendezvous import joined
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.training.run_state import check_alike
+from ppo_agent_node.training.run_state import description
+from ppo_agent_node.training.trainer import Trainer
+from rocket_sim_node import worlds
+from rocket_sim_node.worlds.jobs import SerialFleet
+
+SMALL: dict[str, Any] = {
+    'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
+    'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1, 'clone_epochs': 1,
+    'clone_batch_size': 256, 'hidden_sizes': [16, 16], 'iterations': 4, 'n_steps': 40,
+    'num_groups': 2, 'scatter_steps': 60, 'batch_size': 64, 'critic_warmup_iterations': 1,
+    'threads': 1, 'checkpoint_interval': 1, 'selection_interval': 2, 'selection_episodes': 16,
+    'curriculum_landing_rate': 0.0, 'curriculum_window': 1, 'curriculum_final_level': 3,
+    'actor_learning_rate': 1e-3,
+}
+@pytest.fixture(scope='module')
+def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a run of two ranks that nothing disturbed."""
+    path = tmp_path_factory.mktemp('straight') / 'run'
+    for text in train(path, 2, SMALL):
+        assert text.endswith('finished\n'), text
+    return path
+
+
+def test_two_ranks_train_alike_after_one_was_killed(straight: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'run'
+    first, _ = train(path, 2, SMALL, on_rank={1: {'die_at': 2}})
+    assert 'RankLost: rank 0 of 2 has lost another rank' in first, first
+    for text in train(path, 2, SMALL, resume=True):
+        assert text.endswith('finished\n'), text
+    assert left_by(path) == left_by(straight)
+
+
+def test_a_checkpoint_of_two_ranks_is_resumed_by_one_and_back(tmp_path: Path) -> None:
+    path = tmp_path / 'run'
+    for text in train(path, 2, SMALL, stop_at=1):
+        assert text.endswith('stopped\n') or 'RankLost' in text, text
+    saved = RunFolder(path, resume=True).newest(pytest.fail)
+    assert saved is not None
+    begun = saved[1].content['iteration']
+    assert begun < 4
+    one, = train(path, 1, SMALL, resume=True, stop_at=begun + 1)
+    assert one.endswith('stopped\n'), one
+    for text in train(path, 2, SMALL, resume=True):
+        assert text.endswith('finished\n'), text
+    stages = [(line['stage'], line['iteration']) for line in log_without_times(path)]
+    assert stages[-5:] == [('finetune', number) for number in range(5)]
+
+
+def test_flights_do_not_depend_on_the_number_of_ranks(straight: Path, tmp_path: Path) -> None:
+    """Nor does the clone; only the update sums in another order."""
+    path = tmp_path / 'run'
+    one, = train(path, 1, SMALL)
+    assert one.endswith('finished\n'), one
+    flown = ('episodes', 'landing_rate', 'mean_return', 'mean_length', 'steps')
+    theirs, ours = (
+        [{name: line.get(name) for name in flown} for line in log_without_times(run)]
+        for run in (straight, path))
+    until = next(index for index, line in enumerate(ours) if line['episodes'] is not None) + 4
+    assert theirs[:until] == ours[:until]
+
+
+def test_whole_episodes_of_different_lengths(tmp_path: Path) -> None:
+    values = {**SMALL, 'start_copies': 4, 'iterations': 2}
+    runs = [tmp_path / name for name in ('one', 'other')]
+    for run in runs:
+        for text in train(run, 2, values):
+            assert text.endswith('finished\n'), text
+    one, other = map(weights, runs)
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_averaged_gradients_are_those_of_all_samples(tmp_path: Path) -> None:
+    """One minibatch of everything: two ranks take the step that one rank takes."""
+    values = {
+        **SMALL, 'demonstration_episodes': 0, 'iterations': 1, 'n_epochs': 1,
+        'batch_size': 40 * 8 * 2, 'normalise_advantages': False, 'critic_warmup_iterations': 0,
+        'log_std_final': 20.0}
+    for count in (1, 2):
+        for text in train(tmp_path / str(count), count, values):
+            assert text.endswith('finished\n'), text
+    one, two = (weights(tmp_path / str(count)) for count in (1, 2))
+    assert one.keys() == two.keys()
+    for name in one:
+        if 'normaliser' not in name:
+            torch.testing.assert_close(one[name], two[name], rtol=1e-4, atol=1e-7, msg=name)
+
+
+def environment(**given: object) -> dict[str, str]:
+    return {name: str(value) for name, value in {
+        'RANK': 0, 'WORLD_SIZE': 2, 'MASTER_ADDR': '127.0.0.1', 'MASTER_PORT': free_port(),
+        **given}.items()}
+
+
+@pytest.mark.parametrize(('given', 'error'), [
+    ({'WORLD_SIZE': 'two'}, "environment variable WORLD_SIZE: got 'two', expected 1 to 65536"),
+    ({'RANK': 2}, "environment variable RANK: got '2', expected 0 to 1"),
+    ({'RANK': ''}, "environment variable RANK: got '', expected 0 to 1"),
+    ({'MASTER_PORT': 70000}, "environment variable MASTER_PORT: got '70000', expected 1 to 65535"),
+    ({'MASTER_ADDR': ''}, 'environment variable MASTER_ADDR: not set'),
+])
+def test_wrong_variables_are_named(given: dict[str, object], error: str) -> None:
+    with pytest.raises(ValueError, match=error), joined(environment(**given)):
+        pass
+
+
+@pytest.mark.parametrize('given', [{}, {'WORLD_SIZE': '1', 'RANK': '0'}])
+def test_alone_without_variables(given: dict[str, str]) -> None:
+    with joined(given) as ranks:
+        assert ranks == ALONE
+
+
+@pytest.mark.parametrize('rank', [0, 1])
+def test_absent_ranks_are_told(rank: int) -> None:
+    with (pytest.raises(TimeoutError, match=f'rank {rank}: [01] of 2 ranks are at 127.0.0.1:.* '
+                        'after 0 s, expected all'),
+          joined(environment(RANK=rank), patience=0.3)):
+        pass
+
+
+def test_an_occupied_port_is_told() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+        with (pytest.raises(OSError, match='rank 0 cannot listen here: Address already in use'),
+              joined(environment(MASTER_PORT=port), patience=5.0)):
+            pass
+
+
+@pytest.fixture
+def fleet() -> Iterator[SerialFleet]:
+    yield SerialFleet(worlds.make('rocket', num_envs=8, level=7))
+
+
+def config(**changes: Any) -> Config:
+    return make_config({**SMALL, **changes})
+
+
+def test_groups_that_ranks_cannot_share(fleet: SerialFleet, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='num_groups: got 3, expected a multiple of the number '
+                       'of ranks, 2'):
+        Trainer(fleet, config(num_groups=3), RunFolder(tmp_path / 'run'), ranks=Ranks(0, 2))
+
+
+def test_ranks_with_other_settings_are_told(fleet: SerialFleet) -> None:
+    same, other, threads = (description(fleet.spec, config(**changes)) for changes in (
+        {}, {'gamma': 0.5}, {'threads': 2}))
+    check_alike([same, threads])
+    with pytest.raises(ValueError, match=r'gamma: rank 1 has 0\.5, rank 0 has 0\.9999, expected '
+                       'the same on all ranks'):
+        check_alike([same, other])
