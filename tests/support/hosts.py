@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 from support.processes import Process
@@ -111,10 +112,22 @@ class Hosts(Processes):
             *(f'{name}={value}' for name, value in variables.items() if value is not None)]
         return _Host(self, ('ip', 'netns', 'exec', self._names[host], 'env', *changes))
 
+    def delay(self, milliseconds: float) -> None:
+        """Make a second link, with other addresses, that takes some time one way."""
+        link = self.start(
+            sys.executable, '-m', 'support.delayed_link', *self._names,
+            *map(self.far_address, range(2)), str(milliseconds))
+        link.wait_for('ready', 20.0)
+
     @staticmethod
     def address(host: int) -> str:
         """Return the address of a host."""
         return f'10.213.7.{host + 1}'
+
+    @staticmethod
+    def far_address(host: int) -> str:
+        """Return the address of a host on the link with a delay."""
+        return f'10.213.8.{host + 1}'
 
     def end(self) -> None:
         """End all processes and take the hosts away."""

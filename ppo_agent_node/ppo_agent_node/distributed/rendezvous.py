@@ -28,6 +28,8 @@ JOIN_PATIENCE = 120.0
 """s for all ranks to be there"""
 _COLLECTIVE_PATIENCE = timedelta(minutes=30)
 """Longest wait for another rank: for the slowest part of a roll-out or of cloning."""
+_CONNECTION_PATIENCE = timedelta(minutes=1)
+"""Longest wait for the store: torch looks up the name of its address, also where there is none."""
 _INTERFACE = 'GLOO_SOCKET_IFNAME'
 _RETRY = 0.1
 """s"""
@@ -108,6 +110,19 @@ def _listen(host: str, port: int) -> int:
         raise OSError(error.errno, reason, f'{host}:{port}') from error
 
 
+def _first_line(error: Exception) -> str:
+    return str(error).strip().partition('\n')[0]
+
+
+def _answers(host: str, port: int) -> bool:
+    """Return whether something listens: the store prints traces of C++ when nothing does."""
+    try:
+        socket.create_connection((host, port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
 def _meet(
     environment: Mapping[str, str], host: str, port: int, index: int, count: int,
     poll: Callable[[], None], patience: float,
@@ -124,16 +139,19 @@ def _meet(
     while True:
         poll()
         try:
-            if store is None:
+            if store is None and (serves or _answers(host, port)):
                 store = distributed.PrefixStore(f'hoverslam/{attempt}', distributed.TCPStore(
                     host, port, is_master=serves, wait_for_workers=False,
-                    timeout=timedelta(seconds=1), master_listen_fd=listening))
+                    timeout=_CONNECTION_PATIENCE, master_listen_fd=listening))
                 store.set(f'here/{index}', '')
-            here = sum(store.check([f'here/{rank}']) for rank in range(count))
-            if here == count:
-                store.set_timeout(_COLLECTIVE_PATIENCE)
-                return store
-        except distributed.DistError:
+            if store is not None:
+                here = sum(store.check([f'here/{rank}']) for rank in range(count))
+                if here == count:
+                    store.set_timeout(_COLLECTIVE_PATIENCE)
+                    return store
+        except distributed.DistError as error:
+            if serves:
+                raise OSError(f'{host}:{port}: {_first_line(error)}') from error
             store = None
         if time.monotonic() > deadline:
             raise TimeoutError(
