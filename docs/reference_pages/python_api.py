@@ -28,6 +28,8 @@ PUBLIC = {
     'ppo_agent_node.config.presets': ('load_preset', 'preset_names'),
     'ppo_agent_node.runs.folder': ('RunFolder',),
     'ppo_agent_node.training.trainer': ('Trainer',),
+    'ppo_agent_node.distributed.rendezvous': ('joined',),
+    'ppo_agent_node.distributed.run_folder': ('open_folder',),
     'ppo_agent_node.flying.pilot': ('Pilot',),
     'ppo_agent_node.pilots.choice': ('choose', 'Chosen'),
     'ppo_agent_node.pilots.policy': ('PolicyPilot',),

@@ -93,6 +93,18 @@ def _hosts(axes: Axes, f: Figures) -> None:
     axes.set(xlabel='rockets')
 
 
+def _ranks(axes: Axes, f: Figures) -> None:
+    for (name, one), colour in zip(f['model'].items(), CYCLE, strict=False):
+        axes.plot(f['counts'], one['shares'], 'o-' if name.endswith('ring') else 's--',
+                  color=colour, label=name.removeprefix('two ranks, '))
+    axes.axhline(0.5, color='black', linewidth=0.8)
+    axes.set(xscale='log', xlabel='ranks', ylabel='share of the time at work (model)',
+             ylim=(0.0, 1.0))
+    axes.set_xticks(f['counts'], [f'{count:,}' for count in f['counts']])
+    axes.minorticks_off()
+    axes.legend()
+
+
 def _stepping(axes: Axes, f: Figures) -> None:
     _curves(axes, f['steps_per_second'], 'environments in a batch', 'steps/s on one core')
 
@@ -159,8 +171,8 @@ def _key_latency(axes: Axes, f: Figures) -> None:
 
 _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
-    'hosts': _hosts, 'learner': _learner, 'stepping': _stepping, 'threads': _threads,
-    'recorder': _recorder,
+    'hosts': _hosts, 'ranks': _ranks, 'learner': _learner, 'stepping': _stepping,
+    'threads': _threads, 'recorder': _recorder,
     'loss': _loss, 'heuristic': _heuristic, 'transfer': _transfer, 'stopping': _stopping,
     'key_latency': _key_latency}
 

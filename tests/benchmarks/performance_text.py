@@ -107,6 +107,32 @@ def _hosts(f: Figures) -> str:
         'the acknowledgements, not a real cable.')
 
 
+def _ranks(f: Figures) -> str:
+    rows = {name: row for name, row in f['rows'].items() if name != 'one rank'}
+    here = rows['two ranks']
+    errors = [row['model'] / row['iteration'] - 1 for row in rows.values()]
+    apart = [f'{row["speed_up"]:.2f} over a network with a delay of {name.split(", ")[1]}'
+             for name, row in rows.items() if ', ' in name]
+    knees = [f'{one["knee"]} ({name.removeprefix("two ranks, ")})'
+             for name, one in f['model'].items()]
+    return (
+        'Two ranks train one run, each with its own worlds, without ROS '
+        '([how](../how-to/fleets-and-hosts.md#several-learners)). They are '
+        f'{here["speed_up"]:.2f} times as fast as one in this machine{_joined(apart)}. Each '
+        f'iteration has {here["collectives"]:.0f} sums over all ranks, one after the other. '
+        'A model adds their time to that of flight and update: it differs from the measured '
+        f'iterations by {100 * min(errors):+.0f} to {100 * max(errors):+.0f} %. Extrapolated, '
+        'ranks that each fly and learn as much wait more than they work from this number on: '
+        f'{", ".join(knees)}. A ring is the way of gloo, a tree that of nccl. More than two ranks '
+        'were not measured. To use 10 000 simulators, give each rank many of them, large '
+        'minibatches and few epochs, rather than many ranks: only the number of sums counts, '
+        'not the number of simulators.')
+
+
+def _joined(texts: list[str]) -> str:
+    return ''.join(f', {text}' for text in texts)
+
+
 def _stepping(f: Figures) -> str:
     rocket, lander = f['ratios']['rocket'], f['ratios']['lunar_lander']
     peer = 'EnvPool' if 'EnvPool' in rocket else 'Gymnasium'
@@ -222,6 +248,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     'rollouts': ('Roll-outs', _rollouts),
     'fleet': ('Many simulators', _fleet),
     'hosts': ('Two hosts', _hosts),
+    'ranks': ('Several learners', _ranks),
     'loss': ('Two hosts that lose packets', _loss),
     'stepping': ('Stepping a world', _stepping),
     'threads': ('Threads in a simulator', _threads),

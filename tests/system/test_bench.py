@@ -219,6 +219,17 @@ def test_hosts(tmp_path: Path) -> None:
     assert 'two hosts' in text
 
 
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_ranks(tmp_path: Path, long_enough: None) -> None:
+    text, figures = run(
+        'ranks', tmp_path / 'out.json', '--groups', '2', '--rounds', '1', '--iterations', '1',
+        '--delays', '1')
+    found = figures['ranks']
+    assert set(found['rows']) == {'one rank', 'two ranks', 'two ranks, 1 ms'}
+    assert found['rows']['two ranks, 1 ms']['sum'] > 0.002  # s, there and back
+    assert 'speed-up' in text
+
+
 @pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())
 def test_loss(tmp_path: Path) -> None:
     text, figures = run(

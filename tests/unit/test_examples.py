@@ -2,11 +2,15 @@
 """The examples of the documents run, in little."""
 from __future__ import annotations
 
+import os
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import torch
+from support.rank_program import free_port
 
 from rocket_sim_node.gym import IDS
 
@@ -69,3 +73,18 @@ def test_ppo_of_torchrl_runs(world: str, capsys: pytest.CaptureFixture[str]) -> 
         name=IDS[world], curriculum=world == 'rocket', num_envs=8, steps=512, num_steps=32,
         minibatches=4)
     assert '512 steps, return' in capsys.readouterr().out
+
+
+def test_ranks_train_together(tmp_path: Path) -> None:
+    run = tmp_path / 'run'
+    done = subprocess.run(
+        [sys.executable, '-m', 'torch.distributed.run', '--nproc-per-node', '2', '--master-addr',
+         '127.0.0.1', '--master-port', str(free_port()), str(EXAMPLES / 'train_ranks.py'),
+         str(run), 'num_groups=2', 'start_copies=1', 'n_steps=16', 'batch_size=4096',
+         'iterations=1', 'demonstration_episodes=0', 'hidden_sizes=16',
+         'selection_interval=1', 'selection_episodes=8', 'scatter_steps=0'],
+        env={**os.environ, 'OMP_NUM_THREADS': '1', 'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith(f'policy: {run}/policy.safetensors\n'), done.stdout
+    assert done.stdout.count('best policy so far') == 1
