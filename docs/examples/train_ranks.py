@@ -5,10 +5,13 @@ torchrun --nproc-per-node 2 docs/examples/train_ranks.py runs/ranks preset=quick
 """
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from pathlib import Path
 
 from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.rendezvous import joined
 from ppo_agent_node.distributed.run_folder import open_folder
 from ppo_agent_node.training.trainer import Trainer
@@ -20,21 +23,28 @@ from rocket_sim_node.worlds.jobs import SerialFleet
 
 def main(run: str, *settings: str) -> None:
     """Train in folder `run`; settings are written as name=value."""
+    stop = threading.Event()  # torchrun ends the other ranks by SIGTERM when one fails
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     given = dict(setting.split('=', 1) for setting in settings)
     preset, world = given.pop('preset', 'default'), given.pop('world', 'rocket')
     defaults = load_preset(preset, world).flat()
-    values = {name: read_value(text, defaults[name]) for name, text in given.items()}
-    config = load_preset(preset, world, threads=1, **values)
+    values = {name: read_value(text, defaults.get(name)) for name, text in given.items()}
+    config = load_preset(preset, world, **{'threads': 1, **values})
     fleet = SerialFleet(worlds.make(world, num_envs=256))
     with joined(say=print) as ranks, open_folder(Path(run), True, ranks) as folder:
         def report(status: Status) -> None:
             if ranks.first and status.message:
                 print(status.message)
 
-        result = Trainer(fleet, config, folder, report, ranks=ranks).run()
+        result = Trainer(
+            fleet, config, folder, report, stop_requested=stop.is_set, ranks=ranks).run()
     if ranks.first:
-        print(f'policy: {result.policy}')
+        print(f'policy: {result.policy}' if result.finished else 'stopped; start again to resume')
 
 
 if __name__ == '__main__':
-    main(*sys.argv[1:])
+    try:
+        main(*sys.argv[1:])
+    except (OSError, RankLost, TypeError, ValueError) as error:
+        sys.exit(f'{sys.argv[0]}: {error}')

@@ -38,8 +38,11 @@ _WARM_UP = 2
 """iterations that are not counted"""
 
 
-def train(path: Path, groups: int, iterations: int) -> None:
-    """Be one rank: train from nothing, write times in seconds."""
+def train(path: Path, groups: int, iterations: int, part: float) -> None:
+    """Run as one rank: train from scratch, write times in seconds.
+
+    :param part: of the minibatch; a rank has its share of it.
+    """
     import torch
 
     from ppo_agent_node.config.presets import load_preset
@@ -59,8 +62,10 @@ def train(path: Path, groups: int, iterations: int) -> None:
         finish(self, begin, poll)
         waited.append(time.perf_counter() - before)
 
+    preset = load_preset('from_scratch', 'rocket')
     config = load_preset(
         'from_scratch', 'rocket', threads=1, device='cpu', num_groups=groups, n_steps=128,
+        batch_size=round(part * preset.ppo.batch_size),
         iterations=iterations + _WARM_UP + 1, selection_interval=10_000, selection_episodes=256)
     with joined() as ranks, open_folder(path / 'run', False, ranks) as folder:
         weights = sum(p.numel() for p in _networks(config))
@@ -89,12 +94,14 @@ def _networks(config: Any) -> list[Any]:
     return list(learner.policy.parameters())
 
 
-def measure(count: int, groups: int, iterations: int, delay: float | None) -> dict[str, float]:
+def measure(
+    count: int, groups: int, iterations: int, delay: float | None, part: float = 1.0,
+) -> dict[str, float]:
     """Return the times of a run by `count` ranks; with a delay, each is on a host of its own."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
         command = [sys.executable, '-m', 'benchmarks.ranks', '--train', str(path), '--groups',
-                   str(groups), '--iterations', str(iterations)]
+                   str(groups), '--iterations', str(iterations), '--part', str(part)]
         if delay is None:
             _here(count, command)
         else:
@@ -176,11 +183,12 @@ def main() -> None:
     parser.add_argument('--delays', type=float, nargs='*', default=list(DELAYS),
                         help='one-way delays of the network, ms')
     parser.add_argument('--rounds', type=int, default=3, help='number of rounds')
+    parser.add_argument('--part', type=float, default=1.0, help=argparse.SUPPRESS)
     parser.add_argument('--train', type=Path, help=argparse.SUPPRESS)
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     if options.train:
-        train(options.train, options.groups, options.iterations)
+        train(options.train, options.groups, options.iterations, options.part)
         return
     if options.delays and (why := missing()):
         print(f'network left out: {why}')
@@ -190,14 +198,15 @@ def main() -> None:
     found: dict[str, list[dict[str, float]]] = {name: [] for name in cases}
     for _ in range(options.rounds):
         for name, (count, delay) in cases.items():
-            groups = options.groups // 2 if name == 'half' else options.groups
-            found[name].append(measure(count, groups, options.iterations, delay))
+            part = 0.5 if name == 'half' else 1.0
+            found[name].append(measure(
+                count, round(part * options.groups), options.iterations, delay, part))
     times = {
         name: {key: statistics.median(one[key] for one in ones) for key in ones[0]}
         for name, ones in found.items()}
     alone, work = times['one rank']['iteration'], times['half']['iteration']
     print(f'an iteration of {options.groups} groups, s: medians of {options.rounds} rounds')
-    print(f'{"":<20}{"iteration":>10}{"speed-up":>10}{"sums":>6}{"a sum, ms":>11}{"model":>8}')
+    print(f'{"":<20}{"iteration":>10}{"speed-up":>10}{"waits":>6}{"a sum, ms":>11}{"model":>8}')
     rows = {}
     for name, one in times.items():
         if name == 'half':

@@ -18,7 +18,7 @@ PAGES = [page for page in (
     if page.name not in GENERATED]
 _FENCED = re.compile(r'^```(\w*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
 _BEGINS = re.compile(
-    r'\./launch_scripts/\w|\. launch_scripts/|PYTHON=|RANK=|python \S|torchrun --|'
+    r'\./launch_scripts/\w|\. launch_scripts/|PYTHON=|RANK=|python \S|torchrun --|fastdds d|'
     r'ros2 (run|launch|service call|action \w+|topic \w+|interface show) \S*[/_]')
 """Text in single backticks, or in an indented block, is a command if it begins so."""
 
@@ -84,8 +84,10 @@ KINDS = (
          tested='tests/unit/test_examples.py::test_sac_of_stable_baselines3_runs'),
     Kind(r'python docs/examples/rsl_rl_ppo\.py .*',
          tested='tests/unit/test_examples.py::test_ppo_of_rsl_rl_runs'),
-    Kind(r'RANK=. ros2 run ppo_agent_node ppo_agent .*', tested='tests/system/test_ranks.py::'
+    Kind(r'RANK=. ros2 run ppo_agent_node ppo_agent .*',
+         tested='tests/system/test_training_ranks.py::'
          'test_two_agents_train_as_two_processes_without_ros_do'),
+    Kind(r'fastdds discovery .*', reason='needs a full ROS 2; bench discovery runs its server'),
     Kind(r'torchrun .* docs/examples/train_ranks\.py .*',
          tested='tests/unit/test_examples.py::test_ranks_train_together'),
     Kind(r'python docs/examples/torchrl_ppo\.py .*',
@@ -196,7 +198,7 @@ KINDS = (
          tested='tests/unit/benchmarks/test_performance_page.py::'
          'test_the_newest_figures_are_taken_and_drawn'),
     *(Kind(rf'\./launch_scripts/bench {part}( .*)?', tested=f'{_BENCH}{part}') for part in (
-        'budget', 'carriers', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner', 'loss',
+        'budget', 'carriers', 'discovery', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner', 'loss',
         'ranks', 'recorder', 'result', 'rollouts', 'stepping', 'stopping', 'threads')),
     Kind(r'\./launch_scripts/bench soak( .*)?',
          tested=f'{_BENCH}soak_that_is_interrupted_ends_its_nodes_and_tells'),

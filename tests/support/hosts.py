@@ -113,7 +113,7 @@ class Hosts(Processes):
         return _Host(self, ('ip', 'netns', 'exec', self._names[host], 'env', *changes))
 
     def delay(self, milliseconds: float) -> None:
-        """Make a second link, with other addresses, that takes some time one way."""
+        """Make a second link, with other addresses, that has a one-way delay."""
         link = self.start(
             sys.executable, '-m', 'support.delayed_link', *self._names,
             *map(self.far_address, range(2)), str(milliseconds))

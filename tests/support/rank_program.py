@@ -7,6 +7,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +32,12 @@ def free_port() -> int:
 
 def train(
     path: Path, count: int, values: dict[str, Any], on_rank: dict[int, dict] | None = None,
-    **given: Any,
+    awaited: int | None = None, **given: Any,
 ) -> list[str]:
     """Train with some ranks; return what each one printed.
 
     :param on_rank: what is different on a rank.
+    :param awaited: how many ranks, from 0, end by themselves; by default all.
     :param given: what `main` takes.
     """
     port = free_port()
@@ -45,11 +47,11 @@ def train(
         processes.append(subprocess.Popen(
             [sys.executable, '-m', 'support.rank_program', json.dumps(told)],
             env={**os.environ, 'RANK': str(rank), 'WORLD_SIZE': str(count), 'OMP_NUM_THREADS': '1',
-                 'MASTER_ADDR': '127.0.0.1', 'MASTER_PORT': str(port),
+                 'MASTER_ADDR': '127.0.0.1', 'MASTER_PORT': str(port), 'TMPDIR': str(path.parent),
                  'PYTHONPATH': os.pathsep.join(sys.path)},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
     try:
-        return [process.communicate(timeout=PATIENCE)[0] for process in processes]
+        return [process.communicate(timeout=PATIENCE)[0] for process in processes[:awaited]]
     finally:
         for process in processes:
             process.kill()
@@ -57,15 +59,17 @@ def train(
 
 
 def main(
-    path: Path, resume: bool, values: dict, low: dict, stop_at: int, die_at: int,
+    path: Path, resume: bool, values: dict, low: dict, stop_at: int, die_at: int, sleep_at: int,
 ) -> None:
-    """Train; stop or die when an iteration is reported, on the ranks that shall."""
+    """Train; stop, die or fall asleep when an iteration is reported."""
     reached = [0]
 
     def report(status: Status) -> None:
         reached[0] = status.iteration if status.stage == 'finetune' else 0
         if die_at and reached[0] >= die_at:
             os.kill(os.getpid(), 9)
+        if sleep_at and reached[0] >= sleep_at:
+            time.sleep(PATIENCE)
 
     world = worlds.make('rocket', num_envs=8, **low)
     with (
@@ -82,4 +86,4 @@ if __name__ == '__main__':
     given = json.loads(sys.argv[1])
     main(Path(given['path']), given.get('resume', False), given['values'],
          given.get('low', {'level': 7, 'spawn_height': 30.0, 'time_limit': 6.0}),
-         given.get('stop_at', 0), given.get('die_at', 0))
+         given.get('stop_at', 0), given.get('die_at', 0), given.get('sleep_at', 0))

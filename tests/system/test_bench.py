@@ -148,6 +148,12 @@ def test_carriers(tmp_path: Path) -> None:
     assert 'x ours' in text
 
 
+def test_discovery(tmp_path: Path) -> None:
+    text, figures = run('discovery', tmp_path / 'out.json', '--counts', '4')
+    assert [row['known'] for row in figures['discovery']] == [4, 4]
+    assert 'the last knows' in text
+
+
 def test_learner(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
         'learner', tmp_path / 'out.json', '--cases', '1', '--rounds', '1', '--threads', '1',

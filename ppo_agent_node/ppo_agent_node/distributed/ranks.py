@@ -6,9 +6,11 @@ bit for bit. Alone, a run has one rank, and its collectives do nothing.
 """
 from __future__ import annotations
 
+import ctypes
 import functools
 import math
 import pickle
+import re
 import time
 from collections.abc import Callable
 from collections.abc import Iterable
@@ -27,15 +29,33 @@ from ppo_agent_node.distributed.errors import RankLost
 T = TypeVar('T')
 Poll = Callable[[], None]
 _BRIEFLY = 0.002
-"""s for which a collective is watched without a pause: longer than one takes in a machine"""
+"""s for which a collective is polled without sleeping; within one machine it takes less"""
 _PAUSE = 0.0005
 """s between two looks at a collective that takes longer"""
 _POLL_INTERVAL = 0.02
 """s"""
+_abandoned: list[Any] = []
+"""Process groups with a collective that was not waited for."""
 
 
 def _no_poll() -> None:
     pass
+
+
+def abandoned() -> bool:
+    """Return whether this process has left a collective before its end."""
+    return bool(_abandoned)
+
+
+def keep_forever(group: Any) -> None:
+    """Never free a process group: that would wait for the other ranks."""
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(group))
+
+
+def reason(error: Exception) -> str:
+    """Return what an error of torch says, without its place in the source."""
+    line = str(error).strip().partition('\n')[0]
+    return re.sub(r'^\[[^]]*\] ', '', line).strip(' .')[:200]
 
 
 @dataclass(frozen=True)
@@ -50,14 +70,17 @@ class Channel:
     """The process group of torch.distributed; None: a run of one rank."""
 
     def sum_(self, tensor: Tensor, poll: Poll = _no_poll) -> None:
-        """Add up a tensor over all ranks, in place.
+        """Add up a tensor over all ranks, in place; on the CPU, wherever it is.
 
         :param poll: called while waiting; may raise.
         :raises RankLost: when another rank is gone.
         """
-        if self.count > 1:
-            self._finish(lambda: distributed.all_reduce(
-                tensor, group=self.group, async_op=True), poll)
+        if self.count == 1:
+            return
+        here = tensor.cpu()
+        self._finish(functools.partial(distributed.all_reduce, here), poll)
+        if here is not tensor:
+            tensor.copy_(here)
 
     def mean(self, values: Sequence[float], poll: Poll = _no_poll) -> list[float]:
         """Return the means over all ranks; NaN where one has NaN."""
@@ -69,55 +92,86 @@ class Channel:
         return means
 
     def copy_first_(self, tensors: Iterable[Tensor], poll: Poll = _no_poll) -> None:
-        """Set tensors to those of rank 0, in place."""
+        """Set tensors on the CPU to those of rank 0, in place."""
         if self.count == 1:
             return
+        kinds: dict[torch.dtype, list[Tensor]] = {}
         for tensor in tensors:
-            self._finish(functools.partial(
-                distributed.broadcast, tensor, group_src=0, group=self.group, async_op=True), poll)
+            kinds.setdefault(tensor.dtype, []).append(tensor)
+        for alike in kinds.values():
+            flat = torch.cat([tensor.flatten() for tensor in alike])
+            self._broadcast(flat, poll)
+            for tensor, part in zip(
+                    alike, flat.split([tensor.numel() for tensor in alike]), strict=True):
+                tensor.copy_(part.view_as(tensor))
+
+    def of_first(self, value: T, poll: Poll = _no_poll) -> T:
+        """Return the value of rank 0; it is pickled."""
+        if self.count == 1:
+            return value
+        data = _pickled(value) if self.index == 0 else torch.empty(0, dtype=torch.uint8)
+        length = torch.tensor([len(data)])
+        self._broadcast(length, poll)
+        if self.index:
+            data = torch.empty(int(length), dtype=torch.uint8)
+        self._broadcast(data, poll)
+        return value if self.index == 0 else _unpickled(data)
 
     def gather(self, value: T, poll: Poll = _no_poll) -> list[T]:
         """Return the values of all ranks, by rank; they are pickled."""
         if self.count == 1:
             return [value]
-        mine = torch.frombuffer(bytearray(pickle.dumps(value)), dtype=torch.uint8)
+        mine = _pickled(value)
         lengths = [torch.zeros(1, dtype=torch.int64) for _ in range(self.count)]
-        self._finish(lambda: distributed.all_gather(
-            lengths, torch.tensor([len(mine)]), group=self.group, async_op=True), poll)
-        longest = max(int(length) for length in lengths)
-        padded = torch.zeros(longest, dtype=torch.uint8)
+        self._finish(functools.partial(
+            distributed.all_gather, lengths, torch.tensor([len(mine)])), poll)
+        padded = torch.zeros(max(map(int, lengths)), dtype=torch.uint8)
         padded[:len(mine)] = mine
         found = [torch.empty_like(padded) for _ in range(self.count)]
-        self._finish(lambda: distributed.all_gather(
-            found, padded, group=self.group, async_op=True), poll)
-        return [pickle.loads(data[:int(length)].numpy().tobytes())
+        self._finish(functools.partial(distributed.all_gather, found, padded), poll)
+        return [_unpickled(data[:int(length)])
                 for data, length in zip(found, lengths, strict=True)]
 
-    def _finish(self, begin: Callable[[], Any], poll: Poll) -> None:
-        """Begin a collective and wait until it is done, without blocking."""
+    def _broadcast(self, tensor: Tensor, poll: Poll) -> None:
+        self._finish(functools.partial(distributed.broadcast, tensor, group_src=0), poll)
+
+    def _finish(self, collective: Callable[..., Any], poll: Poll) -> None:
+        """Run a collective, and poll until it is done."""
         began = polled = time.monotonic()
         try:
-            work = begin()
-            while not work.is_completed():
-                now = time.monotonic()
-                if now > began + _BRIEFLY:
-                    time.sleep(_PAUSE)
-                if now > polled + _POLL_INTERVAL:
-                    polled = now
-                    poll()
-            work.wait()
-        except distributed.DistError as error:
-            raise self._lost(error) from error
+            work = collective(group=self.group, async_op=True)
         except RuntimeError as error:
-            if type(error) is not RuntimeError:  # from poll
-                raise
-            raise self._lost(error) from error
+            raise self._lost(error, poll) from error
+        while not work.is_completed():
+            now = time.monotonic()
+            if now > began + _BRIEFLY:
+                time.sleep(_PAUSE)
+            if now > polled + _POLL_INTERVAL:
+                polled = now
+                try:
+                    poll()
+                except BaseException:
+                    _abandoned.append(self.group)
+                    raise
+        try:
+            work.wait()
+        except RuntimeError as error:
+            raise self._lost(error, poll) from error
 
-    def _lost(self, error: Exception) -> RankLost:
-        reason = str(error).strip().partition('\n')[0]
+    def _lost(self, error: Exception, poll: Poll) -> RankLost:
+        """Return the error for one of torch, unless `poll` raises another: all may be stopping."""
+        poll()
         return RankLost(
             f'rank {self.index} of {self.count} has lost another rank, which has ended or cannot '
-            f'be reached ({reason:.200}); resume the run with all ranks')
+            f'be reached ({reason(error)}); resume the run with all ranks')
+
+
+def _pickled(value: object) -> Tensor:
+    return torch.frombuffer(bytearray(pickle.dumps(value)), dtype=torch.uint8)
+
+
+def _unpickled(data: Tensor) -> Any:
+    return pickle.loads(data.numpy().tobytes())
 
 
 @dataclass(frozen=True)

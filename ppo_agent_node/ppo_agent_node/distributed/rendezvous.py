@@ -7,19 +7,24 @@ ROS nodes get them from the shell or the launch file.
 from __future__ import annotations
 
 import ipaddress
+import itertools
 import os
 import socket
+import threading
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from collections.abc import Mapping
 from contextlib import contextmanager
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
+from typing import Any
 
-import torch
 from torch import distributed
 
+from ppo_agent_node.distributed import ranks as ranks_module
+from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Channel
 from ppo_agent_node.distributed.ranks import Ranks
@@ -34,6 +39,28 @@ _INTERFACE = 'GLOO_SOCKET_IFNAME'
 _RETRY = 0.1
 """s"""
 _LARGEST_COUNT = 65_536
+_CHANNELS = 3
+_serial = itertools.count()
+"""Numbers the rendezvous of this process: under torchrun all have the same store."""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What the environment says of this rank."""
+
+    index: int
+    count: int
+    host: str
+    port: int
+    by_torchrun: bool
+    """Whether torchrun has started it, and serves the store."""
+    attempt: str
+    """Number of the start under torchrun, which starts all ranks again when one fails."""
+
+    @property
+    def serves(self) -> bool:
+        """Whether this rank serves the store."""
+        return self.index == 0 and not self.by_torchrun
 
 
 def _number(environment: Mapping[str, str], name: str, least: int, most: int) -> int:
@@ -45,11 +72,28 @@ def _number(environment: Mapping[str, str], name: str, least: int, most: int) ->
     return value
 
 
-def _address(environment: Mapping[str, str]) -> tuple[str, int]:
+def _place(environment: Mapping[str, str]) -> _Place | None:
+    """Return this rank's place; None for a run of one rank.
+
+    :raises ValueError: for a variable that is missing or wrong; names it.
+    """
+    if not environment.get('WORLD_SIZE'):
+        if rank := environment.get('RANK'):
+            raise ValueError(
+                f'environment variable WORLD_SIZE: not set, although RANK is {rank!r:.200}; '
+                'expected the number of ranks')
+        return None
+    count = _number(environment, 'WORLD_SIZE', 1, _LARGEST_COUNT)
+    if count == 1:
+        return None
+    index = _number(environment, 'RANK', 0, count - 1)
     host = environment.get('MASTER_ADDR', '')
     if not host:
         raise ValueError('environment variable MASTER_ADDR: not set, expected the host of rank 0')
-    return host, _number(environment, 'MASTER_PORT', 1, 65_535)
+    return _Place(
+        index, count, host, _number(environment, 'MASTER_PORT', 1, 65_535),
+        environment.get('TORCHELASTIC_USE_AGENT_STORE') == 'True',
+        environment.get('TORCHELASTIC_RESTART_COUNT', '0'))
 
 
 @contextmanager
@@ -57,7 +101,7 @@ def joined(
     environment: Mapping[str, str] = os.environ, poll: Callable[[], None] = lambda: None,
     say: Callable[[str], None] = lambda text: None, patience: float = JOIN_PATIENCE,
 ) -> Iterator[Ranks]:
-    """Meet the other ranks of the run that the environment describes; part at the end.
+    """Connect to the other ranks of the run that the environment describes; disconnect at the end.
 
     Without WORLD_SIZE, or with 1, the run has one rank.
 
@@ -67,31 +111,40 @@ def joined(
     :raises ValueError: for a variable that is missing or wrong; names it.
     :raises TimeoutError: when not all ranks are there in time.
     :raises OSError: when rank 0 cannot listen at the address.
+    :raises RankLost: when another rank has ended meanwhile.
     """
-    if not environment.get('WORLD_SIZE'):
+    place = _place(environment)
+    if place is None:
         yield ALONE
         return
-    count = _number(environment, 'WORLD_SIZE', 1, _LARGEST_COUNT)
-    index = _number(environment, 'RANK', 0, count - 1)
-    if count == 1:
-        yield ALONE
-        return
-    host, port = _address(environment)
-    if _is_loopback(host):
+    deadline = time.monotonic() + patience
+    before = os.environ.get(_INTERFACE)
+    if _is_loopback(place.host):
         # Otherwise gloo listens on the address of the host's name.
         os.environ.setdefault(_INTERFACE, 'lo')
-    say(f'rank {index} of {count}: waiting for the others at {host}:{port}')
-    store = _meet(environment, host, port, index, count, poll, patience)
-    backend = 'cpu:gloo,cuda:nccl' if torch.cuda.is_available() else 'gloo'
-    distributed.init_process_group(
-        backend, store=store, rank=index, world_size=count, timeout=_COLLECTIVE_PATIENCE)
     try:
-        groups = [distributed.new_group(timeout=_COLLECTIVE_PATIENCE) for _ in range(3)]
-        say(f'rank {index} of {count}: all ranks are here')
-        yield Ranks(index, count, *(Channel(index, count, group) for group in groups))
+        say(f'rank {place.index} of {place.count}: waiting for the others at '
+            f'{place.host}:{place.port}')
+        groups = _connect(place, _meet(place, poll, deadline), poll, deadline)
+        say(f'rank {place.index} of {place.count}: all ranks are here')
+        yield Ranks(place.index, place.count, *(
+            Channel(place.index, place.count, group) for group in groups))
     finally:
-        with suppress(RuntimeError):  # another rank has ended before
-            distributed.destroy_process_group()
+        if before is None:
+            os.environ.pop(_INTERFACE, None)
+        _disconnect()
+
+
+def _disconnect() -> None:
+    """Free the process groups, unless that would wait for the other ranks."""
+    if not distributed.is_initialized():
+        return
+    if ranks_module.abandoned():
+        for group in list(distributed.distributed_c10d._world.pg_map):
+            ranks_module.keep_forever(group)
+        return
+    with suppress(RuntimeError):  # another rank has ended before
+        distributed.destroy_process_group()
 
 
 def _is_loopback(host: str) -> bool:
@@ -104,14 +157,11 @@ def _is_loopback(host: str) -> bool:
 def _listen(host: str, port: int) -> int:
     """Return the descriptor of a socket that listens."""
     try:
-        return socket.create_server((host, port)).detach()
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family).detach()
     except OSError as error:
         reason = f'rank 0 cannot listen here: {error.strerror}'
         raise OSError(error.errno, reason, f'{host}:{port}') from error
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().partition('\n')[0]
 
 
 def _answers(host: str, port: int) -> bool:
@@ -123,38 +173,85 @@ def _answers(host: str, port: int) -> bool:
     return True
 
 
-def _meet(
-    environment: Mapping[str, str], host: str, port: int, index: int, count: int,
-    poll: Callable[[], None], patience: float,
-) -> distributed.Store:
+def _meet(place: _Place, poll: Callable[[], None], deadline: float) -> distributed.Store:
     """Return the store of a run when all ranks are there."""
-    # torchrun serves the store itself; otherwise rank 0 does.
-    serves = index == 0 and environment.get('TORCHELASTIC_USE_AGENT_STORE') != 'True'
-    attempt = environment.get('TORCHELASTIC_RESTART_COUNT', '0')
-    deadline = time.monotonic() + patience
+    # On the given address only: by itself the store would listen on all.
+    listening = _listen(place.host, place.port) if place.serves else None
     store = None
     here = 0
-    # On the given address only: by itself the store would listen on all.
-    listening = _listen(host, port) if serves else None
+    prefix = f'hoverslam/{place.attempt}/{next(_serial) if place.by_torchrun else 0}'
     while True:
         poll()
         try:
-            if store is None and (serves or _answers(host, port)):
-                store = distributed.PrefixStore(f'hoverslam/{attempt}', distributed.TCPStore(
-                    host, port, is_master=serves, wait_for_workers=False,
+            if store is None and (place.serves or _answers(place.host, place.port)):
+                store = distributed.PrefixStore(prefix, distributed.TCPStore(
+                    place.host, place.port, is_master=place.serves, wait_for_workers=False,
                     timeout=_CONNECTION_PATIENCE, master_listen_fd=listening))
-                store.set(f'here/{index}', '')
+                _announce(store, place)
             if store is not None:
-                here = sum(store.check([f'here/{rank}']) for rank in range(count))
-                if here == count:
+                here = store.add('here', 0)
+                if here == place.count:
                     store.set_timeout(_COLLECTIVE_PATIENCE)
                     return store
         except distributed.DistError as error:
-            if serves:
-                raise OSError(f'{host}:{port}: {_first_line(error)}') from error
+            if place.serves:
+                raise OSError(
+                    f'{place.host}:{place.port}: {ranks_module.reason(error)}') from error
             store = None
         if time.monotonic() > deadline:
             raise TimeoutError(
-                f'rank {index}: {here} of {count} ranks are at {host}:{port} after '
-                f'{patience:.0f} s, expected all')
+                f'rank {place.index}: {here} of {place.count} ranks are at '
+                f'{place.host}:{place.port}, expected all')
         time.sleep(_RETRY)
+
+
+def _announce(store: distributed.Store, place: _Place) -> None:
+    """Tell the others that this rank is here.
+
+    :raises ValueError: when another one has the same number, or counts the ranks differently.
+    """
+    theirs = store.compare_set('count', '', str(place.count)).decode()
+    if theirs != str(place.count):
+        raise ValueError(
+            f'environment variable WORLD_SIZE: got {place.count}, another rank has {theirs}, '
+            'expected the same on all ranks')
+    if store.add(f'rank/{place.index}', 1) > 1:
+        raise ValueError(
+            f'environment variable RANK: got {place.index}, which another process has, expected '
+            'a number of its own for each rank')
+    store.add('here', 1)
+
+
+def _connect(
+    place: _Place, store: distributed.Store, poll: Callable[[], None], deadline: float,
+) -> list[Any]:
+    """Return a process group for each channel.
+
+    In a thread, as torch waits for the others without looking for a stop request.
+    """
+    groups: list[Any] = []
+    errors: list[Exception] = []
+
+    def connect() -> None:
+        try:
+            distributed.init_process_group(
+                'gloo', store=store, rank=place.index, world_size=place.count,
+                timeout=_COLLECTIVE_PATIENCE)
+            for _ in range(_CHANNELS):
+                groups.append(distributed.new_group(timeout=_COLLECTIVE_PATIENCE))
+        except Exception as error:  # noqa: BLE001 (told by the thread that waits)
+            errors.append(error)
+
+    thread = threading.Thread(target=connect, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        poll()
+        if time.monotonic() > deadline:
+            raise TimeoutError(
+                f'rank {place.index}: not connected to all of {place.count} ranks in time')
+        thread.join(_RETRY)
+    if errors:
+        raise RankLost(
+            f'rank {place.index} of {place.count} cannot connect to the others '
+            f'({ranks_module.reason(errors[0])})') from errors[0]
+    return groups

@@ -3,32 +3,41 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.runs.folder import RunFolder
 
 
 @contextmanager
-def open_folder(path: Path, resume: bool, ranks: Ranks) -> Iterator[RunFolder]:
+def open_folder(
+    path: Path, resume: bool, ranks: Ranks, poll: Callable[[], None] = lambda: None,
+) -> Iterator[RunFolder]:
     """Open and lock a run's folder on rank 0; on the others a copy, removed at the end.
 
-    The ranks need no common file system. A resumed run may have any number of ranks.
+    The ranks need no common file system. A resumed run may have another number of ranks.
 
+    :param poll: called while waiting for rank 0; may raise.
     :raises RunFolderError: on rank 0, as `RunFolder` does.
+    :raises RankLost: when another rank is gone.
     """
     if ranks.first:
         folder = RunFolder(path, resume)
         with folder.locked():
-            if ranks.count > 1:
-                ranks.main.gather(_files(folder))
+            try:
+                ranks.main.of_first(_files(folder) if ranks.count > 1 else {}, poll)
+            except RankLost:
+                folder.withdraw()
+                raise
             yield folder
         return
     with tempfile.TemporaryDirectory(prefix='hoverslam-rank-') as scratch:
-        copy = Path(scratch) / path.name
-        files: dict[str, bytes] = ranks.main.gather({})[0]
+        copy = Path(scratch) / 'run'
+        files: dict[str, bytes] = ranks.main.of_first({}, poll)
         for name, content in files.items():
             target = copy / name
             target.parent.mkdir(parents=True, exist_ok=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
@@ -58,7 +59,11 @@ def find_device(name: str) -> torch.device:
     if name == 'cuda' and not there:
         raise ValueError(
             "device: got 'cuda', but torch finds no GPU here, expected 'auto' or 'cpu'")
-    return torch.device('cuda' if there and name != 'cpu' else 'cpu')
+    if not there or name == 'cpu':
+        return torch.device('cpu')
+    # torchrun numbers the ranks of a machine, which share its GPUs.
+    rank = os.environ.get('LOCAL_RANK', '0')
+    return torch.device('cuda', int(rank) % torch.cuda.device_count() if rank.isdigit() else 0)
 
 
 class Learner:
@@ -167,16 +172,22 @@ class Learner:
         return diagnostics, rates[0]
 
     def copy_first(self, poll: Callable[[], None]) -> None:
-        """Take the weights of rank 0: different processors may round differently."""
-        for network in (self.policy, self.critic):
-            self._ranks.main.copy_first_(network.state_dict().values(), poll)
+        """Take the state of rank 0: different processors may round differently."""
+        if self._ranks.count == 1:
+            return
+        state = self.tensors()
+        self._ranks.main.copy_first_(state.values(), poll)
+        self._restore(state)
 
     def _evenly(self, batch: Batch, iteration: int, poll: Callable[[], None]) -> Batch:
         """Return as many of the samples as the rank with the fewest has.
 
-        Roll-outs of whole episodes have as many samples as the episodes are long.
+        Roll-outs of whole episodes have as many samples as the episodes are long. Which of them
+        are left out is drawn at random.
         """
         samples = len(batch.value)
+        if not self._ppo.whole_episodes:
+            return batch
         fewest = min(self._ranks.main.gather(samples, poll))
         if fewest == samples:
             return batch
@@ -218,6 +229,9 @@ class Learner:
         :raises ValueError: when the tensors do not fit; nothing changes.
         """
         sealed_file.expect_tensors(path, tensors, self._state())
+        self._restore(tensors)
+
+    def _restore(self, tensors: Tensors) -> None:
         if self._ppo.desired_kl:
             self._rate_factor.copy_(tensors[_RATE_FACTOR])
         for kind, part in self._parts().items():

@@ -221,8 +221,8 @@ def update(
     two threads that share every operation wait for each other all the time, and are slower than
     one on a busy machine.
 
-    Of several ranks each has as many of the samples; gradients are averaged over all of them, so
-    that all take the same steps.
+    With several ranks, each has the same number of samples. Gradients are averaged over all ranks,
+    so that all take the same steps.
 
     :param policy: both have the settings; the policy's number of epochs applies to both.
     :param batch: on the device of both.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training run: demonstrations, cloning, and fine-tuning by PPO.
 
-Equal seeds give equal weights, bit for bit, regardless of the fleet and its number of simulators,
-of simulator restarts, and of whether the run was stopped and resumed.
+Equal seeds, and equal numbers of ranks, give equal weights, bit for bit, regardless of the fleet
+and its number of simulators, of simulator restarts, and of whether the run was stopped and
+resumed.
 """
 from __future__ import annotations
 
@@ -119,7 +120,7 @@ class Trainer:
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
         :raises OSError: when the folder cannot be written; the last checkpoint is complete.
-        :raises RankLost: when another rank is gone; rank 0 has saved what was learnt.
+        :raises RankLost: when another rank is gone; if fine-tuning had begun, rank 0 has saved it.
         """
         finished = False
         self._check_ranks()

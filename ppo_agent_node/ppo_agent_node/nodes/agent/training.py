@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,13 +78,16 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     try:
         with (
             joined(poll=_check_stop, say=node.get_logger().info) as ranks,
-            open_folder(path, options.resume, ranks) as folder,
+            open_folder(path, options.resume, ranks, _check_stop) as folder,
+            Terminal() if ranks.first else nullcontext() as terminal,
             make_fleet(
                 node, executor, connection, options.simulators.replace('{rank}', str(ranks.index)),
                 agent_of_run(path if ranks.first else path / f'rank_{ranks.index}')) as fleet,
         ):
-            lead = _lead if ranks.first else _follow
-            return lead(node, parameters, options, fleet, folder, loggers, ranks)
+            if terminal is None:
+                return _follow(node, parameters, options, fleet, folder, ranks)
+            return _lead(
+                node, parameters, options, fleet, folder, terminal, loggers, ranks)
     except EnvironmentClosed:  # while waiting for the other ranks
         return 0
 
@@ -96,7 +100,7 @@ def _check_stop() -> None:
 
 def _follow(
     node: Node, parameters: Parameters, options: TrainingParameters, fleet: SimulatorFleet,
-    folder: RunFolder, loggers: Sequence[MakeLogger], ranks: Ranks,
+    folder: RunFolder, ranks: Ranks,
 ) -> int:
     """Train as a rank other than the first, which writes the files and reports."""
     def stop_requested() -> bool:
@@ -112,50 +116,50 @@ def _follow(
 
 def _lead(
     node: Node, parameters: Parameters, options: TrainingParameters, fleet: SimulatorFleet,
-    folder: RunFolder, loggers: Sequence[MakeLogger], ranks: Ranks,
+    folder: RunFolder, terminal: Terminal, loggers: Sequence[MakeLogger], ranks: Ranks,
 ) -> int:
     """Train as the first rank, or the only one."""
     saved = _saved_settings(folder) if options.resume else {}
-    with Terminal() as terminal:
-        def tick() -> None:
-            fleet.keep()
-            terminal.tick()
 
-        def stop_requested() -> bool:
-            tick()
-            return stopping.requested()
+    def tick() -> None:
+        fleet.keep()
+        terminal.tick()
 
-        if not folder.finished:  # a finished run stays finished if it cannot be opened
+    def stop_requested() -> bool:
+        tick()
+        return stopping.requested()
+
+    if not folder.finished:  # a finished run stays finished if it cannot be opened
+        folder.mark_unfinished()
+    publisher = StatusPublisher(node, terminal, folder)
+    try:
+        config = _config(parameters, options.preset, fleet.connect().name, saved)
+        require_lockstep(fleet)
+        result = Trainer(
+            fleet, config, folder, publisher.report, stop_requested=stop_requested,
+            say=terminal.say, loggers=loggers, ranks=ranks).run()
+        if result.finished:
             folder.mark_unfinished()
-        publisher = StatusPublisher(node, terminal, folder)
-        try:
-            config = _config(parameters, options.preset, fleet.connect().name, saved)
-            require_lockstep(fleet)
-            result = Trainer(
-                fleet, config, folder, publisher.report, stop_requested=stop_requested,
-                say=terminal.say, loggers=loggers, ranks=ranks).run()
-            if result.finished:
-                folder.mark_unfinished()
-                try:
-                    _evaluate(fleet, config, folder, publisher, terminal, tick)
-                except EnvironmentClosed:
-                    publisher.report_evaluation(Status(
-                        stage='evaluate', message='stopped; a resumed run repeats the evaluation'))
-                    raise
-                folder.mark_finished()
-                return 0
-        except EnvironmentClosed:
-            pass
-        except (WireTimeout, SimulatorBusy, EnvironmentRestarted, RankLost):
-            publisher.advise(options.simulators, options.loggers)
-            raise
-        except NothingLanded:
-            folder.mark_finished()  # a resumed run would have the same result
-            raise
-        except (ValueError, OSError):
-            folder.withdraw()
-            raise
+            try:
+                _evaluate(fleet, config, folder, publisher, terminal, tick)
+            except EnvironmentClosed:
+                publisher.report_evaluation(Status(
+                    stage='evaluate', message='stopped; a resumed run repeats the evaluation'))
+                raise
+            folder.mark_finished()
+            return 0
+    except EnvironmentClosed:
+        pass
+    except (WireTimeout, SimulatorBusy, EnvironmentRestarted, RankLost):
         publisher.advise(options.simulators, options.loggers)
+        raise
+    except NothingLanded:
+        folder.mark_finished()  # a resumed run would have the same result
+        raise
+    except (ValueError, OSError):
+        folder.withdraw()
+        raise
+    publisher.advise(options.simulators, options.loggers)
     return 0
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 import torch
+from support.rank_program import PATIENCE
 from support.rank_program import free_port
 from support.rank_program import train
 from support.training_runs import left_by
@@ -17,6 +20,7 @@ from support.training_runs import weights
 
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.distributed import rendezvous
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.rendezvous import joined
@@ -54,6 +58,14 @@ def test_two_ranks_train_alike_after_one_was_killed(straight: Path, tmp_path: Pa
     assert left_by(path) == left_by(straight)
 
 
+def test_a_rank_that_is_stopped_does_not_wait_for_one_that_sleeps(tmp_path: Path) -> None:
+    begun = time.monotonic()
+    first, = train(
+        tmp_path / 'run', 2, SMALL, on_rank={0: {'stop_at': 2}, 1: {'sleep_at': 2}}, awaited=1)
+    assert first.endswith('stopped\n'), first
+    assert time.monotonic() < begun + PATIENCE / 2
+
+
 def test_a_checkpoint_of_two_ranks_is_resumed_by_one_and_back(tmp_path: Path) -> None:
     path = tmp_path / 'run'
     for text in train(path, 2, SMALL, stop_at=1):
@@ -84,10 +96,12 @@ def test_flights_do_not_depend_on_the_number_of_ranks(straight: Path, tmp_path: 
 
 
 def test_whole_episodes_of_different_lengths(tmp_path: Path) -> None:
-    values = {**SMALL, 'start_copies': 4, 'iterations': 2}
+    """With three ranks, and two threads each."""
+    values = {**SMALL, 'start_copies': 4, 'iterations': 2, 'num_groups': 3, 'threads': 2,
+              'desired_kl': 0.01}
     runs = [tmp_path / name for name in ('one', 'other')]
     for run in runs:
-        for text in train(run, 2, values):
+        for text in train(run, 3, values):
             assert text.endswith('finished\n'), text
     one, other = map(weights, runs)
     assert all(torch.equal(one[name], other[name]) for name in one)
@@ -121,13 +135,14 @@ def environment(**given: object) -> dict[str, str]:
     ({'RANK': ''}, "environment variable RANK: got '', expected 0 to 1"),
     ({'MASTER_PORT': 70000}, "environment variable MASTER_PORT: got '70000', expected 1 to 65535"),
     ({'MASTER_ADDR': ''}, 'environment variable MASTER_ADDR: not set'),
+    ({'WORLD_SIZE': ''}, "environment variable WORLD_SIZE: not set, although RANK is '0'"),
 ])
 def test_wrong_variables_are_named(given: dict[str, object], error: str) -> None:
     with pytest.raises(ValueError, match=error), joined(environment(**given)):
         pass
 
 
-@pytest.mark.parametrize('given', [{}, {'WORLD_SIZE': '1', 'RANK': '0'}])
+@pytest.mark.parametrize('given', [{}, {'WORLD_SIZE': '1', 'RANK': '0'}, {'WORLD_SIZE': '1'}])
 def test_alone_without_variables(given: dict[str, str]) -> None:
     with joined(given) as ranks:
         assert ranks == ALONE
@@ -135,9 +150,25 @@ def test_alone_without_variables(given: dict[str, str]) -> None:
 
 @pytest.mark.parametrize('rank', [0, 1])
 def test_absent_ranks_are_told(rank: int) -> None:
-    with (pytest.raises(TimeoutError, match=f'rank {rank}: [01] of 2 ranks are at 127.0.0.1:.* '
-                        'after 0 s, expected all'),
+    with (pytest.raises(TimeoutError, match=f'rank {rank}: [01] of 2 ranks are at 127.0.0.1:.*, '
+                        'expected all'),
           joined(environment(RANK=rank), patience=0.3)):
+        pass
+
+
+@pytest.mark.parametrize(('given', 'error'), [
+    ({'RANK': 0, 'WORLD_SIZE': 3},
+     'WORLD_SIZE: got 3, another rank has 2, expected the same on all ranks'),
+    ({'RANK': 1}, 'RANK: got 1, which another process has, expected a number of its own'),
+])
+def test_ranks_that_contradict_each_other(given: dict[str, object], error: str) -> None:
+    store = torch.distributed.TCPStore('127.0.0.1', 0, is_master=True, wait_for_workers=False)
+    others = torch.distributed.PrefixStore('hoverslam/0/0', store)
+    others.set('count', '2')
+    others.add('rank/1', 1)
+    rank = environment(**{'RANK': 1, 'MASTER_PORT': store.port, **given})
+    with (mock.patch.object(rendezvous._Place, 'serves', False),
+          pytest.raises(ValueError, match=f'environment variable {error}'), joined(rank)):
         pass
 
 
