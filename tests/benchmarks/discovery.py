@@ -111,7 +111,8 @@ def _together(total: int, environment: dict[str, str], patience: float) -> dict[
     processes = [subprocess.Popen(
         [sys.executable, '-m', 'benchmarks.discovery', '--be', str(share),
          str(number * share), str(total), str(patience)],
-        env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, text=True)  # warnings of open sockets
         for number in range(_PROCESSES)]
     try:
         found: list[dict[str, float]] = []

@@ -198,8 +198,8 @@ KINDS = (
          tested='tests/unit/benchmarks/test_performance_page.py::'
          'test_the_newest_figures_are_taken_and_drawn'),
     *(Kind(rf'\./launch_scripts/bench {part}( .*)?', tested=f'{_BENCH}{part}') for part in (
-        'budget', 'carriers', 'discovery', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner', 'loss',
-        'ranks', 'recorder', 'result', 'rollouts', 'stepping', 'stopping', 'threads')),
+        'budget', 'carriers', 'discovery', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner',
+        'loss', 'ranks', 'recorder', 'result', 'rollouts', 'stepping', 'stopping', 'threads')),
     Kind(r'\./launch_scripts/bench soak( .*)?',
          tested=f'{_BENCH}soak_that_is_interrupted_ends_its_nodes_and_tells'),
     Kind(r'\./launch_scripts/bench (seeds|experiments|tune)( .*)?', reason=f'{_HOURS}; its '
