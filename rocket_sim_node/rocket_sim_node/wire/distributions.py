@@ -25,7 +25,8 @@ from rclpy.type_support import check_is_valid_srv_type
 
 _rclpy: Any = None
 with suppress(ImportError):
-    from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+    from rclpy.impl import implementation_singleton
+    _rclpy = implementation_singleton.rclpy_implementation
 
 
 @contextmanager
