@@ -25,8 +25,8 @@ note_files() {
   for file; do _noted[$file]=$(stat -c '%i %z' -- "$file" 2> /dev/null) || true; done
 }
 
-# is_new FILE: whether the file exists and has been written since note_files. Its time does not tell: the clock may
-# have been set back since.
+# is_new FILE: whether the file exists and has been written since note_files. The modification time is not
+# reliable: the clock may have been set back.
 is_new() { [[ -e $1 && $(stat -c '%i %z' -- "$1" 2> /dev/null) != "${_noted[$1]}" ]]; }
 
 # run_launch: runs the launch file of this command to its end, passes on signals, and sets `status`.

@@ -15,12 +15,6 @@ _hoverslam_choose() {
   _hoverslam_ros=${HOVERSLAM_ROS:-$_hoverslam_default}
   _hoverslam_venv=$1/.venv
   _hoverslam_built=$1/ros_ws
-  case $_hoverslam_ros in
-    kilted | jazzy) ;;
-    *)
-      echo "setup: HOVERSLAM_ROS is '$_hoverslam_ros', expected kilted or jazzy" >&2
-      return 2 ;;
-  esac
   if [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; then
     if [ -n "${HOVERSLAM_ROS:-}" ] && [ "$HOVERSLAM_ROS" != "$ROS_DISTRO" ]; then
       echo "setup: HOVERSLAM_ROS is '$HOVERSLAM_ROS', expected '$ROS_DISTRO', which is sourced, or unset" >&2
@@ -30,6 +24,12 @@ _hoverslam_choose() {
     _hoverslam_mode=sourced:$ROS_DISTRO
     return
   fi
+  case $_hoverslam_ros in
+    kilted | jazzy) ;;
+    *)
+      echo "setup: HOVERSLAM_ROS is '$_hoverslam_ros', expected kilted or jazzy, or a ROS 2 of that name that is sourced" >&2
+      return 2 ;;
+  esac
   # Environments that were made before there was a choice are marked with `wheels`; they are Kilted.
   if [ "$_hoverslam_ros" = kilted ]; then _hoverslam_mode=wheels; else _hoverslam_mode=wheels:$_hoverslam_ros; fi
   if [ "$_hoverslam_ros" != "$_hoverslam_default" ]; then

@@ -43,7 +43,7 @@ _hoverslam_command() {
   # They import nothing from the folder in which they are called. In an interactive shell, Python finds modules beside
   # your programs as usual.
   export PYTHONSAFEPATH=1
-  # The next file that is opened would take the number of a closed stream, and receive its messages.
+  # If a standard stream is closed, the next opened file gets its descriptor and would receive its output.
   [ -e /dev/fd/0 ] || exec < /dev/null
   [ -e /dev/fd/2 ] || exec 2> /dev/null
   if ! [ -e /dev/fd/1 ]; then
@@ -73,8 +73,8 @@ _hoverslam_enter() {
       _hoverslam_prepend PYTHONPATH "$_hoverslam_list"
     done
   else
-    # Packages of another Python would not work here and could hide ours. A distribution that is
-    # named but not sourced would count as sourced from now on.
+    # Packages of another Python would not work here and could hide ours. If ROS_DISTRO is set
+    # without a sourced distribution, it must not count as sourced.
     unset PYTHONPATH ROS_DISTRO
     _hoverslam_prepend AMENT_PREFIX_PATH "$_hoverslam_venv"
     _hoverslam_prepend CMAKE_PREFIX_PATH "$_hoverslam_venv"

@@ -40,7 +40,7 @@ take_lock() {
   flock 9
 }
 
-# note_users: names the processes that use the environment which is about to change. Those whose files cannot be seen
+# note_users: names the processes that use the environment that will change. Those whose files cannot be seen
 # are left out.
 note_users() {
   local users

@@ -22,7 +22,7 @@ SHORT = {**SMALL, 'iterations': 2, 'num_groups': 2}
 
 
 def agents(processes: Processes, run: Path, **parameters: object) -> list[Process]:
-    """Start both ranks of a run; rank 1 has another folder, which stays empty."""
+    """Start both ranks of a run; rank 1 names another folder, which it does not make."""
     port = str(free_port())
     return [processes.start(
         'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *ros_args(
@@ -53,7 +53,7 @@ def test_an_agent_that_loses_the_other_tells_how_to_resume(
     run = tmp_path / 'run'
     for rank in range(2):
         simulator(processes, namespace=f'/rank_{rank}')
-    first, second = agents(processes, run, iterations=10_000)
+    first, second = agents(processes, run, iterations=10_000, simulators='/rank_{rank}')
     first.wait_for('PPO 1/10000', 60.0)
     second.signal(signal.SIGKILL)
     assert first.wait(20.0) == 2, processes.logs()

@@ -181,6 +181,6 @@ def test_every_source_file_names_its_licence() -> None:
         str(path.relative_to(ROOT))
         for folder in (*PACKAGES, 'launch_scripts', 'tests', 'docs')
         for path in (ROOT / folder).rglob('*')
-        if path.suffix in ('.py', '.sh', '.msg', '.srv', '.xml', '.cfg', '.yaml')
+        if path.suffix in ('.py', '.sh', '.msg', '.srv', '.action', '.xml', '.cfg', '.yaml')
         and 'SPDX-License-Identifier: Apache-2.0' not in path.read_text()[:200]]
     assert not missing

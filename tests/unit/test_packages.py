@@ -32,6 +32,33 @@ def test_all_packages_have_one_version() -> None:
 
 
 @pytest.mark.parametrize('package', PACKAGES)
+def test_a_manifest_is_valid_and_names_each_dependency_once(package: str) -> None:
+    """By the rules of package_format3.xsd that matter here; ament_xmllint needs the network."""
+    root = ElementTree.parse(ROOT / package / 'package.xml').getroot()
+    assert (root.tag, root.get('format')) == ('package', '3')
+    tags = [child.tag for child in root]
+    assert tags[:4] == ['name', 'version', 'description', 'maintainer'] and 'license' in tags
+    assert root.findtext('name') == package
+    depends = [(child.tag, child.text) for child in root if child.tag.endswith('depend')]
+    assert len(set(depends)) == len(depends)
+    assert all(re.fullmatch('[a-z0-9_-]+', str(name)) for _, name in depends)
+    assert root.find('export/build_type') is not None
+
+
+@pytest.mark.parametrize('package', PACKAGES[1:])
+def test_a_manifest_names_the_ros_packages_that_its_code_imports(package: str) -> None:
+    root = ElementTree.parse(ROOT / package / 'package.xml').getroot()
+    named = {child.text for child in root if child.tag.endswith('depend')}
+    known = {'rclpy', 'rocket_msgs', 'rocket_sim_node', 'ament_index_python'} | {
+        str(name) for name in named if str(name).endswith(('_msgs', '_interfaces'))}
+    imported = {
+        found for path in (ROOT / package / package).rglob('*.py')
+        for found in re.findall(r'^ *(?:from|import) (\w+)', path.read_text(), re.MULTILINE)
+        if found in known or found.endswith(('_msgs', '_interfaces'))} - {package}
+    assert imported <= named, imported - named
+
+
+@pytest.mark.parametrize('package', PACKAGES)
 def test_a_package_has_a_changelog_and_our_licence(package: str) -> None:
     assert package in (ROOT / package / 'CHANGELOG.rst').read_text()
     assert described(package, 'license') == 'Apache-2.0'

@@ -46,7 +46,7 @@ _serial = itertools.count()
 
 @dataclass(frozen=True)
 class _Place:
-    """What the environment says of this rank."""
+    """Settings of this rank, from the environment."""
 
     index: int
     count: int
