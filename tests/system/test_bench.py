@@ -211,8 +211,8 @@ def test_fleet(tmp_path: Path) -> None:
     text, figures = run(
         'fleet', tmp_path / 'out.json', '--counts', '1', '2', '--num-envs', '2', '--steps', '20',
         '--rounds', '1')
-    assert figures['fleet']['2']['ratio'] == pytest.approx(
-        figures['fleet']['2']['cpu_us'] / figures['fleet']['1']['cpu_us'])
+    assert set(figures['fleet']) == {'1', '2'}
+    assert all(0 < row['cpu_us'] < 1e6 for row in figures['fleet'].values())
     assert 'agent CPU' in text
 
 
@@ -221,7 +221,8 @@ def test_hosts(tmp_path: Path) -> None:
     text, figures = run(
         'hosts', tmp_path / 'out.json', '--sizes', '2', '--rounds', '1', '--count', '20')
     two = figures['hosts']['2']
-    assert two['ratio'] == pytest.approx(two['between_median'] / two['within_median'])
+    assert 0 < two['within_median'] <= two['within_p99'] < 1e6
+    assert 0 < two['between_median'] <= two['between_p99'] < 1e6
     assert 'two hosts' in text
 
 
