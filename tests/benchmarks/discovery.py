@@ -25,6 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from ppo_agent_node.evaluation.metrics import write_json
+from rocket_sim_node.wire.distributions import FAST_DDS_3
+from rocket_sim_node.wire.distributions import fast_dds
 
 COUNTS = (20, 60, 100, 200)
 WAYS = ('by themselves', 'discovery server')
@@ -33,8 +35,8 @@ _PATIENCE = 120.0
 """s for all to know each other"""
 _LOOK = 0.5
 """s between two looks"""
-_SERVER = '42'
-"""`fastdds discovery` passes this number to its server."""
+_SERVER = ('42',) if fast_dds()[0] is FAST_DDS_3 else ()
+"""What `fastdds discovery` of Fast DDS 3 passes to its server before the arguments."""
 
 
 def be(count: int, first: int, total: int, patience: float) -> None:
@@ -76,14 +78,14 @@ def server() -> Iterator[str]:
     libraries = [Path(sys.prefix) / 'lib', *Path(sysconfig.get_path('purelib')).glob('ros_*.libs')]
     path = os.pathsep.join(map(str, filter(None, [*libraries, os.environ.get('LD_LIBRARY_PATH')])))
     process = subprocess.Popen(
-        [program if program.exists() else 'fast-discovery-server', _SERVER, '-i', '0', '-l',
+        [program if program.exists() else 'fast-discovery-server', *_SERVER, '-i', '0', '-l',
          '127.0.0.1', '-p', str(port)],
         env={**os.environ, 'LD_LIBRARY_PATH': path}, stdout=subprocess.PIPE, text=True,
         start_new_session=True)
     try:
         assert process.stdout is not None
         for line in process.stdout:
-            if 'Server started' in line:
+            if 'Server started' in line or 'Server is running' in line:
                 break
         else:
             raise RuntimeError('the discovery server did not start')

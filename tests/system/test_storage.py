@@ -116,7 +116,7 @@ def test_evaluation_and_recording_on_a_full_disk(
         'ppo_agent_node', 'evaluate', pilot='expert', episodes=40, level=1, output=output),
         ' 32/40')
     partial = partial_path(recording)
-    wait_until(lambda: partial.stat().st_size > 500_000, 20.0)  # some flights are in it
+    wait_until(lambda: partial.stat().st_size > 500_000, 60.0)  # some flights are in it
     disk.fill()
     assert_clear_error(evaluation, processes, str(output), 'No space left on device')
     files = [path for path in output.rglob('*') if path.is_file()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,8 @@ def test_training_over_dds_equals_training_in_process(
     assert max(len(flight.time) for flight in flights) > 100
 
 
+@pytest.mark.skipif(
+    int(version('rclpy').split('.')[0]) < 9, reason="Jazzy's rclpy tells no writer")
 def test_training_among_forgeries_equals_training_in_process(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     """Forged answers come first; what is dropped is counted in each file, and told."""
