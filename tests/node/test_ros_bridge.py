@@ -20,6 +20,7 @@ from geometry_msgs.msg import AccelStamped
 from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
@@ -316,3 +317,23 @@ def test_foxglove_gets_the_same_messages(
         assert f'foxglove_port: {port} is taken by another program' in refused.output()
     bridge.signal(signal.SIGINT)
     assert bridge.wait(20.0) == 0
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_a_node_with_use_sim_time_follows_the_simulation(
+        mode: str, processes: Processes, listener: Listener) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=2, mode=mode)
+    processes.run_node('ppo_agent_node', 'expert_pilot', episodes=0)
+    start(processes, clock=True)
+    listener.node.set_parameters([Parameter('use_sim_time', value=True)])
+    clocks = listener.listen('/clock', Clock)
+    ticks: list[int] = []
+    listener.node.create_timer(
+        0.25, lambda: ticks.append(listener.node.get_clock().now().nanoseconds))
+    listener.wait_until(lambda: len(ticks) > 6, 60.0)
+    assert all(np.diff(ticks) > 0)
+    times = [Time.from_msg(clock.clock).nanoseconds for clock in clocks]
+    assert times == sorted(times)
+    assert 0 < ticks[-1] <= times[-1] + 1e9
+    if mode == 'realtime':  # in lock-step the simulation is faster than a timer can be
+        assert np.median(np.diff(ticks)) == pytest.approx(0.25e9, abs=0.1e9)

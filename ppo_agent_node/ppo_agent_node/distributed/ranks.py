@@ -11,12 +11,12 @@ import functools
 import math
 import pickle
 import re
-import time
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field
+from datetime import timedelta
 from typing import Any
 from typing import TypeVar
 
@@ -28,18 +28,17 @@ from ppo_agent_node.distributed.errors import RankLost
 
 T = TypeVar('T')
 Poll = Callable[[], None]
-_BRIEFLY = 0.002
-"""s for which a collective is polled without sleeping; within one machine it takes less"""
-_PAUSE = 0.0005
-"""s between two looks at a collective that takes longer"""
-_POLL_INTERVAL = 0.02
-"""s"""
+_POLL_INTERVAL = timedelta(milliseconds=50)
 _abandoned: list[Any] = []
 """Process groups with a collective that was not waited for."""
 
 
 def _no_poll() -> None:
     pass
+
+
+class _CollectiveFailed(Exception):
+    """A collective has failed; the argument is the error of torch."""
 
 
 def abandoned() -> bool:
@@ -137,26 +136,36 @@ class Channel:
 
     def _finish(self, collective: Callable[..., Any], poll: Poll) -> None:
         """Run a collective, and poll until it is done."""
-        began = polled = time.monotonic()
         try:
-            work = collective(group=self.group, async_op=True)
-        except RuntimeError as error:
-            raise self._lost(error, poll) from error
-        while not work.is_completed():
-            now = time.monotonic()
-            if now > began + _BRIEFLY:
-                time.sleep(_PAUSE)
-            if now > polled + _POLL_INTERVAL:
-                polled = now
+            work = self._begun(collective)
+            while not self._completed(work):
                 try:
                     poll()
                 except BaseException:
                     _abandoned.append(self.group)
                     raise
-        try:
-            work.wait()
-        except RuntimeError as error:
+        except _CollectiveFailed as error:
             raise self._lost(error, poll) from error
+
+    def _begun(self, collective: Callable[..., Any]) -> Any:
+        try:
+            return collective(group=self.group, async_op=True)
+        except RuntimeError as error:
+            raise _CollectiveFailed(error) from error
+
+    @staticmethod
+    def _completed(work: Any) -> bool:
+        """Wait for a short time; return whether the collective is complete."""
+        try:
+            work.wait(_POLL_INTERVAL)
+        except RuntimeError:  # time is over, or it has failed
+            if not work.is_completed():
+                return False
+            try:
+                work.wait()
+            except RuntimeError as error:
+                raise _CollectiveFailed(error) from error
+        return True
 
     def _lost(self, error: Exception, poll: Poll) -> RankLost:
         """Return the error for one of torch, unless `poll` raises another: all may be stopping."""

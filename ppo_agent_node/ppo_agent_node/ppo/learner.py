@@ -63,7 +63,8 @@ def find_device(name: str) -> torch.device:
         return torch.device('cpu')
     # torchrun numbers the ranks of a machine, which share its GPUs.
     rank = os.environ.get('LOCAL_RANK', '0')
-    return torch.device('cuda', int(rank) % max(torch.cuda.device_count(), 1) if rank.isdigit() else 0)
+    number = int(rank) if rank.isdigit() else 0
+    return torch.device('cuda', number % max(torch.cuda.device_count(), 1))
 
 
 class Learner:
