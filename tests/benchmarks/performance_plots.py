@@ -94,6 +94,7 @@ def _hosts(axes: Axes, f: Figures) -> None:
 
 
 def _ranks(axes: Axes, f: Figures) -> None:
+    f = f['ranks']
     for (name, one), colour in zip(f['model'].items(), CYCLE, strict=False):
         axes.plot(f['counts'], one['shares'], 'o-' if name.endswith('ring') else 's--',
                   color=colour, label=name.removeprefix('two ranks, '))

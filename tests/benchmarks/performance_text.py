@@ -108,6 +108,7 @@ def _hosts(f: Figures) -> str:
 
 
 def _ranks(f: Figures) -> str:
+    f = f['ranks']
     rows = {name: row for name, row in f['rows'].items() if name != 'one rank'}
     here = rows['two ranks']
     errors = [row['model'] / row['iteration'] - 1 for row in rows.values()]

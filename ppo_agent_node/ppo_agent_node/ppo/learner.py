@@ -62,9 +62,10 @@ def find_device(name: str) -> torch.device:
     if not there or name == 'cpu':
         return torch.device('cpu')
     # torchrun numbers the ranks of a machine, which share its GPUs.
-    rank = os.environ.get('LOCAL_RANK', '0')
-    number = int(rank) if rank.isdigit() else 0
-    return torch.device('cuda', number % max(torch.cuda.device_count(), 1))
+    rank = os.environ.get('LOCAL_RANK', '')
+    if not rank.isdigit():
+        return torch.device('cuda')
+    return torch.device('cuda', int(rank) % max(torch.cuda.device_count(), 1))
 
 
 class Learner:
