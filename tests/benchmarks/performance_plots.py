@@ -97,7 +97,8 @@ def _ranks(axes: Axes, f: Figures) -> None:
     f = f['ranks']
     for (name, one), colour in zip(f['model'].items(), CYCLE, strict=False):
         axes.plot(f['counts'], one['shares'], 'o-' if name.endswith('ring') else 's--',
-                  color=colour, label=name.removeprefix('two ranks, '))
+                  color=colour, label=name.replace('two ranks, ', 'a delay of ', 1)
+                  if ' ms' in name else name.replace('two ranks', 'one machine'))
     axes.axhline(0.5, color='black', linewidth=0.8)
     axes.set(xscale='log', xlabel='ranks', ylabel='share of the time at work (model)',
              ylim=(0.0, 1.0))
@@ -178,6 +179,17 @@ _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'key_latency': _key_latency}
 
 
+def _ranks_finding(f: Figures) -> str:
+    model = f['ranks']['model']
+    ring, tree = (model[f'two ranks, {way}']['knee'] for way in ('ring', 'tree'))
+    return (f'Ranks wait longer than they work from {ring} on (ring) or {tree} (tree),\n'
+            'and from 2 on over a network with a delay of 1 ms')
+
+
+_FINDINGS: dict[str, Callable[[Figures], str]] = {'ranks': _ranks_finding}
+"""What a plot shows, as its title; the others have that of their section."""
+
+
 def draw(part: str, title: str, figures: Figures, path: Path) -> bool:
     """Draw the plot of a part's figures; tell whether there is one."""
     plot = _PLOTS.get(part)
@@ -187,6 +199,7 @@ def draw(part: str, title: str, figures: Figures, path: Path) -> bool:
         figure = Figure(figsize=(8.0, 4.2))
         axes = figure.add_subplot()
         plot(axes, figures)
-        axes.set_title(title)
+        finding = _FINDINGS.get(part)
+        axes.set_title(finding(figures) if finding else title)
         save(figure, path)
     return True
