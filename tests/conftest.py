@@ -15,7 +15,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 from support.hosts import Hosts
 from support.hosts import missing
 from support.processes import Processes
-from support.pseudo_terminal import Cabin
+from support.pseudo_terminal import PseudoTerminal
 
 # Before any test imports torch: torch reads the number of its threads and how they wait, which
 # this package sets, only once. Else the workers' threads spin for each other's cores, and a small
@@ -71,8 +71,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Any:
         for name in ('processes', 'hosts'):
             if name in used:
                 report.sections.append(('logs of the nodes', used[name].logs()))
-        if 'cabin' in used:
-            report.sections.append(('the terminal', used['cabin'].text))
+        if 'terminal' in used:
+            report.sections.append(('the terminal', used['terminal'].text))
     return report
 
 
@@ -95,9 +95,9 @@ def hosts(tmp_path: Path) -> Iterator[Hosts]:
 
 
 @pytest.fixture
-def cabin() -> Iterator[Cabin]:
+def terminal() -> Iterator[PseudoTerminal]:
     """A terminal."""
-    terminal = Cabin()
+    terminal = PseudoTerminal()
     yield terminal
     terminal.close()
 

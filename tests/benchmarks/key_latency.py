@@ -19,7 +19,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rocket_msgs import msg
 from support.processes import Processes
-from support.pseudo_terminal import Cabin
+from support.pseudo_terminal import PseudoTerminal
 
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.dds import qos
@@ -31,7 +31,9 @@ _PAUSE = 0.1
 """s, the least between two presses"""
 
 
-def measure(presses: int, processes: Processes, cabin: Cabin) -> tuple[list[float], int]:
+def measure(
+    presses: int, processes: Processes, terminal: PseudoTerminal,
+) -> tuple[list[float], int]:
     """Return the latencies, s, and how many presses nothing followed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime')
     context = Context()
@@ -46,32 +48,32 @@ def measure(presses: int, processes: Processes, cabin: Cabin) -> tuple[list[floa
                     height=message.position[-1], at=time.perf_counter())
 
     node.create_subscription(msg.RocketState, 'state', look, qos.EVENTS)
-    cabin.fly(processes.env, repeat_delay=0.05)
+    terminal.fly(processes.env, repeat_delay=0.05)
     phase = random.Random(0)
     latencies: list[float] = []
     missed = 0
     on = False
-    cabin.press(b'r')
+    terminal.press(b'r')
     while len(latencies) < presses:
         end = time.perf_counter() + _PAUSE + phase.random() * 0.05
         while time.perf_counter() < end:
             executor.spin_once(timeout_sec=0.005)
         if (time.perf_counter() - seen['at'] > 0.5 or seen['height'] < 20.0
                 or seen['fuel'] < 200.0 or seen['throttle'] != on):
-            cabin.press(b'r')
+            terminal.press(b'r')
             on = False
             time.sleep(0.5)
             continue
         on = not on
         pressed = time.perf_counter()
-        cabin.press(b'z' if on else b'x')
+        terminal.press(b'z' if on else b'x')
         while seen['throttle'] != on and time.perf_counter() < pressed + _LOST:
             executor.spin_once(timeout_sec=0.005)
         if seen['throttle'] == on:
             latencies.append(seen['at'] - pressed)
         else:
             missed += 1
-    cabin.press(b'q')
+    terminal.press(b'q')
     rclpy.shutdown(context=context)
     return latencies, missed
 
@@ -83,11 +85,11 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        processes, cabin = Processes(Path(folder)), Cabin()
+        processes, terminal = Processes(Path(folder)), PseudoTerminal()
         try:
-            latencies, missed = measure(options.presses, processes, cabin)
+            latencies, missed = measure(options.presses, processes, terminal)
         finally:
-            cabin.close()
+            terminal.close()
             processes.end()
     figures = np.percentile(latencies, (50, 95, 100)) * 1e3
     print('{} presses: median {:.1f} ms, 95 % within {:.1f} ms, at most {:.1f} ms; '

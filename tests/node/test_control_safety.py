@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A rocket under control: what flies without orders is stopped, and nobody else can give any."""
+"""A rocket without commands is stopped; only its agent can send commands."""
 from __future__ import annotations
 
 import ast

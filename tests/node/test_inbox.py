@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting for the next message of an exchange: awake for a moment, asleep after that."""
+"""Waiting for the next message of an exchange: polls briefly, then blocks."""
 from __future__ import annotations
 
 import os

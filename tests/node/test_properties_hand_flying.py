@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is said of world and vehicle, who flies by hand flies on, or is told what is wrong."""
+"""The keyboard pilot survives any description of a world, or reports what is wrong."""
 from __future__ import annotations
 
 import copy

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever others publish: a recorder, and who watches a training, show what makes sense."""
+"""The recorder and the displays of a training ignore invalid messages."""
 from __future__ import annotations
 
 import array

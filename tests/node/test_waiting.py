@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Patience with the far end, and time in which nobody could have answered."""
+"""Time-outs while waiting for a peer; time of suspension does not count."""
 from __future__ import annotations
 
 from types import SimpleNamespace

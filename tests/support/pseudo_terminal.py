@@ -18,7 +18,7 @@ from support.processes import wait_until
 _ESCAPES = re.compile(r'\x1b(?:\[[0-?]*[ -/]*[@-~]|.)')
 
 
-class Cabin:
+class PseudoTerminal:
     """A terminal of 100 x 30 and the programs started in it."""
 
     def __init__(self) -> None:

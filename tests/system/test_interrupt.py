@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.processes import Process
 from support.processes import Processes
-from support.pseudo_terminal import Cabin
+from support.pseudo_terminal import PseudoTerminal
 from support.training_runs import LOW
 from support.training_runs import SMALL
 from support.training_runs import assert_same_run
@@ -110,14 +110,14 @@ def test_interrupted_before_it_began_the_advice_has_all_settings(
 
 
 def test_on_a_terminal_nothing_but_the_display_is_shown(
-        processes: Processes, tmp_path: Path, cabin: Cabin) -> None:
+        processes: Processes, tmp_path: Path, terminal: PseudoTerminal) -> None:
     run = tmp_path / 'run'
-    child = cabin.start(TRAIN, f'run_dir:={run}', *ARGUMENTS, env=processes.env)
-    cabin.wait_for('1/4 iterations', 90.0)
-    cabin.press(b'\x03')
-    assert child.wait(60.0) == 130, cabin.text
-    cabin.wait_for('resume:=true', 5.0)
-    plain = cabin.text
+    child = terminal.start(TRAIN, f'run_dir:={run}', *ARGUMENTS, env=processes.env)
+    terminal.wait_for('1/4 iterations', 90.0)
+    terminal.press(b'\x03')
+    assert child.wait(60.0) == 130, terminal.text
+    terminal.wait_for('resume:=true', 5.0)
+    plain = terminal.text
     assert '▶ expert flies' in plain
     assert '✓ cloning   ▶ PPO   · evaluating' in plain
     for other in ('[INFO]', '[launch]', '[ppo_agent', '[simulator', 'Traceback'):

@@ -17,7 +17,7 @@ from rocket_msgs import msg
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.pseudo_terminal import Cabin
+from support.pseudo_terminal import PseudoTerminal
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
@@ -34,9 +34,9 @@ def simulator(processes: Processes) -> Process:
         'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=0.5)
 
 
-def assert_restored(cabin: Cabin) -> None:
+def assert_restored(terminal: PseudoTerminal) -> None:
     """Assert that the terminal is as it was; what was written last may still be on its way."""
-    wait_until(lambda: cabin.restored, 5.0)
+    wait_until(lambda: terminal.restored, 5.0)
 
 
 class Looker:
@@ -64,29 +64,29 @@ class Looker:
 
 
 def test_keys_fly_the_rocket_and_q_puts_the_terminal_back(
-        processes: Processes, simulator: Process, cabin: Cabin,
+        processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     looker = Looker(make_client())
-    child = cabin.fly(processes.env, level=1, seed=3, repeat_delay=2.0)
+    child = terminal.fly(processes.env, level=1, seed=3, repeat_delay=2.0)
     assert looker.idle(0.3) == 0  # nothing falls before the first flight
-    cabin.press(b'r')
+    terminal.press(b'r')
     state = looker.wait(lambda s: s.time[-1] > 0.1)
     assert state.throttle[-1] == 0.0
-    cabin.press(b'z')
+    terminal.press(b'z')
     looker.wait(lambda s: s.throttle[-1] == 1.0)
-    cabin.press(b'4')
+    terminal.press(b'4')
     looker.wait(lambda s: s.throttle[-1] == pytest.approx(0.4))
-    cabin.press(b'\x1b[')
+    terminal.press(b'\x1b[')
     time.sleep(0.05)
-    cabin.press(b'C')
+    terminal.press(b'C')
     # To the right: the body's axis, z by REP 103, gets a part along x.
     looker.wait(lambda s: axis_x(s.orientation) > np.sin(np.deg2rad(4.0)))
-    cabin.press(b'x')
+    terminal.press(b'x')
     looker.wait(lambda s: s.throttle[-1] == 0.0)
-    cabin.wait_for('full throttle')
-    cabin.press(b'q')
+    terminal.wait_for('full throttle')
+    terminal.press(b'q')
     assert child.wait(20.0) == 0
-    assert_restored(cabin)
+    assert_restored(terminal)
     wait_until(lambda: looker.idle(0.5) == 0, 10.0)  # nobody flies: nothing falls
     assert simulator.running
 
@@ -98,44 +98,45 @@ def axis_x(orientation: Any) -> float:
 
 
 def test_flight_ends_with_its_figures_and_the_experts(
-        processes: Processes, cabin: Cabin) -> None:
+        processes: Processes, terminal: PseudoTerminal) -> None:
     processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', realtime_factor=8.0)
-    child = cabin.fly(processes.env)
+    child = terminal.fly(processes.env)
     for number in (1, 2):
-        cabin.press(b'r')
-        cabin.wait_for(f'landed 0 of {number}')
+        terminal.press(b'r')
+        terminal.wait_for(f'landed 0 of {number}')
         wait_until(
-            lambda number=number: cabin.text.count('expert   29') >= number, 60.0,
-            lambda: cabin.text)
-    assert 'CRASHED: too fast' in cabin.text
-    assert 'the engine stayed off' in cabin.text
-    assert 'start 1' in cabin.text
-    cabin.press(b'\x1b[113u')  # q, as terminals with the kitty protocol say it
+            lambda number=number: terminal.text.count('expert   29') >= number, 60.0,
+            lambda: terminal.text)
+    assert 'CRASHED: too fast' in terminal.text
+    assert 'the engine stayed off' in terminal.text
+    assert 'start 1' in terminal.text
+    terminal.press(b'\x1b[113u')  # q, as terminals with the kitty protocol say it
     assert child.wait(20.0) == 0
 
 
 def test_terminal_is_put_back_however_it_ends(
-        processes: Processes, simulator: Process, cabin: Cabin) -> None:
+        processes: Processes, simulator: Process, terminal: PseudoTerminal) -> None:
     for end in ('SIGTERM', 'SIGHUP', 'Ctrl-C', 'Ctrl-D'):
-        child = cabin.fly(processes.env)
-        assert not cabin.restored
-        cabin.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
+        child = terminal.fly(processes.env)
+        assert not terminal.restored
+        terminal.press(b'\x1a\x1c\x13')  # Ctrl-Z, Ctrl-\ and Ctrl-S mean nothing here
         if end == 'SIGTERM':
-            cabin.press(b'r')
-            cabin.wait_for(FLYING)
+            terminal.press(b'r')
+            terminal.wait_for(FLYING)
         if end == 'Ctrl-C':
-            cabin.press(b'\x03')
+            terminal.press(b'\x03')
         elif end == 'Ctrl-D':
-            cabin.press(b'\x04')
+            terminal.press(b'\x04')
         else:
             child.send_signal(signal.SIGHUP if end == 'SIGHUP' else signal.SIGTERM)
         assert child.wait(20.0) == 0, end
-        assert_restored(cabin)
+        assert_restored(terminal)
 
 
-def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin) -> None:
-    child = cabin.start(
+def test_terminal_is_put_back_after_an_error(
+        processes: Processes, terminal: PseudoTerminal) -> None:
+    child = terminal.start(
         sys.executable, '-c',
         'import sys\n'
         'from ppo_agent_node.cockpit.raw_terminal import RawTerminal\n'
@@ -145,16 +146,16 @@ def test_terminal_is_put_back_after_an_error(processes: Processes, cabin: Cabin)
         "    assert terminal.errors() == ['kept for later']\n"
         "    raise RuntimeError('on purpose')\n", env=processes.env)
     assert child.wait(20.0) == 1
-    cabin.wait_for('on purpose')
-    assert_restored(cabin)
+    terminal.wait_for('on purpose')
+    assert_restored(terminal)
     # It came when the first screen was back.
-    assert cabin.output.index('kept for later') > cabin.output.index('\x1b[?1049l')
+    assert terminal.output.index('kept for later') > terminal.output.index('\x1b[?1049l')
 
 
 def test_ctrl_c_does_not_throw_away_a_key_that_is_about_to_be_read(
-        processes: Processes, cabin: Cabin) -> None:
+        processes: Processes, terminal: PseudoTerminal) -> None:
     """The reading would wait for the next key, and whoever pressed Ctrl-C for the end."""
-    child = cabin.start(
+    child = terminal.start(
         sys.executable, '-c',
         'import select, signal, time\n'
         'from ppo_agent_node.cockpit.raw_terminal import RawTerminal\n'
@@ -170,12 +171,12 @@ def test_ctrl_c_does_not_throw_away_a_key_that_is_about_to_be_read(
         "    terminal.draw(['ready'])\n"
         '    key = terminal.read(10.0)\n'
         "print('read', key, 'heard', heard)\n", env=processes.env)
-    cabin.wait_for('ready')
-    cabin.press(b'r')
+    terminal.wait_for('ready')
+    terminal.press(b'r')
     time.sleep(0.2)
-    cabin.press(b'\x03')
+    terminal.press(b'\x03')
     assert child.wait(20.0) == 0
-    cabin.wait_for("read b'r' heard [1]")
+    terminal.wait_for("read b'r' heard [1]")
 
 
 def test_without_a_terminal_it_says_so(processes: Processes) -> None:
@@ -185,150 +186,154 @@ def test_without_a_terminal_it_says_so(processes: Processes) -> None:
     assert 'Traceback' not in pilot.output()
 
 
-def test_without_a_simulator_it_says_so_and_ends(processes: Processes, cabin: Cabin) -> None:
-    child = cabin.start(
+def test_without_a_simulator_it_says_so_and_ends(
+        processes: Processes, terminal: PseudoTerminal) -> None:
+    child = terminal.start(
         'ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', '--ros-args', '-p', 'patience:=0.5',
         env=processes.env)
     assert child.wait(20.0) == 2
-    cabin.wait_for('is it running')
-    assert 'Traceback' not in cabin.text
-    assert_restored(cabin)
+    terminal.wait_for('is it running')
+    assert 'Traceback' not in terminal.text
+    assert_restored(terminal)
 
 
 def test_killed_pilot_leaves_the_engine_off_and_comes_back(
-        processes: Processes, simulator: Process, cabin: Cabin,
+        processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     looker = Looker(make_client())
-    child = cabin.fly(processes.env)
-    cabin.press(b'r')
+    child = terminal.fly(processes.env)
+    terminal.press(b'r')
     looker.wait(lambda s: s.time[-1] > 0.0)
-    cabin.press(b'z')
+    terminal.press(b'z')
     looker.wait(lambda s: s.throttle[-1] == 1.0)
     os.killpg(child.pid, signal.SIGKILL)
     child.wait(5.0)
     looker.wait(lambda s: s.throttle[-1] == 0.0)
     simulator.wait_for('engine cut', 5.0)
-    again = cabin.fly(processes.env)
+    again = terminal.fly(processes.env)
     before = looker.states[-1].session
-    cabin.press(b'r')
+    terminal.press(b'r')
     looker.wait(lambda s: s.session != before and s.time[-1] > 0.0)
-    cabin.press(b'z')
+    terminal.press(b'z')
     looker.wait(lambda s: s.throttle[-1] == 1.0)
-    cabin.press(b'q')
+    terminal.press(b'q')
     assert again.wait(10.0) == 0
 
 
 def test_killed_simulator_is_told_and_a_new_one_flown(
-        processes: Processes, simulator: Process, cabin: Cabin) -> None:
-    child = cabin.fly(processes.env)
-    cabin.press(b'r')
-    cabin.wait_for(FLYING)
+        processes: Processes, simulator: Process, terminal: PseudoTerminal) -> None:
+    child = terminal.fly(processes.env)
+    terminal.press(b'r')
+    terminal.wait_for(FLYING)
     simulator.signal(signal.SIGKILL)
-    cabin.wait_for('is it running')
+    terminal.wait_for('is it running')
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime',
                        realtime_factor=8.0)
     for _ in range(10):
         # The pilot is waiting for the old one still, perhaps; then the key is for nothing.
-        cabin.press(b'r')
+        terminal.press(b'r')
         with suppress(AssertionError):
-            cabin.wait_for('landed 0 of 1', 4.0)
+            terminal.wait_for('landed 0 of 1', 4.0)
             break
-    assert 'landed 0 of 1' in cabin.text
-    cabin.press(b'q')
+    assert 'landed 0 of 1' in terminal.text
+    terminal.press(b'q')
     assert child.wait(20.0) == 0
-    assert_restored(cabin)
+    assert_restored(terminal)
 
 
 def test_another_agent_in_control_is_told_in_a_line(
-        processes: Processes, simulator: Process, cabin: Cabin,
+        processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     other = make_client(agent=77)
-    child = cabin.fly(processes.env)
+    child = terminal.fly(processes.env)
     other.reset(1)  # only now: it is heard but this once, and its lease is 10 s
-    cabin.press(b'r')
-    cabin.wait_for('controls this simulator')
+    terminal.press(b'r')
+    terminal.wait_for('controls this simulator')
     other.close()
-    cabin.press(b'q')
+    terminal.press(b'q')
     assert child.wait(20.0) == 0
-    assert 'Traceback' not in cabin.text
+    assert 'Traceback' not in terminal.text
 
 
 def test_lockstep_simulator_is_flown_at_the_pace_of_the_clock(
-        processes: Processes, cabin: Cabin, make_client: Callable[..., Client]) -> None:
+        processes: Processes, terminal: PseudoTerminal,
+        make_client: Callable[..., Client]) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=2, state_batch=1)
     looker = Looker(make_client())
-    child = cabin.fly(processes.env)
+    child = terminal.fly(processes.env)
     begin = time.monotonic()
-    cabin.press(b'r')
+    terminal.press(b'r')
     looker.wait(lambda s: s.time[-1] > 0.2)
-    cabin.press(b'z')
+    terminal.press(b'z')
     state = looker.wait(lambda s: s.time[-1] > 1.2)
     # Not faster than the clock, but for the first step, which comes at once.
     assert time.monotonic() - begin > state.time[-1] - 0.1
     assert list(state.throttle) == [1.0, 1.0]
-    cabin.press(b'q')
+    terminal.press(b'q')
     assert child.wait(20.0) == 0
 
 
 def test_lander_is_flown(
-        processes: Processes, cabin: Cabin, make_client: Callable[..., Client]) -> None:
+        processes: Processes, terminal: PseudoTerminal,
+        make_client: Callable[..., Client]) -> None:
     processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=1, mode='realtime', world='lunar_lander',
         realtime_factor=0.5)
     looker = Looker(make_client())
-    child = cabin.fly(processes.env)
-    cabin.press(b'r')
+    child = terminal.fly(processes.env)
+    terminal.press(b'r')
     looker.wait(lambda s: s.time[-1] > 0.0)
-    cabin.press(b'z')
+    terminal.press(b'z')
     looker.wait(lambda s: s.throttle[-1] == 1.0)
-    cabin.wait_for('height')
-    assert 'fuel' not in cabin.text
-    cabin.press(b'q')
+    terminal.wait_for('height')
+    assert 'fuel' not in terminal.text
+    terminal.press(b'q')
     assert child.wait(20.0) == 0
 
 
-def test_fly_does_all_of_it(processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+def test_fly_does_all_of_it(
+        processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording = tmp_path / 'flight.rrd'
-    child = cabin.start(
+    child = terminal.start(
         str(SCRIPTS / 'fly'), 'realtime_factor:=2.0', 'serve_web:=false', 'level:=2', 'seed:=7',
         f'output:={recording}', env=processes.env)
-    cabin.wait_for('press r to fly', 60.0)
-    cabin.press(b'r')
-    cabin.wait_for('landed 0 of 1')
-    assert 'level 2 · start 7' in cabin.text
-    cabin.press(b'q')
-    assert child.wait(20.0) == 0, cabin.text
-    assert_restored(cabin)
-    cabin.wait_for(f'recording: {recording}', 5.0)
+    terminal.wait_for('press r to fly', 60.0)
+    terminal.press(b'r')
+    terminal.wait_for('landed 0 of 1')
+    assert 'level 2 · start 7' in terminal.text
+    terminal.press(b'q')
+    assert child.wait(20.0) == 0, terminal.text
+    assert_restored(terminal)
+    terminal.wait_for(f'recording: {recording}', 5.0)
     assert recording.is_file()
 
 
 def test_fly_ends_all_with_ctrl_c(
-        processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+        processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording = tmp_path / 'flight.rrd'
-    child = cabin.start(
+    child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
         f'output:={recording}', env=processes.env)
-    cabin.wait_for('press r to fly', 60.0)
-    cabin.press(b'r')
-    cabin.wait_for(FLYING)
-    cabin.press(b'\x03')
+    terminal.wait_for('press r to fly', 60.0)
+    terminal.press(b'r')
+    terminal.wait_for(FLYING)
+    terminal.press(b'\x03')
     assert child.wait(20.0) == 0
-    assert_restored(cabin)
-    cabin.wait_for(f'recording: {recording}', 5.0)
+    assert_restored(terminal)
+    terminal.wait_for(f'recording: {recording}', 5.0)
     assert not running(f'/fly_{os.getpid()}')
 
 
 def test_fly_ends_all_when_its_terminal_is_closed(
-        processes: Processes, cabin: Cabin, tmp_path: Path) -> None:
+        processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording, mine = tmp_path / 'flight.rrd', f'/fly_{os.getpid()}_closed'
-    child = cabin.start(
+    child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', f'output:={recording}',
         env=processes.env)
-    cabin.wait_for('press r to fly', 60.0)
-    cabin.press(b'r')
-    cabin.wait_for(FLYING)
-    cabin.hang_up()
+    terminal.wait_for('press r to fly', 60.0)
+    terminal.press(b'r')
+    terminal.wait_for(FLYING)
+    terminal.hang_up()
     child.wait(40.0)
     wait_until(lambda: not running(mine), 10.0)
     assert recording.is_file(), 'complete, under its name'
@@ -336,28 +341,28 @@ def test_fly_ends_all_when_its_terminal_is_closed(
 
 @pytest.mark.parametrize('told', [signal.SIGTERM, signal.SIGHUP], ids=lambda told: told.name)
 def test_fly_told_to_end_as_soon_as_it_has_begun_leaves_nothing(
-        processes: Processes, cabin: Cabin, told: signal.Signals) -> None:
+        processes: Processes, terminal: PseudoTerminal, told: signal.Signals) -> None:
     mine = f'/fly_{os.getpid()}_early'
-    child = cabin.start(
+    child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', env=processes.env)
     # The launch has hardly begun, and does not hear of Ctrl-C yet.
-    wait_until(lambda: bool(running(mine, 'fly.launch.yaml')), 60.0, lambda: cabin.text)
+    wait_until(lambda: bool(running(mine, 'fly.launch.yaml')), 60.0, lambda: terminal.text)
     os.kill(child.pid, told)
-    assert child.wait(40.0) == 143, cabin.text
+    assert child.wait(40.0) == 143, terminal.text
     wait_until(lambda: not running(mine), 10.0)
 
 
 def test_fly_puts_the_terminal_back_when_the_pilot_is_killed(
-        processes: Processes, cabin: Cabin) -> None:
-    child = cabin.start(
+        processes: Processes, terminal: PseudoTerminal) -> None:
+    child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
         env=processes.env)
-    cabin.wait_for('press r to fly', 60.0)
-    assert not cabin.restored
+    terminal.wait_for('press r to fly', 60.0)
+    assert not terminal.restored
     for pid in running(f'/fly_{os.getpid()}', '/keyboard_pilot\0'):
         os.kill(pid, signal.SIGKILL)
     assert child.wait(20.0) > 2
-    assert_restored(cabin)
+    assert_restored(terminal)
 
 
 def running(*words: str) -> list[int]:

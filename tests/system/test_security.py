@@ -15,7 +15,7 @@ import pytest
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.pseudo_terminal import Cabin
+from support.pseudo_terminal import PseudoTerminal
 
 from rocket_sim_node.wire.dds import security
 
@@ -69,9 +69,9 @@ def covered(rule: Rule, rules: set[Rule]) -> bool:
 
 
 @pytest.fixture
-def cabins() -> Iterator[list[Cabin]]:
-    """Terminals: who sits at one is shown more, so that its node listens to more."""
-    terminals = [Cabin(), Cabin(), Cabin()]
+def terminals() -> Iterator[list[PseudoTerminal]]:
+    """Make terminals: in a terminal a node shows more, so it subscribes to more topics."""
+    terminals = [PseudoTerminal(), PseudoTerminal(), PseudoTerminal()]
     yield terminals
     for terminal in terminals:
         terminal.close()
@@ -79,8 +79,8 @@ def cabins() -> Iterator[list[Cabin]]:
 
 @pytest.mark.parametrize('namespace', ['', '/sim_7'])
 def test_policy_allows_what_nodes_do_and_nothing_else(
-        processes: Processes, make_node: Callable[..., Any], cabins: list[Cabin], tmp_path: Path,
-        namespace: str) -> None:
+        processes: Processes, make_node: Callable[..., Any], terminals: list[PseudoTerminal],
+        tmp_path: Path, namespace: str) -> None:
     at = ('--ros-args', '-r', f'__ns:={namespace}') if namespace else ('--ros-args',)
     remap = (f'__ns:={namespace}',) if namespace else ()
     processes.run_node('rocket_sim_node', 'simulator', remap, num_envs=1)
@@ -91,11 +91,11 @@ def test_policy_allows_what_nodes_do_and_nothing_else(
         processes.run_node('ppo_agent_node', name, remap, patience=100.0)
     processes.run_node('ppo_agent_node', 'action_server', remap)
     env = processes.env
-    cabins[0].start(
+    terminals[0].start(
         'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *at, '-p', f'run_dir:={tmp_path}/run',
         env=env)
-    cabins[1].start('ros2', 'run', 'ppo_agent_node', 'watch', *at, env=env)
-    cabins[2].start('ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', *at, env=env)
+    terminals[1].start('ros2', 'run', 'ppo_agent_node', 'watch', *at, env=env)
+    terminals[2].start('ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', *at, env=env)
     looker, _ = make_node('/looker')
     rules = allowed()
     assert set(rules) == {name for names in NODES.values() for name in names}
@@ -122,7 +122,8 @@ def test_policy_allows_what_nodes_do_and_nothing_else(
 
     # Short, and at the end: of long texts a report keeps a part.
     wait_until(all_as_allowed, 100.0, lambda: '\n'.join((
-        *(f'--- terminal {number}\n{cabin.text[-1000:]}' for number, cabin in enumerate(cabins)),
+        *(f'--- terminal {number}\n{terminal.text[-1000:]}'
+          for number, terminal in enumerate(terminals)),
         f'not done, though allowed (None: not seen): {left}')))
 
 

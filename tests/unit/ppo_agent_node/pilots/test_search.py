@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which policy flies when nobody says."""
+"""The default policy."""
 from __future__ import annotations
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Signals as wishes: looked at, or felt by work that cannot look."""
+"""Signals request a stop: polled, or raised in code that cannot poll."""
 from __future__ import annotations
 
 import signal
