@@ -332,9 +332,9 @@ def test_a_node_with_use_sim_time_follows_the_simulation(
         0.25, lambda: ticks.append(listener.node.get_clock().now().nanoseconds))
     listener.wait_until(lambda: len(ticks) - ticks.count(0) > 6, 60.0)
     ticks = ticks[ticks.count(0):]  # 0: before the first message on /clock
-    assert all(np.diff(ticks) > 0)
+    assert ticks == sorted(ticks)  # equal where two ticks fall between two messages
     times = [Time.from_msg(clock.clock).nanoseconds for clock in clocks]
     assert times == sorted(times)
     assert 0 < ticks[-1] <= times[-1] + 1e9
     if mode == 'realtime':  # in lock-step the simulation is faster than a timer can be
-        assert np.median(np.diff(ticks)) == pytest.approx(0.25e9, abs=0.1e9)
+        assert np.median(np.diff(ticks)) == pytest.approx(0.25e9, abs=0.15e9)
