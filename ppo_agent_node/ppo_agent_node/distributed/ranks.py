@@ -29,26 +29,10 @@ from ppo_agent_node.distributed.errors import RankLost
 T = TypeVar('T')
 Poll = Callable[[], None]
 _POLL_INTERVAL = timedelta(milliseconds=50)
-_abandoned: list[Any] = []
-"""Process groups with a collective that was not waited for."""
 
 
 def _no_poll() -> None:
     pass
-
-
-class _CollectiveFailed(Exception):
-    """A collective has failed; the argument is the error of torch."""
-
-
-def abandoned() -> bool:
-    """Return whether this process has left a collective before its end."""
-    return bool(_abandoned)
-
-
-def keep_forever(group: Any) -> None:
-    """Never free a process group: that would wait for the other ranks."""
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(group))
 
 
 def reason(error: Exception) -> str:
@@ -137,24 +121,18 @@ class Channel:
     def _finish(self, collective: Callable[..., Any], poll: Poll) -> None:
         """Run a collective, and poll until it is done."""
         try:
-            work = self._begun(collective)
-            while not self._completed(work):
-                try:
-                    poll()
-                except BaseException:
-                    _abandoned.append(self.group)
-                    raise
-        except _CollectiveFailed as error:
-            raise self._lost(error, poll) from error
-
-    def _begun(self, collective: Callable[..., Any]) -> Any:
-        try:
-            return collective(group=self.group, async_op=True)
+            work = collective(group=self.group, async_op=True)
         except RuntimeError as error:
-            raise _CollectiveFailed(error) from error
+            raise self._lost(error, poll) from error
+        while not self._completed(work, poll):
+            try:
+                poll()
+            except BaseException:
+                # Freed with an unfinished collective, the group would wait for the other ranks.
+                ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.group))
+                raise
 
-    @staticmethod
-    def _completed(work: Any) -> bool:
+    def _completed(self, work: Any, poll: Poll) -> bool:
         """Wait for a short time; return whether the collective is complete."""
         try:
             work.wait(_POLL_INTERVAL)
@@ -164,7 +142,7 @@ class Channel:
             try:
                 work.wait()
             except RuntimeError as error:
-                raise _CollectiveFailed(error) from error
+                raise self._lost(error, poll) from error
         return True
 
     def _lost(self, error: Exception, poll: Poll) -> RankLost:
@@ -180,6 +158,7 @@ def _pickled(value: object) -> Tensor:
 
 
 def _unpickled(data: Tensor) -> Any:
+    # Ranks trust each other: torch.distributed authenticates nobody.
     return pickle.loads(data.numpy().tobytes())
 
 

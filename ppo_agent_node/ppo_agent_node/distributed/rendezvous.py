@@ -23,11 +23,11 @@ from typing import Any
 
 from torch import distributed
 
-from ppo_agent_node.distributed import ranks as ranks_module
 from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Channel
 from ppo_agent_node.distributed.ranks import Ranks
+from ppo_agent_node.distributed.ranks import reason
 
 JOIN_PATIENCE = 120.0
 """s for all ranks to be there"""
@@ -132,19 +132,9 @@ def joined(
     finally:
         if before is None:
             os.environ.pop(_INTERFACE, None)
-        _disconnect()
-
-
-def _disconnect() -> None:
-    """Free the process groups, unless that would wait for the other ranks."""
-    if not distributed.is_initialized():
-        return
-    if ranks_module.abandoned():
-        for group in list(distributed.distributed_c10d._world.pg_map):
-            ranks_module.keep_forever(group)
-        return
-    with suppress(RuntimeError):  # another rank has ended before
-        distributed.destroy_process_group()
+        if distributed.is_initialized():
+            with suppress(RuntimeError):  # another rank has ended before
+                distributed.destroy_process_group()
 
 
 def _is_loopback(host: str) -> bool:
@@ -160,8 +150,9 @@ def _listen(host: str, port: int) -> int:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family).detach()
     except OSError as error:
-        reason = f'rank 0 cannot listen here: {error.strerror}'
-        raise OSError(error.errno, reason, f'{host}:{port}') from error
+        raise OSError(
+            error.errno, f'rank 0 cannot listen here: {error.strerror}',
+            f'{host}:{port}') from error
 
 
 def _answers(host: str, port: int) -> bool:
@@ -196,7 +187,7 @@ def _meet(place: _Place, poll: Callable[[], None], deadline: float) -> distribut
         except distributed.DistError as error:
             if place.serves:
                 raise OSError(
-                    f'{place.host}:{place.port}: {ranks_module.reason(error)}') from error
+                    f'{place.host}:{place.port}: {reason(error)}') from error
             store = None
         if time.monotonic() > deadline:
             raise TimeoutError(
@@ -253,5 +244,5 @@ def _connect(
     if errors:
         raise RankLost(
             f'rank {place.index} of {place.count} cannot connect to the others '
-            f'({ranks_module.reason(errors[0])})') from errors[0]
+            f'({reason(errors[0])})') from errors[0]
     return groups

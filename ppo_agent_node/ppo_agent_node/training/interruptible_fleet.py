@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from collections.abc import Sequence
 from typing import TypeVar
 
+from ppo_agent_node.distributed.fleet import fly_together
+from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node import free_memory
 from rocket_sim_node.worlds import EnvironmentClosed
@@ -20,14 +22,17 @@ class InterruptibleFleet:
     """Runs the jobs of a training run, and checks for a stop request."""
 
     def __init__(
-        self, fleet: Fleet, stop_requested: Callable[[], bool], report: Callable[[str], None],
+        self, fleet: Fleet, ranks: Ranks, stop_requested: Callable[[], bool],
+        report: Callable[[str], None],
     ) -> None:
         """Wrap the fleet.
 
+        :param ranks: those that run the jobs together, each in a fleet of its own.
         :param stop_requested: called before each step and each minibatch.
         :param report: called with a text when a job is restarted.
         """
-        self._fleet, self._stop_requested, self._report = fleet, stop_requested, report
+        self._fleet, self._ranks = fleet, ranks
+        self._stop_requested, self._report = stop_requested, report
         self._give_back = free_memory.PeriodicTrim()
 
     def fly(self, flights: Sequence[Callable[[], Job[T]]]) -> Iterator[T]:
@@ -36,7 +41,8 @@ class InterruptibleFleet:
         :raises EnvironmentClosed: when the run is asked to stop.
         """
         with tensor_threads(1):
-            yield from self._fleet.fly(flights, self.poll, self._report)
+            yield from fly_together(
+                self._fleet, self._ranks, flights, self.poll, self._report)
 
     def poll(self) -> None:
         """Check for a stop request.

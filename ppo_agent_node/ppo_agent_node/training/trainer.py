@@ -17,7 +17,6 @@ from typing import Any
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import check_world
 from ppo_agent_node.config.training_config import fit_copies
-from ppo_agent_node.distributed.fleet import RankedFleet
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.flying.episodes import Pilot
@@ -108,9 +107,7 @@ class Trainer:
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             groups)
-        self._fleet = InterruptibleFleet(
-            RankedFleet(fleet, ranks) if ranks.count > 1 else fleet, stop_requested,
-            self._metrics.message)
+        self._fleet = InterruptibleFleet(fleet, ranks, stop_requested, self._metrics.message)
         self._worlds = GroupWorlds(spec, config, self._fleet.fly, ranks.count)
         self._selector = Selector(spec, config, self._metrics, self._fleet.fly)
         self._checkpoints = CheckpointWriter(spec, config, folder, self._metrics)
