@@ -187,7 +187,7 @@ def _ranks_finding(f: Figures) -> str:
 
 
 _FINDINGS: dict[str, Callable[[Figures], str]] = {'ranks': _ranks_finding}
-"""What a plot shows, as its title; the others have that of their section."""
+"""Titles that state the finding, by part. The other plots have the title of their section."""
 
 
 def draw(part: str, title: str, figures: Figures, path: Path) -> bool:

@@ -112,14 +112,15 @@ def _ranks(f: Figures) -> str:
     rows = {name: row for name, row in f['rows'].items() if name != 'one rank'}
     here = rows['two ranks']
     errors = [row['model'] / row['iteration'] - 1 for row in rows.values()]
-    apart = [f'{row["speed_up"]:.2f} over a network with a delay of {name.split(", ")[1]}'
-             for name, row in rows.items() if ', ' in name]
+    speeds = [f'{here["speed_up"]:.2f} times as fast as one in this machine', *(
+        f'{row["speed_up"]:.2f} over a network with a delay of {name.split(", ")[1]}'
+        for name, row in rows.items() if ', ' in name)]
     knees = [f'{one["knee"]} ({name.removeprefix("two ranks, ")})'
              for name, one in f['model'].items()]
     return (
         'Two ranks train one run, each with its own worlds, without ROS '
         '([how](../how-to/fleets-and-hosts.md#several-learners)). They are '
-        f'{here["speed_up"]:.2f} times as fast as one in this machine{_joined(apart)}. Each '
+        f'{", ".join(speeds)}. Each '
         f'iteration has {here["collectives"]:.0f} exchanges with all ranks, most of them sums of '
         'gradients, one after the other. '
         'A model adds their time to that of flight and update: it differs from the measured '
@@ -129,10 +130,6 @@ def _ranks(f: Figures) -> str:
         'were not measured. To use 10 000 simulators, give each rank many of them, large '
         'minibatches and few epochs, rather than many ranks: only the number of sums counts, '
         'not the number of simulators.')
-
-
-def _joined(texts: list[str]) -> str:
-    return ''.join(f', {text}' for text in texts)
 
 
 def _stepping(f: Figures) -> str:

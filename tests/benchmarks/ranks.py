@@ -9,10 +9,10 @@ sums) or through a tree (as nccl sums small tensors).
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import os
-import socket
 import statistics
 import subprocess
 import sys
@@ -25,6 +25,8 @@ from typing import Any
 from support.delayed_link import DEVICE
 from support.hosts import Hosts
 from support.hosts import missing
+from support.rank_program import free_port
+from support.rank_program import variables
 
 from ppo_agent_node.evaluation.metrics import write_json
 
@@ -54,13 +56,12 @@ def train(path: Path, groups: int, iterations: int, part: float) -> None:
     from rocket_sim_node.worlds.jobs import SerialFleet
 
     torch.set_num_threads(1)
-    waited: list[float] = []
+    exchanges = itertools.count()
     finish = ranks_module.Channel._finish
 
-    def timed(self: Any, begin: Callable[[], Any], poll: Callable[[], None]) -> None:
-        before = time.perf_counter()
-        finish(self, begin, poll)
-        waited.append(time.perf_counter() - before)
+    def counted(self: Any, collective: Callable[..., Any], poll: Callable[[], None]) -> None:
+        next(exchanges)
+        finish(self, collective, poll)
 
     preset = load_preset('from_scratch', 'rocket')
     config = load_preset(
@@ -75,14 +76,14 @@ def train(path: Path, groups: int, iterations: int, part: float) -> None:
             before = time.perf_counter()
             ranks.main.sum_(gradient)
             sums.append(time.perf_counter() - before)
-        ranks_module.Channel._finish = timed  # type: ignore[method-assign]
+        ranks_module.Channel._finish = counted  # type: ignore[method-assign]
         Trainer(SerialFleet(worlds.make('rocket', 256)), config, folder, ranks=ranks).run()
         lines = [line for line in folder.lines() if line['iteration'] > _WARM_UP][:-1]
         if ranks.first:
             write_json(path / 'times.json', {
                 'iteration': statistics.median(line['seconds'] for line in lines),
                 'sum': statistics.median(sums) if sums else 0.0,
-                'collectives': len(waited) / (iterations + _WARM_UP + 1),
+                'collectives': next(exchanges) / (iterations + _WARM_UP + 1),
                 'bytes': 4 * weights})
 
 
@@ -110,17 +111,11 @@ def measure(
         return found
 
 
-def _environment(rank: int, count: int, host: str, port: int) -> dict[str, str]:
-    return {'RANK': str(rank), 'WORLD_SIZE': str(count), 'MASTER_ADDR': host,
-            'MASTER_PORT': str(port), 'OMP_NUM_THREADS': '1'}
-
-
 def _here(count: int, command: list[str]) -> None:
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     ranks = [subprocess.Popen(command, env={
-        **os.environ, **_environment(rank, count, '127.0.0.1', port)}) for rank in range(count)]
+        **os.environ, **variables(rank, count, port), 'OMP_NUM_THREADS': '1'})
+        for rank in range(count)]
     try:
         for rank in ranks:
             if rank.wait(_PATIENCE):
@@ -136,8 +131,9 @@ def _apart(path: Path, command: list[str], delay: float) -> None:
     try:
         hosts.delay(delay)
         ranks = [
-            hosts.on(rank, **_environment(rank, 2, hosts.far_address(0), 29_500),
-                     GLOO_SOCKET_IFNAME=DEVICE).start(*command) for rank in range(2)]
+            hosts.on(rank, **variables(rank, 2, 29_500, hosts.far_address(0)),
+                     OMP_NUM_THREADS='1', GLOO_SOCKET_IFNAME=DEVICE).start(*command)
+            for rank in range(2)]
         for rank in ranks:
             assert rank.wait(_PATIENCE) == 0, hosts.logs()
     finally:

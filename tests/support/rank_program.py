@@ -30,6 +30,12 @@ def free_port() -> int:
         return port
 
 
+def variables(rank: int, count: int, port: int, host: str = '127.0.0.1') -> dict[str, str]:
+    """Return the environment variables by which a rank finds the others."""
+    return {'RANK': str(rank), 'WORLD_SIZE': str(count), 'MASTER_ADDR': host,
+            'MASTER_PORT': str(port)}
+
+
 def train(
     path: Path, count: int, values: dict[str, Any], on_rank: dict[int, dict] | None = None,
     awaited: int | None = None, **given: Any,
@@ -46,9 +52,8 @@ def train(
         told = {'path': str(path), 'values': values, **given, **(on_rank or {}).get(rank, {})}
         processes.append(subprocess.Popen(
             [sys.executable, '-m', 'support.rank_program', json.dumps(told)],
-            env={**os.environ, 'RANK': str(rank), 'WORLD_SIZE': str(count), 'OMP_NUM_THREADS': '1',
-                 'MASTER_ADDR': '127.0.0.1', 'MASTER_PORT': str(port), 'TMPDIR': str(path.parent),
-                 'PYTHONPATH': os.pathsep.join(sys.path)},
+            env={**os.environ, **variables(rank, count, port), 'OMP_NUM_THREADS': '1',
+                 'TMPDIR': str(path.parent), 'PYTHONPATH': os.pathsep.join(sys.path)},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
     try:
         return [process.communicate(timeout=PATIENCE)[0] for process in processes[:awaited]]

@@ -35,6 +35,17 @@ SMALL = {
 }
 """Settings of a run that takes seconds and lands nothing."""
 
+GENTLE: dict[str, Any] = {
+    'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
+    'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1,
+    'clone_epochs': 1, 'clone_batch_size': 256,
+    'hidden_sizes': (16, 16), 'iterations': 6, 'n_steps': 40, 'scatter_steps': 60,
+    'batch_size': 64, 'critic_warmup_iterations': 2, 'threads': 1, 'checkpoint_interval': 3,
+    'selection_interval': 4, 'selection_episodes': 8, 'curriculum_landing_rate': 0.0,
+    'curriculum_window': 1, 'curriculum_final_level': 3, 'actor_learning_rate': 1e-3,
+}
+"""Settings of a run in process, with a gentle teacher, which lands in spite of the noise."""
+
 LOW = {'spawn_height': 40.0, 'time_limit': 6.0}
 """Settings of its world: a flight takes 4 s, and the expert lands on the levels of `SMALL`."""
 

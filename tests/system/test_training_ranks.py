@@ -11,6 +11,7 @@ from support.processes import Processes
 from support.processes import ros_args
 from support.rank_program import free_port
 from support.rank_program import train
+from support.rank_program import variables
 from support.training_runs import LOW
 from support.training_runs import SMALL
 from support.training_runs import assert_same_run
@@ -23,12 +24,12 @@ SHORT = {**SMALL, 'iterations': 2, 'num_groups': 2}
 
 def agents(processes: Processes, run: Path, **parameters: object) -> list[Process]:
     """Start both ranks of a run; rank 1 names another folder, which it does not make."""
-    port = str(free_port())
+    port = free_port()
     return [processes.start(
         'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *ros_args(
             (f'__ns:=/rank_{rank}',), run_dir=run.with_name(f'run_{rank}') if rank else run,
             **{**SHORT, **parameters}),
-        RANK=str(rank), WORLD_SIZE='2', MASTER_ADDR='127.0.0.1', MASTER_PORT=port)
+        **variables(rank, 2, port))
         for rank in range(2)]
 
 

@@ -14,6 +14,7 @@ import torch
 from support.rank_program import PATIENCE
 from support.rank_program import free_port
 from support.rank_program import train
+from support.training_runs import GENTLE
 from support.training_runs import left_by
 from support.training_runs import log_without_times
 from support.training_runs import weights
@@ -32,14 +33,10 @@ from rocket_sim_node import worlds
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 SMALL: dict[str, Any] = {
-    'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
-    'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1, 'clone_epochs': 1,
-    'clone_batch_size': 256, 'hidden_sizes': [16, 16], 'iterations': 4, 'n_steps': 40,
-    'num_groups': 2, 'scatter_steps': 60, 'batch_size': 64, 'critic_warmup_iterations': 1,
-    'threads': 1, 'checkpoint_interval': 1, 'selection_interval': 2, 'selection_episodes': 16,
-    'curriculum_landing_rate': 0.0, 'curriculum_window': 1, 'curriculum_final_level': 3,
-    'actor_learning_rate': 1e-3,
-}
+    **GENTLE, 'iterations': 4, 'num_groups': 2, 'critic_warmup_iterations': 1,
+    'checkpoint_interval': 1, 'selection_interval': 2, 'selection_episodes': 16}
+
+
 @pytest.fixture(scope='module')
 def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run of two ranks that nothing disturbed."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from support.training_runs import GENTLE
 from support.training_runs import left_by
 
 from ppo_agent_node.config.training_config import Config
@@ -34,20 +35,10 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 ROCKETS = 8
-SMALL: dict[str, Any] = {
-    # A gentle teacher, which lands in spite of the noise.
-    'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
-    'teacher_flare_rate': 3.0, 'teacher_flare_speed': 0.1,
-    'clone_epochs': 1, 'clone_batch_size': 256,
-    'hidden_sizes': (16, 16), 'iterations': 6, 'n_steps': 40, 'scatter_steps': 60,
-    'batch_size': 64, 'critic_warmup_iterations': 2, 'threads': 1, 'checkpoint_interval': 3,
-    'selection_interval': 4, 'selection_episodes': 8, 'curriculum_landing_rate': 0.0,
-    'curriculum_window': 1, 'curriculum_final_level': 3, 'actor_learning_rate': 1e-3,
-}
 
 
 def small(**changes: Any) -> Config:
-    return make_config({**SMALL, **changes})
+    return make_config({**GENTLE, **changes})
 
 
 def world(seed: int = 0) -> worlds.VectorEnv:
@@ -377,7 +368,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
     assert {stage for stage, _ in given} == {'clone', 'finetune'}
     # Told before each update is the iteration before.
     iterations = {done for stage, done in given if stage == 'finetune'}
-    assert iterations == set(range(SMALL['iterations']))
+    assert iterations == set(range(GENTLE['iterations']))
 
 
 def test_without_demonstrations_it_starts_from_scratch(tmp_path: Path) -> None:
