@@ -90,7 +90,8 @@ are `/diagnostics`, `/tf` and `/clock`, as is usual in ROS.
 _ACKNOWLEDGE = """
 Writers of `action`, `observation` and `reward` offer reliable delivery. A reader's parameter
 `acknowledge` decides whether it acknowledges messages: with `auto` it does so only if peers beyond
-this machine may be discovered, or if you have configured Fast DDS yourself.
+this machine may be discovered, if you have configured Fast DDS yourself, or if two observations do
+not fit into a socket buffer.
 
 ## Services
 

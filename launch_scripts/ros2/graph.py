@@ -27,8 +27,7 @@ _QUIET_SECONDS = 0.2
 def direct_node(signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> Iterator[Node]:
     """Give a hidden node that lives as long as the command; Ctrl-C ends it quietly.
 
-    It is as secure as the nodes are and reaches as far, or the command ends with status 2. It may
-    be stopped, or wait for who reads what it prints: it keeps out of their shared memory.
+    It is as secure as the nodes are and reaches as far, or the command ends with status 2.
 
     :param signals: those that rclpy handles; it shuts the node's context down at once.
     """
@@ -43,8 +42,7 @@ def direct_node(signals: SignalHandlerOptions = SignalHandlerOptions.ALL) -> Ite
     with contextlib.ExitStack() as stack:
         try:
             security.require('ros2', [])
-            with transport.prepared(
-                    get_rmw_implementation_identifier(), transport.SharedMemory.NEVER):
+            with transport.prepared(get_rmw_implementation_identifier()):
                 stack.enter_context(initialised(args=[], signal_handler_options=signals))
                 node = rclpy.create_node(
                     f'_ros2cli_{os.getpid()}', start_parameter_services=False,

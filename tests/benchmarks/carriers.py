@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time of a lock-step exchange over each way in which Fast DDS can carry messages in one machine.
 
-`ours` is the profile that the nodes load: a simulator sends through shared memory and receives
-over UDP, an agent uses shared memory both ways. The others replace it for both ends. A process
+`ours` is the profile that the nodes load: UDP. The others replace it for both ends. A process
 can load one profile only, so each measurement has two processes of its own; the carriers take
 turns. Each figure is a ratio to `ours` of the same turn.
 """
@@ -21,21 +20,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.utilities import get_rmw_implementation_identifier
 
 from benchmarks.exchange import microseconds
 from benchmarks.exchange import still_simulator
 from ppo_agent_node.evaluation.metrics import write_json
-from rocket_sim_node.wire.dds import transport
 from rocket_sim_node.wire.distributions import fast_dds
 
 SIZES = (1, 256, 1024, 4096)
 OURS = 'ours'
 _PATIENCE = 60.0
 """s for one measurement"""
-_PROFILE = Path(transport.__file__).parent / 'profiles' / 'machine.xml'
-_SHARED_MEMORY = '<transport_id>shared_memory</transport_id>'
-_PORT = '<port><offsetd3>${HOVERSLAM_DATA_PORT_OFFSET}</offsetd3></port>'
+_TRANSPORT = '<userTransports>\n          <transport_id>loopback</transport_id>'
 _LARGE_SOCKET = '<receiveBufferSize>4194304</receiveBufferSize>'
 _USUAL_SOCKET = (
     '<sendBufferSize>212992</sendBufferSize><receiveBufferSize>212992</receiveBufferSize>')
@@ -59,14 +54,12 @@ _BY_TCP = """<defaultUnicastLocatorList>
 def carriers(folder: Path) -> dict[str, dict[str, str]]:
     """Return the environment of each carrier, by name; profiles are written to a folder."""
     version, _ = fast_dds()
-    text = version.spelled(_PROFILE.read_text('utf-8'))
-    head, tag, rest = text.replace(_PORT, '').partition('<userTransports>')
-    rest = rest.replace(_SHARED_MEMORY, '', 1)
-    assert all(part in text for part in (
-        _PORT, _SHARED_MEMORY, _LARGE_SOCKET, '</transport_descriptors>'))
+    text = (version.profiles / 'machine.xml').read_text('utf-8')
+    head, tag, rest = text.partition(_TRANSPORT)
+    assert tag
+    assert all(part in text for part in (_LARGE_SOCKET, '</transport_descriptors>'))
     profiles = {
-        'UDP, sockets of 4 MiB': f'{head}{tag}{rest}',
-        'UDP, sockets of 208 KiB': f'{head}{tag}{rest}'.replace(_LARGE_SOCKET, _USUAL_SOCKET),
+        'UDP, sockets of 208 KiB': text.replace(_LARGE_SOCKET, _USUAL_SOCKET),
         'TCP': f'{head.replace("</transport_descriptors>", _TCP)}{_BY_TCP}{rest}'}
     found: dict[str, dict[str, str]] = {OURS: {}}
     for number, (name, profile) in enumerate(profiles.items()):
@@ -80,9 +73,7 @@ def carriers(folder: Path) -> dict[str, dict[str, str]]:
 
 def measure(num_envs: int, count: int, warm_up: int) -> dict[str, float]:
     """Return the median time of an exchange, us, and how many messages were sent again."""
-    with still_simulator(
-            num_envs, lambda: transport.prepared(get_rmw_implementation_identifier()),
-    ) as (client, _):
+    with still_simulator(num_envs) as (client, _):
         action = np.zeros((num_envs, 3), np.float32)
         microseconds(lambda: client.step(action), warm_up)
         before = client.resent

@@ -16,16 +16,14 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-import rclpy
 from numpy.typing import NDArray
 from scipy import stats
 from support.processes import Processes
 
+from benchmarks.agent_node import agent_node
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.distributions import initialised
 from rocket_sim_node.wire.node import inbox
 from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.running import make_executor
 from rocket_sim_node.wire.server.rivals import Rivals
 
 UNCHECKED = '--unchecked'
@@ -56,7 +54,6 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, NDArray[np.floa
         processes = Processes(Path(folder))
         stack.callback(processes.end)
         stack.enter_context(Checks.installed())
-        stack.enter_context(initialised(domain_id=processes.domain))
         clients = {}
         for name in found:
             simulator = processes.start(
@@ -64,9 +61,8 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, NDArray[np.floa
                 *([UNCHECKED] if name == 'unchecked' else []),
                 '--ros-args', '-r', f'__ns:=/{name}')
             simulator.wait_for('waiting for an agent', 60.0)
-            node = rclpy.create_node('bench_checks', namespace=f'/{name}')
-            executor = make_executor()
-            executor.add_node(node)
+            node, executor = stack.enter_context(
+                agent_node('bench_checks', processes.domain, f'/{name}'))
             clients[name] = stack.enter_context(Client(node, executor))
             clients[name].reset(0)
         action = np.zeros((num_envs, 3), np.float32)

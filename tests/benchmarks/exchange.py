@@ -15,25 +15,21 @@ import tempfile
 import time
 from collections.abc import Callable
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from contextlib import ExitStack
 from contextlib import contextmanager
-from contextlib import nullcontext
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from support.processes import Process
 from support.processes import Processes
 
 from benchmarks import checks
+from benchmarks.agent_node import agent_node
 from benchmarks.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.distributions import initialised
-from rocket_sim_node.wire.node.running import make_executor
 
 SIZES = (1, 64, 256, 1024, 4096)
 
@@ -64,22 +60,13 @@ def on_core(number: int, pid: int = 0) -> Iterator[None]:
 
 
 @contextmanager
-def still_simulator(
-    num_envs: int, transport: Callable[[], AbstractContextManager[None]] = nullcontext,
-) -> Iterator[tuple[Client, Process]]:
-    """Yield a client in this process and a simulator without physics, which it has reset.
-
-    :param transport: what configures the transport of the client's node, and of it alone.
-    """
+def still_simulator(num_envs: int) -> Iterator[tuple[Client, Process]]:
+    """Yield a client in this process and a simulator without physics, which it has reset."""
     with tempfile.TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
         with ExitStack() as stack:
             stack.callback(processes.end)
-            with transport():
-                stack.enter_context(initialised(domain_id=processes.domain))
-                node = rclpy.create_node('bench_exchange')
-            executor = make_executor()
-            executor.add_node(node)
+            node, executor = stack.enter_context(agent_node('bench_exchange', processes.domain))
             simulator = processes.start('python', '-m', 'benchmarks.still_world', str(num_envs))
             simulator.wait_for('waiting for an agent', 60.0)
             with Client(node, executor) as client:

@@ -27,24 +27,16 @@ _START = 60.0
 
 def fly(num_envs: int, count: int, output: Path) -> None:
     """Be the agent: write the median and the 99th percentile of an exchange, us."""
-    import rclpy
-
+    from benchmarks.agent_node import agent_node
     from benchmarks.exchange import microseconds
     from rocket_sim_node.wire.client.client import Client
-    from rocket_sim_node.wire.distributions import initialised
-    from rocket_sim_node.wire.node.running import make_executor
 
-    with initialised():
-        node = rclpy.create_node('bench_hosts')
-        executor = make_executor()
-        executor.add_node(node)
-        with Client(node, executor) as client:
-            client.reset(0)
-            action = np.zeros((num_envs, 3), np.float32)
-            microseconds(lambda: client.step(action), count // 4)
-            write_json(output, dict(zip(
-                ('median', 'p99'), microseconds(lambda: client.step(action), count),
-                strict=True)))
+    with agent_node('bench_hosts') as (node, executor), Client(node, executor) as client:
+        client.reset(0)
+        action = np.zeros((num_envs, 3), np.float32)
+        microseconds(lambda: client.step(action), count // 4)
+        write_json(output, dict(zip(
+            ('median', 'p99'), microseconds(lambda: client.step(action), count), strict=True)))
 
 
 def measure(num_envs: int, count: int, rounds: int) -> dict[str, float]:

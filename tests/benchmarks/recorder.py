@@ -146,20 +146,14 @@ def training(folder: Path, turns: int, iterations: int) -> Speeds:
 
 def flying(folder: Path, turns: int, seconds: float) -> Speeds:
     """Measure while a policy flies."""
-    import rclpy
-
+    from benchmarks.agent_node import agent_node
     from ppo_agent_node.pilots.policy import PolicyPilot
     from ppo_agent_node.pilots.search import find_policy
     from rocket_sim_node.wire.client.client import Client
-    from rocket_sim_node.wire.distributions import initialised
-    from rocket_sim_node.wire.node.running import make_executor
 
     processes, speeds = Processes(folder), Speeds()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    with initialised(domain_id=processes.domain):
-        node = rclpy.create_node('bench_recorder')
-        executor = make_executor()
-        executor.add_node(node)
+    with agent_node('bench_recorder', processes.domain) as (node, executor):
         try:
             processes.run_node('rocket_sim_node', 'simulator', num_envs=256).wait_for(
                 'waiting for an agent', _START)

@@ -23,10 +23,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import rclpy
 import torch
 from support.processes import Processes
 
+from benchmarks.agent_node import agent_node
 from benchmarks.exchange import microseconds
 from benchmarks.exchange import on_core
 from benchmarks.tcp_floor import TcpFloor
@@ -39,7 +39,6 @@ from ppo_agent_node.ppo.rollout_buffer import Rollout
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
-from rocket_sim_node.wire.node.running import make_executor
 from rocket_sim_node.worlds.jobs import Fleet
 from rocket_sim_node.worlds.jobs import Job
 from rocket_sim_node.worlds.jobs import Reset
@@ -104,12 +103,8 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[Simulat
             for k in range(simulators)]
         for process in started:
             process.wait_for('waiting for an agent', _START)
-        context = rclpy.Context()
-        rclpy.init(context=context, domain_id=processes.domain)
-        stack.callback(rclpy.shutdown, context=context)
-        node = rclpy.create_node('bench_rollouts', context=context)
-        executor = make_executor(context)
-        executor.add_node(node)
+        node, executor = stack.enter_context(
+            agent_node(f'bench_rollouts_{simulators}', processes.domain))
         fleet = stack.enter_context(SimulatorFleet(
             node, executor, ConnectionOptions(), 1, '/sim_*'))
         yield fleet

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A long training with kills, to check that memory, open files, /dev/shm and steps/s stay flat.
+"""A long training with kills, to check that memory, open files and steps/s stay flat.
 
 Two simulators, an agent that trains in both, and a recorder for each simulator run as separate
 processes. About once a minute one of them is killed with `kill -9` and replaced, or stopped for
@@ -33,7 +33,6 @@ from benchmarks import soak_plot
 from benchmarks.soak_nodes import NODES
 from benchmarks.soak_nodes import YOUNG
 from benchmarks.soak_nodes import Nodes
-from benchmarks.soak_samples import SHARED_FIELDS
 from benchmarks.soak_samples import Iterations
 from benchmarks.soak_samples import Row
 from benchmarks.soak_samples import Samples
@@ -67,12 +66,10 @@ _MACHINE = _RATES['steps_per_second'], _RATES['steps_per_cpu_second']
 """what is the machine's as well: faster at one time than at another"""
 
 
-def slopes(
-    looks: list[Row], shared: list[Row], rates: list[Row], length: float,
-) -> list[dict[str, Any]]:
+def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, Any]]:
     """Return each figure's slope, node by node.
 
-    :param looks: at the nodes, in order; `shared`: at what they share; `rates`: of the training.
+    :param looks: at the nodes, in order; `rates`: of the training.
     :param length: of the soak, as far as it has come, s.
     """
     warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
@@ -103,7 +100,6 @@ def slopes(
               _LIFE * length)
           for figure, title in _FIGURES.items() for node in NODES),
         *(young(node) for node in YOUNG),
-        *(one(f'/dev/shm, {figure}', 'all', shared, figure) for figure in SHARED_FIELDS),
         *(one(title, 'all', rates, figure) for figure, title in _RATES.items())]
 
 
@@ -125,8 +121,7 @@ class Soak:
         return {
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
             **self.nodes.told(), 'spells': len(self.iterations.rows),
-            'slopes': slopes(
-                self.samples.rows, self.samples.shared, self.iterations.rows, self.elapsed)}
+            'slopes': slopes(self.samples.rows, self.iterations.rows, self.elapsed)}
 
     def run(self, period: float, save: Path | None) -> None:
         """Watch until the time is over.
@@ -167,7 +162,7 @@ def table(figures: dict[str, Any]) -> Iterator[str]:
         yield f'unexpected: {line}'
     if 'ended' in figures:
         ended = ', '.join(f'{name} {status}' for name, status in figures['ended'].items())
-        yield f'told to end, they ended with: {ended}; files left in /dev/shm: {figures["left"]}'
+        yield f'told to end, they ended with: {ended}'
 
 
 def slope_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -214,12 +209,10 @@ def main() -> None:
     options = parser.parse_args()
     if options.again:
         first, last = (60.0 * minute for minute in options.between)
-        looks, shared = ([row for row in rows if first <= row['time'] <= last]
-                         for rows in read(options.again))
+        looks = [row for row in read(options.again) if first <= row['time'] <= last]
         if not looks:
             parser.error(f'--between: no samples of {options.again} between these minutes')
-        print('\n'.join(slope_lines(slopes(
-            looks, shared, [], looks[-1]['time'] - looks[0]['time']))))
+        print('\n'.join(slope_lines(slopes(looks, [], looks[-1]['time'] - looks[0]['time']))))
         return
     print(f'faults of seed {options.seed}', flush=True)
     # A signal that ends this ends the nodes, too.
@@ -242,7 +235,7 @@ def main() -> None:
             ended = nodes.end()
         if soak is None:
             return
-        figures = {**soak.figures(), 'ended': ended, 'left': soak.samples.clean()}
+        figures = {**soak.figures(), 'ended': ended}
         soak.samples.close()
         if options.output:
             write_json(options.output, figures)

@@ -30,13 +30,7 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
                         [row['time'] / 60 for row in own], [row[name] for row in own], lw=1.2,
                         color=colours[node], label=node if life == rows[0]['life'] else '')
         axes[0].legend(fontsize='small')
-        minutes = [row['time'] / 60 for row in samples.shared]
-        axes[3].set_title('files in /dev/shm')
-        axes[3].plot(minutes, [row['shm files'] for row in samples.shared], label='all', lw=1.2)
-        axes[3].plot(
-            minutes, [row['shm of the dead'] for row in samples.shared], label='of the dead',
-            lw=1.2)
-        axes[3].legend(fontsize='small')
+        axes[3].remove()
         for panel, name, title in (
             (axes[4], 'steps_per_second', 'rocket steps/s'),
             (axes[5], 'steps_per_piece', 'rocket steps per piece of work'),
@@ -46,6 +40,6 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
                 [row['time'] / 60 for row in iterations], [row[name] for row in iterations],
                 ls='', marker='.', ms=3)
             panel.set_xlabel('min')
-        for panel in axes:
+        for panel in figure.axes:
             panel.set_ylim(bottom=0)
         return style.save(figure, path)

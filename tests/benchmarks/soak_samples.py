@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements of a soak: each node's memory, open files and threads, /dev/shm, and steps."""
+"""Measurements of a soak: each node's memory, open files and threads, and steps."""
 from __future__ import annotations
 
 import csv
@@ -12,32 +12,15 @@ from typing import Any
 
 import numpy as np
 import psutil
-from support import shared_memory
 from support.processes import Process
 
 from benchmarks.recorder import cpu_seconds
 from benchmarks.recorder import node_of
 
-SHARED = Path('/dev/shm')
 FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu')
 """s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
-SHARED_FIELDS = ('shm files', 'shm MiB', 'shm of the dead')
 _MIB = 2.0**20
 Row = dict[str, Any]
-
-
-def shared_names(pid: int) -> set[str]:
-    """Return the files of /dev/shm that a process has open or mapped."""
-    process = Path('/proc') / str(pid)
-    found = {
-        line.split(maxsplit=5)[5] for line in (process / 'maps').read_text('utf-8').splitlines()
-        if str(SHARED) in line}
-    for entry in (process / 'fd').iterdir():
-        try:
-            found.add(str(entry.readlink()))
-        except FileNotFoundError:
-            continue
-    return {Path(name).name for name in found if Path(name).parent == SHARED}
 
 
 def own_memory(pid: int) -> float:
@@ -66,24 +49,17 @@ def piece_of_work() -> float:
 
 
 class Samples:
-    """Looks at the nodes now and then; each look is a few lines of a table on disk.
-
-    Other programs use /dev/shm as well, so only the files that a node of the soak was ever seen
-    with count.
-    """
+    """Looks at the nodes now and then; each look is a few lines of a table on disk."""
 
     def __init__(self, path: Path) -> None:
         """Begin a table."""
         self.rows: list[Row] = []
-        self.shared: list[Row] = []
-        self._seen: set[str] = set()
         self._file = path.open('w', newline='', encoding='utf-8')
-        self._table = csv.DictWriter(self._file, (*FIELDS, *SHARED_FIELDS), restval='')
+        self._table = csv.DictWriter(self._file, FIELDS)
         self._table.writeheader()
 
     def take(self, seconds: float, nodes: Mapping[str, Process], lives: Mapping[str, int]) -> None:
         """Look at all nodes."""
-        used: set[str] = set()
         for name, node in nodes.items():
             try:
                 pid = node_of(node)
@@ -95,57 +71,22 @@ class Samples:
                     'pss': round(memory.pss / _MIB, 3),
                     'files': process.num_fds(), 'threads': process.num_threads(),
                     'cpu': cpu_seconds(pid)}
-                used |= shared_names(pid)
             except (OSError, psutil.Error, IndexError, StopIteration):
                 continue  # it is just starting, or has just died
             self.rows.append(row)
             self._table.writerow(row)
-        self._seen |= used
-        left = self.left()
-        shared = {
-            'time': round(seconds, 2), 'node': 'all', 'life': 1, 'shm files': len(left),
-            'shm MiB': round(sum(left.values()) / _MIB, 3),
-            'shm of the dead': len(left.keys() - used)}
-        self.shared.append(shared)
-        self._table.writerow(shared)
         self._file.flush()
-
-    def left(self) -> dict[str, int]:
-        """Return the files that are there of those ever used by the nodes, and their bytes."""
-        sizes = {}
-        for name in self._seen:
-            try:
-                sizes[name] = (SHARED / name).stat().st_size
-            except FileNotFoundError:
-                continue
-        return sizes
-
-    def clean(self) -> int:
-        """Remove what the nodes left, when all have ended; return how many files that was."""
-        everybody = shared_memory.all_processes()
-        # Names are used again, maybe by others that live.
-        kept = shared_memory.files(
-            shared_memory.locked(everybody) | shared_memory.mapped(everybody))
-        left = self.left().keys() - kept
-        for name in left:
-            (SHARED / name).unlink(missing_ok=True)
-        return len(left)
 
     def close(self) -> None:
         """End the table."""
         self._file.close()
 
 
-def read(path: Path) -> tuple[list[Row], list[Row]]:
-    """Return the looks at nodes, and at what they share, from a table that Samples wrote."""
-    looks: list[Row] = []
-    shared: list[Row] = []
+def read(path: Path) -> list[Row]:
+    """Return the looks at nodes, from a table that Samples wrote."""
     with path.open(newline='', encoding='utf-8') as file:
-        for line in csv.DictReader(file):
-            row = {name: text if name == 'node' else float(text)
-                   for name, text in line.items() if text}
-            (shared if row['node'] == 'all' else looks).append(row)
-    return looks, shared
+        return [{name: text if name == 'node' else float(text)
+                 for name, text in line.items() if text} for line in csv.DictReader(file)]
 
 
 class Iterations:

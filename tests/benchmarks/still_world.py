@@ -20,7 +20,6 @@ from rocket_msgs.msg import World
 from benchmarks.checks import UNCHECKED
 from benchmarks.checks import Checks
 from rocket_sim_node import worlds
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.server.server import Server
 from rocket_sim_node.wire.server.server import ServerOptions
@@ -82,5 +81,4 @@ if __name__ == '__main__':
     Checks.on = UNCHECKED not in arguments
     with nullcontext() if Checks.on else Checks.installed():
         sys.exit(run(
-            'simulator', serve, args=[one for one in arguments if one != UNCHECKED],
-            shared_memory=SharedMemory.TO_SEND))
+            'simulator', serve, args=[one for one in arguments if one != UNCHECKED]))

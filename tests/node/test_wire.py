@@ -48,6 +48,25 @@ def actions(steps: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
 
 
+@pytest.mark.parametrize(('buffer', 'acknowledged'), [(4 * N * 15 - 1, True), (4 * N * 15, False)])
+def test_observations_too_large_for_a_socket_are_acknowledged(
+        simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
+        buffer: int, acknowledged: bool) -> None:
+    monkeypatch.setattr(qos, 'receive_buffer', lambda: buffer)
+    monkeypatch.setattr(qos, 'set_up_by_user', lambda: False)
+    client, world = make_client(), make('rocket', N, 1)
+    np.testing.assert_array_equal(client.reset(1), world.reset(1))
+    for action in actions(5):
+        assert_same(client.step(action), world.step(action))
+
+    def reliability() -> list[ReliabilityPolicy]:
+        return [info.qos_profile.reliability
+                for info in client.node.get_subscriptions_info_by_topic('observation')]
+
+    wanted = [ReliabilityPolicy.RELIABLE if acknowledged else ReliabilityPolicy.BEST_EFFORT]
+    assert client.waiter.until(lambda: reliability() == wanted, 5.0), reliability()
+
+
 class Speaker:
     """Publishes what no client would, and hears what the simulator says."""
 

@@ -6,7 +6,6 @@ import signal
 from pathlib import Path
 
 import pytest
-from support import shared_memory
 from support.faults import END
 from support.faults import Moments
 from support.processes import Process
@@ -41,13 +40,11 @@ def test_told_to_end_while_it_starts_it_ends_and_leaves_nothing(
         process = start(processes, node, folder)
         # Some within the first milliseconds.
         moments.wait(moments.random.choice([0.05, START]))
-        owned = shared_memory.owned(process)
         process.signal(told)
         # Before it listens the signal ends it, Python says where.
         status = process.wait(END)
         assert status in (0, -told, 130) or (
             status == 1 and 'KeyboardInterrupt' in process.output()), process.output()
-        assert not shared_memory.left(owned), process.output()
         assert not [file for file in folder.rglob('*') if file.is_file() and file.stat().st_size]
 
 

@@ -12,7 +12,6 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.nodes.actions.serving import Actions
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
@@ -40,8 +39,7 @@ def serve(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    leave(run(
-        'action_server', serve, expected=(ParameterError,), shared_memory=SharedMemory.NEVER))
+    leave(run('action_server', serve, expected=(ParameterError,)))
 
 
 if __name__ == '__main__':

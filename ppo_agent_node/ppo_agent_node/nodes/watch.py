@@ -14,7 +14,6 @@ from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import Terminal
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
@@ -47,7 +46,7 @@ def watch(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    leave(run('watch', watch, expected=(ParameterError,), shared_memory=SharedMemory.NEVER))
+    leave(run('watch', watch, expected=(ParameterError,)))
 
 
 if __name__ == '__main__':

@@ -21,7 +21,6 @@ from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.membership import FleetMembership
 from rocket_sim_node.wire.dds import security
-from rocket_sim_node.wire.dds import shared_memory_cleanup
 from rocket_sim_node.wire.dds.transport import prepared
 from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.running import make_executor
@@ -63,7 +62,6 @@ class Simulators:
 
     def _connect(self, world: str, num_envs: int, pattern: str, patience: float) -> None:
         context = Context()
-        shared_memory_cleanup.clean()
         security.require(_NODE, [])
         with prepared(get_rmw_implementation_identifier()):
             rclpy.init(args=[], context=context)

@@ -35,7 +35,6 @@ from rocket_sim_node.nodes.listening import drain
 from rocket_sim_node.nodes.listening import notes_of
 from rocket_sim_node.printable import printable
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.messages.definitions import hashes
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
@@ -275,9 +274,7 @@ def record(node: Node, executor: Executor) -> int:
 
 def main() -> None:
     """Run the node."""
-    leave(run(
-        'bag_recorder', record, expected=(ParameterError, ValueError, OSError),
-        shared_memory=SharedMemory.NEVER))
+    leave(run('bag_recorder', record, expected=(ParameterError, ValueError, OSError)))
 
 
 if __name__ == '__main__':

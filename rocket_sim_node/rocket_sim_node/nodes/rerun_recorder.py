@@ -35,7 +35,6 @@ from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.client.state_input import leaving_out
 from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
@@ -167,8 +166,7 @@ def record(node: Node, executor: Executor) -> None:
 def main() -> None:
     """Run the node."""
     leave(run(
-        'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError),
-        shared_memory=SharedMemory.NEVER))
+        'rerun_recorder', record, expected=(ParameterError, ValueError, OSError, ViewerError)))
 
 
 if __name__ == '__main__':

@@ -24,7 +24,6 @@ from rocket_sim_node.standard_views.motion import MotionViews
 from rocket_sim_node.wire.client.state_input import leaving_out
 from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
@@ -135,9 +134,7 @@ def bridge(node: Node, executor: Executor) -> None:
 
 def main() -> None:
     """Run the node."""
-    leave(run(
-        'ros_bridge', bridge, expected=(ParameterError, ValueError),
-        shared_memory=SharedMemory.NEVER))
+    leave(run('ros_bridge', bridge, expected=(ParameterError, ValueError)))
 
 
 if __name__ == '__main__':

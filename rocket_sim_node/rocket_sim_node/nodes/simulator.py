@@ -2,7 +2,6 @@
 """Node `simulator`: N rockets of one world, stepped as one batch by an agent's actions."""
 from __future__ import annotations
 
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.node.running import Body
 from rocket_sim_node.wire.node.running import Errors
 from rocket_sim_node.wire.node.running import leave
@@ -17,7 +16,7 @@ def _load() -> tuple[Body, Errors]:
 def main() -> None:
     """Run the node."""
     leave(run_late(
-        'simulator', _load, expected=(ValueError,), shared_memory=SharedMemory.TO_SEND))
+        'simulator', _load, expected=(ValueError,)))
 
 
 if __name__ == '__main__':

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from collections.abc import Mapping
 from contextlib import contextmanager
 from contextlib import suppress
 from dataclasses import dataclass
-from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -54,26 +52,18 @@ class FastDds:
     """environment variables that name a profile"""
     default: str
     """profile that is silently loaded from the working directory"""
-    renamed: Mapping[str, str] = field(default_factory=dict)
-    """elements of our profiles that have another name"""
-
-    def spelled(self, profile: str) -> str:
-        """Return the text of one of our profiles in this version's spelling."""
-        for ours, theirs in self.renamed.items():
-            profile = profile.replace(f'<{ours}>', f'<{theirs}>').replace(
-                f'</{ours}>', f'</{theirs}>')
-        return profile
+    profiles: Path
+    """folder of our own profiles"""
 
 
+_PROFILES = Path(__file__).parent / 'dds' / 'profiles'
 FAST_DDS_3 = FastDds(
     'share/fastdds/fastdds_profiles.xsd',
     ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
-    'DEFAULT_FASTDDS_PROFILES.xml')
+    'DEFAULT_FASTDDS_PROFILES.xml', _PROFILES / 'fast_dds_3')
 FAST_DDS_2 = FastDds(
     'share/fastRTPS_profiles.xsd', ('FASTRTPS_DEFAULT_PROFILES_FILE',),
-    'DEFAULT_FASTRTPS_PROFILES.xml', {
-        'heartbeat_period': 'heartbeatPeriod', 'nack_response_delay': 'nackResponseDelay',
-        'heartbeat_response_delay': 'heartbeatResponseDelay'})
+    'DEFAULT_FASTRTPS_PROFILES.xml', _PROFILES / 'fast_dds_2')
 
 
 def fast_dds() -> tuple[FastDds, Path | None]:

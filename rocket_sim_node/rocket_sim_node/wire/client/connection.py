@@ -132,7 +132,7 @@ class Connection:
         self._writer = own_gid(node, self._publisher.topic_name, before)
         self._far = FarEnd(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
         self._descriptions = Descriptions(node, prefix, self._far, self._accept_description)
-        stream = qos.read_stream(options.acknowledge)
+        self._prefix, stream = prefix, qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
                 (msg.Observation, 'observation', stream),
@@ -239,8 +239,9 @@ class Connection:
         spec = self.described()
         if self._spec is None:
             self._spec, self._realtime = spec, self.described_realtime
-            if self._realtime:
-                self._answers = LatestAnswers(self._mailboxes, self._warn, self._accepts)
+            self._acknowledge_large(spec)
+            kind = LatestAnswers if self._realtime else Answers
+            self._answers = kind(self._mailboxes, self._warn, self._accepts)
             self._answers.expect(spec)
         change = ''
         if spec != self._spec:
@@ -251,6 +252,16 @@ class Connection:
         if change:
             raise WorldChanged(f'{self.name} restarted with another world: {change}')
         return self._spec
+
+    def _acknowledge_large(self, spec: WorldSpec) -> None:
+        """Subscribe to observations anew, if they are too large to go without acknowledgement."""
+        small = qos.read_stream(self._options.acknowledge)
+        stream = qos.read_stream(
+            self._options.acknowledge, 4 * spec.num_envs * spec.observation_size)
+        if stream != small:
+            self._mailboxes[0].destroy()
+            self._mailboxes[0] = Mailbox(
+                self._node, msg.Observation, f'{self._prefix}observation', stream)
 
     # Requests
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fast DDS: transport, security, quality of service and shared-memory clean-up."""
+"""Fast DDS: transport, security and quality of service."""

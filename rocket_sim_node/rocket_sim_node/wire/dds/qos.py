@@ -8,6 +8,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos import ReliabilityPolicy
 
 from rocket_sim_node.wire.dds.transport import beyond_machine
+from rocket_sim_node.wire.dds.transport import receive_buffer
 from rocket_sim_node.wire.dds.transport import set_up_by_user
 
 
@@ -30,15 +31,18 @@ ACKNOWLEDGE = ('auto', 'always', 'never')
 """When readers of a stream acknowledge messages, so that DDS repeats lost ones."""
 
 
-def read_stream(acknowledge: str) -> QoSProfile:
+def read_stream(acknowledge: str, size: int = 0) -> QoSProfile:
     """Return the QoS for reading a stream; writers support both modes.
 
     Within one machine, messages are lost only when a socket is full, and the agent re-sends in
     that case; acknowledgements cost time and wake threads. `auto` therefore acknowledges only when
-    peers on other machines may be discovered: by range, by name, or by a user's own configuration.
+    peers on other machines may be discovered (by range, by name, or by a user's own
+    configuration), or when two messages would not fit into a socket's receive buffer.
+
+    :param size: of a message, bytes; 0: unknown, and small.
     """
-    if acknowledge == 'always' or (
-            acknowledge == 'auto' and (beyond_machine() or set_up_by_user())):
+    if acknowledge == 'always' or (acknowledge == 'auto' and (
+            beyond_machine() or set_up_by_user() or size > receive_buffer())):
         return STREAM
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,

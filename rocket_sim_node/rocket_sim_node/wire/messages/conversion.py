@@ -32,9 +32,8 @@ from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import WorldSpec
 
 MOST_ENVS = 16_384
-"""Maximum number of rockets in one simulator. Observations, 60 B a rocket, fit into Fast DDS's
-shared memory, and actions, 12 B, into Linux's default socket buffer of 208 KiB; with twice as
-many, an exchange takes seconds or never completes. More rockets need more simulators."""
+"""Maximum number of rockets in one simulator. Their actions, 12 B each and not acknowledged within
+a machine, fit into Linux's default socket buffer of 208 KiB. More rockets need more simulators."""
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
 _MOST_NAMES = 4096
 _MOST_CONDITIONS = 1024

@@ -23,9 +23,7 @@ from rclpy.utilities import remove_ros_args
 from rocket_sim_node import ros_environment
 from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire.dds import security
-from rocket_sim_node.wire.dds import shared_memory_cleanup
 from rocket_sim_node.wire.dds.profile import ProfileError
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.dds.transport import TransportError
 from rocket_sim_node.wire.dds.transport import prepared
 from rocket_sim_node.wire.distributions import initialised
@@ -71,7 +69,6 @@ def _make_node(name: str) -> Node:
 
 def run(
     name: str, body: Body, expected: Errors = (), args: list[str] | None = None,
-    shared_memory: SharedMemory = SharedMemory.BOTH_WAYS,
 ) -> int:
     """Run a node until `body` returns; return the exit status.
 
@@ -79,14 +76,13 @@ def run(
 
     :param body: called with the node and its executor.
     :param expected: errors reported in one line, without a traceback, with status 2.
-    :param shared_memory: the node's use of shared memory.
     """
-    return run_late(name, lambda: (body, ()), expected, args, shared_memory)
+    return run_late(name, lambda: (body, ()), expected, args)
 
 
 def run_late(
     name: str, load: Callable[[], tuple[Body, Errors]], expected: Errors = (),
-    args: list[str] | None = None, shared_memory: SharedMemory = SharedMemory.BOTH_WAYS,
+    args: list[str] | None = None,
 ) -> int:
     """Run a node as :func:`run` does, and import its body while the node is being discovered.
 
@@ -96,7 +92,6 @@ def run_late(
 
     :param load: imports and returns the body and further expected errors.
     :param expected: errors that are known without an import and may occur before the body runs.
-    :param shared_memory: as in :func:`run`.
     """
     def fail(node: Any, error: Exception) -> int:
         if node is not None:
@@ -120,10 +115,9 @@ def run_late(
             ros_environment.complete(os.environ)
         except ValueError as error:
             return fail(None, error)
-        shared_memory_cleanup.clean()
         security.require(name, sys.argv if args is None else args)
         with ExitStack() as stack:
-            with prepared(get_rmw_implementation_identifier(), shared_memory):
+            with prepared(get_rmw_implementation_identifier()):
                 stack.enter_context(initialised(
                     args=args, signal_handler_options=SignalHandlerOptions.NO))
                 node = _make_node(name)

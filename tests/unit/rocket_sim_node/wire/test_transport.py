@@ -6,14 +6,16 @@ import os
 import socket
 from pathlib import Path
 from unittest.mock import Mock
+from xml.etree import ElementTree
 
 import pytest
 
 from rocket_sim_node.wire.dds import transport
 from rocket_sim_node.wire.dds.profile import ProfileError
 from rocket_sim_node.wire.dds.profile import check_profile
-from rocket_sim_node.wire.dds.transport import SharedMemory
 from rocket_sim_node.wire.distributions import FAST_DDS_2
+from rocket_sim_node.wire.distributions import FAST_DDS_3
+from rocket_sim_node.wire.distributions import FastDds
 from rocket_sim_node.wire.distributions import fast_dds
 from ros2 import graph
 from ros2.main import main
@@ -23,6 +25,10 @@ VERSION = fast_dds()[0]
 PROFILE = VERSION.variables[0]
 """variable that names a profile"""
 RMW = 'rmw_fastrtps_cpp'
+RENAMED = {
+    'heartbeatPeriod': 'heartbeat_period', 'nackResponseDelay': 'nack_response_delay',
+    'heartbeatResponseDelay': 'heartbeat_response_delay'}
+"""elements of Fast DDS 2 that Fast DDS 3 names otherwise"""
 GOOD = """<?xml version="1.0"?>
 <dds xmlns="http://www.eprosima.com">
   <profiles>
@@ -67,52 +73,30 @@ def schema() -> Path:
 
 
 def inside(rmw: str = RMW) -> dict[str, str]:
-    """Return the environment that a first node is made in, and the profile of ours in it."""
+    """Return the environment that a first node is made in."""
     before = dict(os.environ)
     with transport.prepared(rmw):
         found = dict(os.environ)
-        if 'HOVERSLAM_DATA_PORT_OFFSET' in found:
-            found['profile'] = Path(found[PROFILE]).read_text('utf-8')
     assert dict(os.environ) == before
     return found
 
 
-def spelled(name: str) -> str:
-    """Return a profile of ours as this Fast DDS spells it."""
-    return VERSION.spelled((OURS / name).read_text('utf-8'))
+@pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
+def test_our_profiles_are_right(name: str, schema: Path) -> None:
+    check_profile(VERSION.profiles / name, schema)
 
 
 @pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
-def test_our_profiles_are_right(
-        name: str, schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv('HOVERSLAM_DATA_PORT_OFFSET', '7')
-    path = tmp_path / name
-    path.write_text(spelled(name))
-    check_profile(path, schema)
+def test_both_versions_of_fast_dds_get_the_same_profile(name: str) -> None:
+    def content(version: FastDds) -> list[tuple[str, dict[str, str], str]]:
+        root = ElementTree.parse(version.profiles / name).getroot()
+        return [(RENAMED.get(tag := element.tag.rpartition('}')[2], tag), element.attrib,
+                 (element.text or '').strip()) for element in root.iter()]
+
+    assert content(FAST_DDS_2) == content(FAST_DDS_3)
 
 
-@pytest.mark.parametrize(('reach', 'udp'), [
-    ('LOCALHOST', '<udpv4><address>127.0.0.1</address></udpv4>'), ('SUBNET', '<udpv4></udpv4>')])
-@pytest.mark.parametrize('use', [SharedMemory.TO_SEND, SharedMemory.NEVER])
-def test_who_uses_shared_memory_less_has_a_profile_of_its_own(
-        use: SharedMemory, reach: str, udp: str, schema: Path,
-        monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(transport.RANGE, reach)
-    with transport.prepared(RMW, use):
-        path = Path(os.environ[PROFILE])
-        check_profile(path, schema)
-        participant = path.read_text('utf-8').partition('<participant ')[2]
-    transports = participant.partition('<userTransports>')[2].partition('</userTransports>')[0]
-    heard = participant.partition('<defaultUnicastLocatorList>')[2].partition('</default')[0]
-    sends = use is SharedMemory.TO_SEND
-    assert ('shared_memory' in transports) == sends
-    assert transports.count('<transport_id>') == 1 + sends
-    assert heard.split() == ([f'<locator>{udp}</locator>'] if sends else [])
-    assert not path.exists()
-    assert path.parent == transport.SHARED_MEMORY, 'a full disk keeps nobody from starting'
-
-
-def test_fast_dds_2_is_told_the_same_in_its_own_words(
+def test_fast_dds_2_finds_its_profile_by_its_own_variable(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / FAST_DDS_2.schema
     path.parent.mkdir()
@@ -121,27 +105,12 @@ def test_fast_dds_2_is_told_the_same_in_its_own_words(
     monkeypatch.setenv(transport.RANGE, 'SUBNET')
     with transport.prepared(RMW):
         assert 'FASTDDS_DEFAULT_PROFILES_FILE' not in os.environ, 'it does not know that one'
-        text = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text('utf-8')
-    assert '<heartbeatPeriod><nanosec>5000000</nanosec></heartbeatPeriod>' in text
-    assert '_period>' not in text
-    assert '_delay>' not in text
+        assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(
+            FAST_DDS_2.profiles / 'network.xml')
     (tmp_path / 'DEFAULT_FASTDDS_PROFILES.xml').touch()
     assert not transport.set_up_by_user()
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
     assert transport.set_up_by_user()
-
-
-def test_a_node_without_room_for_its_profile_says_so(
-        schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(transport.tempfile, 'NamedTemporaryFile', refuse)
-    before = dict(os.environ)
-    with (pytest.raises(transport.TransportError, match='No space left'),
-          transport.prepared(RMW, SharedMemory.NEVER)):
-        pass
-    assert dict(os.environ) == before
 
 
 @pytest.mark.parametrize('namespace', [
@@ -256,8 +225,7 @@ def test_the_range_decides(
     monkeypatch.setenv(name, value)
     assert transport.beyond_machine() == beyond
     found = inside()
-    assert found['profile'] == spelled(profile)
-    assert 0 < int(found['HOVERSLAM_DATA_PORT_OFFSET']) < 2**16
+    assert found[PROFILE] == str(VERSION.profiles / profile)
 
 
 @pytest.mark.parametrize(('name', 'value'), [
@@ -267,7 +235,7 @@ def test_who_wants_nobody_gets_nobody_by_name_either(
     monkeypatch.setenv('ROS_STATIC_PEERS', '10.0.0.7')
     monkeypatch.setenv(name, value)
     assert not transport.beyond_machine()
-    assert inside()['profile'] == spelled('machine.xml')
+    assert inside()[PROFILE] == str(VERSION.profiles / 'machine.xml')
 
 
 def test_who_sets_up_fast_dds_has_the_word(
@@ -282,11 +250,11 @@ def test_who_sets_up_fast_dds_has_the_word(
             found = inside()
         assert found[name] == value
         assert found[transport.RANGE] == 'LOCALHOST'
-        assert 'HOVERSLAM_DATA_PORT_OFFSET' not in found
+        assert OURS not in Path(found.get(PROFILE, '/')).parents
     mine.rename(tmp_path / VERSION.default)
-    assert 'HOVERSLAM_DATA_PORT_OFFSET' not in inside()
+    assert PROFILE not in inside()
     monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
-    assert 'HOVERSLAM_DATA_PORT_OFFSET' in inside()
+    assert OURS in Path(inside()[PROFILE]).parents
 
 
 @pytest.mark.parametrize('name', [PROFILE, None])
@@ -328,7 +296,7 @@ def test_the_ros2_command_is_bound_as_nodes_are(
     profiles = []
 
     def create_node(*args: object, **options: object) -> Mock:
-        profiles.append(Path(os.environ[PROFILE]).read_text('utf-8'))
+        profiles.append(Path(os.environ[PROFILE]))
         return Mock()
 
     monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: RMW)
@@ -338,9 +306,15 @@ def test_the_ros2_command_is_bound_as_nodes_are(
     with graph.direct_node():
         assert PROFILE not in os.environ
     (profile,) = profiles
-    participant = profile.partition('<participant ')[2]
-    assert '<transport_id>loopback<' in participant
-    assert 'shared_memory' not in participant, 'who stops it leaves nothing in a writer'
+    assert profile == VERSION.profiles / 'machine.xml'
+
+
+def test_the_largest_receive_buffer_is_found() -> None:
+    before = transport.receive_buffer()  # of other tests' nodes
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 50_000)
+        assert transport.receive_buffer() == max(before, 50_000)
+        assert probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) == 100_000, 'still open'
 
 
 def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
@@ -385,7 +359,7 @@ def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
         monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         with transport.prepared(rmw):
-            assert 'HOVERSLAM_DATA_PORT_OFFSET' not in os.environ
+            assert PROFILE not in os.environ
             probe.bind((address, 0))
         port = probe.getsockname()[1]
     said = ''.join(capfd.readouterr())
@@ -419,13 +393,3 @@ def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(transport.RANGE, 'localhost')
     with pytest.raises(transport.TransportError, match=f"{transport.RANGE}: got 'localhost'"):
         inside()
-
-
-@pytest.mark.parametrize('domain', [0, 42, 101, 230, 232])
-def test_starts_have_data_ports_of_their_own(domain: int) -> None:
-    first = 7400 + 250 * domain
-    ports = [first + transport.fresh_data_offset(domain) for _ in range(100)]
-    assert max(ports) < 2**16 - 250 or domain > 230
-    if domain <= 101:
-        assert min(ports) >= max(32768, first + 250)
-        assert len(set(ports)) > 90
