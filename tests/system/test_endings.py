@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
+import psutil
 import pytest
 from support.faults import END
 from support.faults import Moments
@@ -46,6 +47,19 @@ def test_told_to_end_while_it_starts_it_ends_and_leaves_nothing(
         assert status in (0, -told, 130) or (
             status == 1 and 'KeyboardInterrupt' in process.output()), process.output()
         assert not [file for file in folder.rglob('*') if file.is_file() and file.stat().st_size]
+
+
+def test_nodes_keep_nothing_in_shared_memory(processes: Processes, tmp_path: Path) -> None:
+    """Then nothing is left there when they are killed."""
+    nodes = [start(processes, node, tmp_path) for node in ('simulator', 'agent', 'recorder')]
+    for node, line in zip(nodes, ('waiting for an agent', 'expert flies', 'recording to'),
+                          strict=True):
+        node.wait_for(line, 60.0)
+    for node in nodes:
+        family = psutil.Process(node.pid)
+        for process in (family, *family.children(recursive=True)):
+            mapped = Path(f'/proc/{process.pid}/maps').read_text('utf-8')
+            assert '/dev/shm/fast' not in mapped, node.output()
 
 
 def refusal(process: Process) -> list[str]:
