@@ -48,7 +48,7 @@ def machine_line(folder: Path) -> str:
             f"{m['memory_gib']} GiB, {m['system']}; {versions}.")
 
 
-def plots(path: Path, title: str, figures: dict[str, Any], images: Path) -> list[Path]:
+def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
     """Put the plots of a part into a folder: those it drew itself, or ours."""
     part = path.stem
     drawn = []
@@ -56,7 +56,7 @@ def plots(path: Path, title: str, figures: dict[str, Any], images: Path) -> list
         drawn.append(images / f'performance_{own.name}')
         write_atomically(drawn[-1], own.read_bytes())
     if not drawn and performance_plots.draw(
-            part, title, figures, images / f'performance_{part}.png'):
+            part, figures, images / f'performance_{part}.png'):
         drawn.append(images / f'performance_{part}.png')
     return drawn
 
@@ -79,7 +79,7 @@ def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
         table = path.with_suffix('.txt').read_text('utf-8').rstrip()
         command = path.with_suffix('.command').read_text('utf-8').strip()
         try:
-            said, drawn = text(figures), plots(path, title, figures, images)
+            said, drawn = text(figures), plots(path, figures, images)
         except (KeyError, TypeError) as error:
             print(f'{part}: left as it is: {path} is of an older benchmark: {error!r}')
             yield there.get(

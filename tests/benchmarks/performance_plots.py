@@ -5,19 +5,18 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.performance_text import Figures
+from benchmarks.performance_text import batch
 from ppo_agent_node.reporting.pictures.style import CYCLE
 from ppo_agent_node.reporting.pictures.style import GREY
 from ppo_agent_node.reporting.pictures.style import plain_logarithm
 from ppo_agent_node.reporting.pictures.style import save
 from ppo_agent_node.reporting.pictures.style import styled
-
-Figures = dict[str, Any]
 
 
 def _curves(axes: Axes, curves: dict[str, dict[str, float]], x: str, y: str) -> None:
@@ -179,6 +178,39 @@ _PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'key_latency': _key_latency}
 
 
+def _exchange_finding(f: Figures) -> str:
+    size, row = batch(f['exchange'])
+    return (f'With a core each, an exchange of {size} rockets over DDS takes '
+            f'{row["ratio_apart"]:.1f} times\nas long as a TCP ping-pong of the same bytes')
+
+
+def _budget_finding(f: Figures) -> str:
+    parts = [row for row in f['budget'] if row['who'] in ('agent', 'simulator', 'between')]
+    largest = max(parts, key=lambda row: float(row['us']))
+    share = largest['us'] / sum(row['us'] for row in parts)
+    return (f'The largest part of a step of {f["num_envs"]} rockets, {share:.0%}: '
+            f'{largest["who"]}, {largest["what"]}')
+
+
+def _rollouts_finding(f: Figures) -> str:
+    rows = f['rollouts']
+    shares = ', '.join(f'{row["ratio"]["DDS, 2"]:.0%} with {int(size):,}'
+                       for size, row in rows.items())
+    return f'Two simulators over DDS reach this share of the speed\nof one process: {shares}'
+
+
+def _fleet_finding(f: Figures) -> str:
+    last, row = list(f['fleet'].items())[-1]
+    return (f'With {last} simulators, an exchange costs the agent '
+            f'{row["ratio"]:.2f} times as much as with one')
+
+
+def _hosts_finding(f: Figures) -> str:
+    size, row = batch(f['hosts'])
+    return (f'An exchange of {size} rockets with another host takes {row["ratio"]:.1f} times\n'
+            'as long as one within the host')
+
+
 def _ranks_finding(f: Figures) -> str:
     model = f['ranks']['model']
     ring, tree = (model[f'two ranks, {way}']['knee'] for way in ('ring', 'tree'))
@@ -186,12 +218,68 @@ def _ranks_finding(f: Figures) -> str:
             'and from 2 on over a network with a delay of 1 ms')
 
 
-_FINDINGS: dict[str, Callable[[Figures], str]] = {'ranks': _ranks_finding}
-"""Titles that state the finding, by part. The other plots have the title of their section."""
+def _stepping_finding(f: Figures) -> str:
+    lander = f['ratios']['lunar_lander']
+    peer = 'EnvPool' if 'EnvPool' in lander else 'Gymnasium'
+    return f'lunar_lander makes {lander[peer]:.1f} times as many steps as that of {peer}'
 
 
-def draw(part: str, title: str, figures: Figures, path: Path) -> bool:
-    """Draw the plot of a part's figures; tell whether there is one."""
+def _threads_finding(f: Figures) -> str:
+    best = max(f['threads'], key=lambda row: float(row['gain']))
+    return (f'{best["threads"]} threads are up to {best["gain"]:.2f} times as fast as one: '
+            f'{best["size"]} of {best["world"]}')
+
+
+def _learner_finding(f: Figures) -> str:
+    gains = [row['samples_per_second']['ours'] / row['SB3'] for row in f['learner']
+             if row.get('SB3')]
+    if not gains:
+        return 'Updates reach this share of the bare products'
+    return f'An update is {min(gains):.1f} to {max(gains):.1f} times as fast as stable-baselines3'
+
+
+def _recorder_finding(f: Figures) -> str:
+    return '\n'.join(f'With a recorder, {name} runs at {part["ratio"]:.1%} of its speed'
+                     for name, part in f.items())
+
+
+def _loss_finding(f: Figures) -> str:
+    return ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%}'
+                     for share, row in f['loss'].items()).join(
+        ('99 % of the steps take less than ', ' of the packets lost'))
+
+
+def _heuristic_finding(f: Figures) -> str:
+    return "The scripted pilot's return differs by " + ' and '.join(
+        f'{row["difference"]:+.0f} ({row["action"]})' for row in f['heuristic'])
+
+
+def _transfer_finding(f: Figures) -> str:
+    return (f'The policy returns {f["ours"]:.0f} in our lander and {f["gymnasium"]:.0f} '
+            "in Gymnasium's")
+
+
+def _stopping_finding(f: Figures) -> str:
+    longest = max(second for seconds in f.values() for second in seconds)
+    return f'All processes end within {longest:.1f} s of Ctrl-C'
+
+
+def _key_latency_finding(f: Figures) -> str:
+    return f'Half of the keys show in the state within {f["median_ms"]:.0f} ms'
+
+
+FINDINGS: dict[str, Callable[[Figures], str]] = {
+    'exchange': _exchange_finding, 'budget': _budget_finding, 'rollouts': _rollouts_finding,
+    'fleet': _fleet_finding, 'hosts': _hosts_finding, 'ranks': _ranks_finding,
+    'stepping': _stepping_finding, 'threads': _threads_finding, 'learner': _learner_finding,
+    'recorder': _recorder_finding, 'loss': _loss_finding, 'heuristic': _heuristic_finding,
+    'transfer': _transfer_finding, 'stopping': _stopping_finding,
+    'key_latency': _key_latency_finding}
+"""Titles, by part: each states the finding."""
+
+
+def draw(part: str, figures: Figures, path: Path) -> bool:
+    """Draw the plot of a part's figures; return whether there is one."""
     plot = _PLOTS.get(part)
     if plot is None:
         return False
@@ -199,7 +287,6 @@ def draw(part: str, title: str, figures: Figures, path: Path) -> bool:
         figure = Figure(figsize=(8.0, 4.2))
         axes = figure.add_subplot()
         plot(axes, figures)
-        finding = _FINDINGS.get(part)
-        axes.set_title(finding(figures) if finding else title)
+        axes.set_title(FINDINGS[part](figures))
         save(figure, path)
     return True

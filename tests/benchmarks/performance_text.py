@@ -8,14 +8,14 @@ from typing import Any
 Figures = dict[str, Any]
 
 
-def _batch(rows: dict[str, Figures]) -> tuple[str, Figures]:
+def batch(rows: dict[str, Figures]) -> tuple[str, Figures]:
     """Return 256 and the row of so many rockets, or those of the largest batch."""
     size = '256' if '256' in rows else max(rows, key=int)
     return size, rows[size]
 
 
 def _exchange(f: Figures) -> str:
-    size, row = _batch(f['exchange'])
+    size, row = batch(f['exchange'])
     return (
         'In one exchange, the agent sends an action and the simulator returns an observation and '
         'a reward, for a whole batch in lock-step. The world of this benchmark does no physics. '
@@ -99,7 +99,7 @@ def _saturation(f: Figures) -> str:
 
 
 def _hosts(f: Figures) -> str:
-    size, row = _batch(f['hosts'])
+    size, row = batch(f['hosts'])
     return (
         f'An exchange of {size} rockets with a simulator on another host takes '
         f'{row["ratio"]:.2f} times as long as one within the host. The hosts are network '

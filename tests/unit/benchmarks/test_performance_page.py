@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from benchmarks import performance
+from benchmarks import performance_plots
 from benchmarks.performance_text import SECTIONS
 from matplotlib.image import imread
 
@@ -88,6 +90,32 @@ def test_what_is_said_of_roll_outs_and_of_many_simulators() -> None:
         'bytes_per_exchange': 20_000})
     assert '300 us with 1, 280 us with 16' in said
     assert '1.6 simulators keep it busy' in said
+
+
+@pytest.mark.parametrize(('part', 'figures', 'title'), [
+    ('exchange', {'exchange': {'256': {'ratio_apart': 2.04}}}, 'takes 2.0 times'),
+    ('budget', {'num_envs': 256, 'budget': [
+        {'who': 'agent', 'what': 'inference', 'us': 60.0},
+        {'who': 'between', 'what': 'DDS', 'us': 40.0}, {'who': '', 'what': 'whole', 'us': 100.0}]},
+     'rockets, 60%: agent, inference'),
+    ('rollouts', {'rollouts': {
+        '256': {'ratio': {'DDS, 2': 0.41}}, '4096': {'ratio': {'DDS, 2': 0.99}}}},
+     '41% with 256, 99% with 4,096'),
+    ('fleet', {'fleet': {'1': {'ratio': 1.0}, '16': {'ratio': 0.6}}},
+     'With 16 simulators, an exchange costs the agent 0.60 times'),
+    ('stepping', {'ratios': {'lunar_lander': {'EnvPool': 3.94}}}, '3.9 times as many steps'),
+    ('threads', {'threads': [
+        {'threads': 2, 'gain': 1.1, 'size': 64, 'world': 'rocket'},
+        {'threads': 2, 'gain': 1.54, 'size': 256, 'world': 'lunar_lander'}]},
+     'up to 1.54 times as fast as one: 256 of lunar_lander'),
+    ('learner', {'learner': [
+        {'samples_per_second': {'ours': 9.0}, 'SB3': 3.0},
+        {'samples_per_second': {'ours': 22.0}, 'SB3': 2.0}]}, '3.0 to 11.0 times'),
+    ('learner', {'learner': [{'samples_per_second': {'ours': 9.0}}]}, 'of the bare products'),
+    ('recorder', {'training': {'ratio': 0.956}}, 'training runs at 95.6%'),
+])
+def test_titles_state_the_finding(part: str, figures: dict, title: str) -> None:
+    assert title in performance_plots.FINDINGS[part](figures)
 
 
 def test_what_is_said_and_drawn_of_losses_peers_and_people(tmp_path: Path) -> None:
