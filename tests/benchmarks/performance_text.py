@@ -83,6 +83,7 @@ def _saturation(f: Figures) -> str:
     agent = 1e6 / (wire + think)
     network = 1e9 / (8 * f['bytes_per_exchange'])
     simulator = f['physics_us'] + wire
+    busy = 1 + simulator / (wire + think)
     first = 'the agent' if agent < network else 'the link'
     return (
         'How many simulators of 256 rockets can one agent serve during a roll-out? An exchange '
@@ -90,7 +91,8 @@ def _saturation(f: Figures) -> str:
         f'core, so it serves {agent:,.0f} exchanges/s, which is {256 * agent:,.0f} rocket '
         f'steps/s. A simulator with a core of its own needs about {simulator:.0f} us for a step. '
         'The agent can serve others meanwhile: '
-        f'{1 + simulator / (wire + think):.1f} simulators keep it busy. An exchange is '
+        f'{busy:.1f} simulators keep it busy. 10 000 of them would need {1e4 / busy:,.0f} agents, '
+        'as [ranks of one run](#several-learners). An exchange is '
         f'{f["bytes_per_exchange"]:,} bytes. A link of 1 Gbit/s carries '
         f'{network:,.0f} of them a second, '
         f'{network / agent:.1f} times as many as the agent serves, so {first} saturates first. '
@@ -127,9 +129,10 @@ def _ranks(f: Figures) -> str:
         f'iterations by {100 * min(errors):+.0f} to {100 * max(errors):+.0f} %. By the model, '
         'ranks that each fly and learn as much spend more time waiting than working from this '
         f'number on: {", ".join(knees)}. gloo sums in a ring, nccl in a tree. More than two ranks '
-        'were not measured. To use 10 000 simulators, give each rank many of them, large '
-        'minibatches and few epochs, rather than many ranks: only the number of sums counts, '
-        'not the number of simulators.')
+        'were not measured. 10 000 simulators need thousands of ranks '
+        '([how many one agent serves](#many-simulators)), so most of their time would be spent '
+        'waiting. Only fewer sums of gradients for each sample change that: larger minibatches '
+        'and fewer epochs.')
 
 
 def _stepping(f: Figures) -> str:

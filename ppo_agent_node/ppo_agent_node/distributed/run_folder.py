@@ -5,12 +5,14 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
+from contextlib import ExitStack
 from contextlib import contextmanager
 from pathlib import Path
 
 from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.runs.folder import RunFolderError
 
 
 @contextmanager
@@ -22,14 +24,20 @@ def open_folder(
     The ranks need no common file system. A resumed run may have another number of ranks.
 
     :param poll: called while waiting for rank 0; may raise.
-    :raises RunFolderError: on rank 0, as `RunFolder` does.
+    :raises OSError: as `RunFolder` does; on all ranks.
     :raises RankLost: when another rank is gone.
     """
     if ranks.first:
-        folder = RunFolder(path, resume)
-        with folder.locked():
+        with ExitStack() as stack:
             try:
-                ranks.main.of_first(_files(folder) if ranks.count > 1 else {}, poll)
+                folder = RunFolder(path, resume)
+                stack.enter_context(folder.locked())
+                files = _files(folder) if ranks.count > 1 else {}
+            except OSError as error:
+                ranks.main.of_first(str(error), poll)
+                raise
+            try:
+                ranks.main.of_first(files, poll)
             except RankLost:
                 folder.withdraw()
                 raise
@@ -37,8 +45,10 @@ def open_folder(
         return
     with tempfile.TemporaryDirectory(prefix='hoverslam-rank-') as scratch:
         copy = Path(scratch) / 'run'
-        files: dict[str, bytes] = ranks.main.of_first({}, poll)
-        for name, content in files.items():
+        received: dict[str, bytes] | str = ranks.main.of_first({}, poll)
+        if isinstance(received, str):
+            raise RunFolderError(f'rank 0: {received}')
+        for name, content in received.items():
             target = copy / name
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(content)

@@ -55,6 +55,12 @@ def test_two_ranks_train_alike_after_one_was_killed(straight: Path, tmp_path: Pa
     assert left_by(path) == left_by(straight)
 
 
+def test_all_ranks_report_a_folder_that_rank_0_cannot_use(straight: Path) -> None:
+    first, second = train(straight, 2, SMALL)
+    assert f'RunFolderError: {straight}: already holds a run' in first, first
+    assert f'RunFolderError: rank 0: {straight}: already holds a run' in second, second
+
+
 def test_a_rank_that_is_stopped_does_not_wait_for_one_that_sleeps(tmp_path: Path) -> None:
     begun = time.monotonic()
     first, = train(
