@@ -69,13 +69,16 @@ _hoverslam_enter() {
   . "$_hoverslam_venv/bin/activate" || return 1
   _hoverslam_prepend PATH "$_hoverslam_venv/bin"
   if [ "${_hoverslam_mode%%:*}" = sourced ]; then
+    unset HOVERSLAM_WHEELS
     for _hoverslam_list in "$_hoverslam_venv"/lib/python3.*/site-packages; do
       _hoverslam_prepend PYTHONPATH "$_hoverslam_list"
     done
   else
-    # Packages of another Python would not work here and could hide ours. If ROS_DISTRO is set
-    # without a sourced distribution, it must not count as sourced.
-    unset PYTHONPATH ROS_DISTRO
+    # Packages of another Python would not work here and could hide ours.
+    unset PYTHONPATH
+    # Tools such as `ros2 doctor` and bags need the name; the second variable keeps it from counting
+    # as sourced.
+    export ROS_DISTRO="$_hoverslam_ros" HOVERSLAM_WHEELS="$_hoverslam_ros"
     _hoverslam_prepend AMENT_PREFIX_PATH "$_hoverslam_venv"
     _hoverslam_prepend CMAKE_PREFIX_PATH "$_hoverslam_venv"
     export RMW_IMPLEMENTATION=rmw_fastrtps_cpp

@@ -32,7 +32,7 @@ TERMINAL = (
     'python', '-c', 'import pty, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_DFL); '
     'pty.spawn(sys.argv[1:])')
 """what runs a program in a terminal, which hangs up as soon as this ends"""
-STAND_IN = 'ROS_DISTRO' not in os.environ
+STAND_IN = os.environ.get('ROS_DISTRO') == os.environ.get('HOVERSLAM_WHEELS')
 """whether the command ros2 is that of launch_scripts/ros2"""
 
 

@@ -206,6 +206,13 @@ def test_a_sourced_ros_2_is_used_whatever_its_age(
         2, "setup: HOVERSLAM_ROS is 'jazzy', expected 'lyrical', which is sourced, or unset\n")
 
 
+def test_a_distribution_that_env_sh_named_does_not_count_as_sourced(project: Project) -> None:
+    status, output = project.run(
+        ROS_DISTRO='kilted', HOVERSLAM_WHEELS='kilted', AMENT_PREFIX_PATH='/else/.venv')
+    assert status == 0, output
+    assert 'ros-rclpy' in (project.root / '.venv/.hoverslam/requirements').read_text()
+
+
 def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
     """Without a network, or with little room: all is there to go on with, or to try again."""
     project.run()
