@@ -104,7 +104,7 @@ def operator(shared: Processes, server: Process) -> Iterator[Operator]:
     rclpy.shutdown(context=made.context)
 
 
-def test_a_canceled_training_goes_on_to_its_end(
+def test_a_canceled_training_can_be_resumed_to_its_end(
     operator: Operator, server: Process, tmp_path: Path,
 ) -> None:
     run, heard = tmp_path / 'run', []  # type: tuple[Path, list[Any]]
@@ -236,7 +236,7 @@ def test_a_stopped_server_finishes_its_goal_first(
     assert 'Traceback' not in server.output()
 
 
-def test_nothing_outlives_a_server_that_is_killed(processes: Processes, tmp_path: Path) -> None:
+def test_no_process_outlives_a_killed_server(processes: Processes, tmp_path: Path) -> None:
     server = processes.run_node('ppo_agent_node', 'action_server')
     server.wait_for('are served', 30.0)
     operator, heard = Operator(processes.domain), []  # type: tuple[Operator, list[Any]]

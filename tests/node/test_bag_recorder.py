@@ -55,7 +55,7 @@ def wait_until_written(bag: Path) -> None:
                and time.time() - partial.stat().st_mtime > 3 * FLUSH, 60.0)
 
 
-def test_as_many_observations_as_steps(
+def test_the_bag_holds_every_observation(
     processes: Processes, make_node: Callable[..., Any], make_client: Callable[..., Any],
     tmp_path: Path,
 ) -> None:
@@ -126,7 +126,7 @@ def test_chosen_topics_missing_steps_and_a_late_start(
         '/state', '/world'}
 
 
-def test_killed_and_started_again(
+def test_a_new_recorder_repairs_the_bag_of_a_killed_one(
     processes: Processes, simulator: Simulator, tmp_path: Path,
 ) -> None:
     path = tmp_path / 'bag'
@@ -147,7 +147,7 @@ def test_killed_and_started_again(
     assert "'/proc'" in refused.output()
 
 
-def test_hidden_topics_are_left_out_and_early_ones_are_not(
+def test_hidden_topics_are_skipped_and_latched_messages_are_recorded(
     processes: Processes, make_node: Callable[..., Any], tmp_path: Path,
 ) -> None:
     node, _ = make_node()
@@ -236,7 +236,7 @@ def test_a_bag_is_shown_and_played_by_the_command(
 @pytest.mark.parametrize(('arguments', 'complaint'), [
     (('record', '--regex', 'x'), "'--regex' is not supported here"),
     (('info', '/nowhere/bag'), '/nowhere/bag'), (('convert',), "invalid choice: 'convert'")])
-def test_what_the_command_does_not_know_is_refused_by_name(
+def test_bad_arguments_of_the_bag_command_are_refused_by_name(
     processes: Processes, arguments: tuple[str, ...], complaint: str,
 ) -> None:
     command = processes.start('ros2', 'bag', *arguments)

@@ -35,7 +35,7 @@ def commands(steps: int, seed: int = 0) -> np.ndarray:
     ('rocket', {'conditions': 'mix', 'observation': 'extended'}),
     ('rocket_planar', {'conditions': 'mix', 'engine_lag_high': 0.05}),
 ])
-def test_a_mix_is_flown_alike_in_process_over_dds_and_across_a_kill(
+def test_a_mix_flies_the_same_in_process_over_dds_and_after_a_kill(
     world: str, settings: dict[str, Any], processes: Processes, make_client: MakeClient,
 ) -> None:
     """A killed simulator draws the same again."""
@@ -68,7 +68,7 @@ def test_a_mix_is_flown_alike_in_process_over_dds_and_across_a_kill(
         assert_same(client.step(action), local.step(action))
 
 
-def test_a_reset_names_conditions_until_the_next(
+def test_conditions_of_a_reset_hold_until_the_next_reset(
         processes: Processes, make_client: MakeClient) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, local = make_client(), worlds.make('rocket', num_envs=N)
@@ -84,7 +84,7 @@ def test_a_reset_names_conditions_until_the_next(
     assert client.spec == local.spec, 'a reset changes nothing for good'
 
 
-def test_state_tells_of_command_disturbance_and_draws(
+def test_state_holds_command_disturbance_and_drawn_conditions(
         processes: Processes, make_client: MakeClient) -> None:
     processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, conditions='harsh', state_rows=N)

@@ -143,7 +143,7 @@ def jumping_clock(make_node: Callable[..., Any]) -> Iterator[None]:
 
 
 @pytest.mark.parametrize('sim_time', [False, True])
-def test_the_engine_is_cut_without_actions_and_follows_again(
+def test_the_engine_is_cut_without_actions_and_follows_new_ones(
         processes: Processes, make_client: MakeClient, jumping_clock: None,
         sim_time: bool) -> None:
     """By the steady clock: that of ROS may jump, it moves nothing."""
@@ -168,7 +168,7 @@ def test_the_engine_is_cut_without_actions_and_follows_again(
     assert watch['agent'] == 'nobody'
 
 
-def test_an_agent_that_never_gives_an_order_is_told(
+def test_an_agent_that_sends_no_action_after_its_reset_is_reported(
         processes: Processes, make_client: MakeClient) -> None:
     """It died after its reset, or nobody hears it."""
     process, client, watch = realtime(processes, make_client)
@@ -183,7 +183,7 @@ def test_an_agent_that_never_gives_an_order_is_told(
     watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
 
 
-def test_an_agent_that_only_computes_gives_no_orders(
+def test_a_real_time_agent_that_only_computes_loses_control(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its engine is cut, and after the lease another one may take over."""
     monkeypatch.setattr('rocket_sim_node.wire.client.connection._KEEP_PERIOD', 0.02)
@@ -234,7 +234,7 @@ def flood(connection: Connection) -> Iterator[None]:
         thread.join()
 
 
-def test_a_flood_holds_up_neither_the_steps_of_real_time_nor_the_watchdog(
+def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
         processes: Processes, make_client: MakeClient) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client, stranger = make_client(), make_client(agent=STRANGER)
@@ -262,7 +262,7 @@ def test_a_flood_holds_up_neither_the_steps_of_real_time_nor_the_watchdog(
     assert 0.5 < rate < 1.5, f'{rate:.2f} simulated seconds a second'
 
 
-def test_in_slow_motion_the_engine_burns_on(
+def test_slow_motion_alone_does_not_cut_the_engine(
         processes: Processes, make_client: MakeClient) -> None:
     """An order is as old as a step, 0.67 s here, when the next one can come."""
     process = processes.run_node(
@@ -276,7 +276,7 @@ def test_in_slow_motion_the_engine_burns_on(
     process.wait_for('engine cut', 10.0)  # when no more come
 
 
-def test_an_action_sent_again_is_no_new_order(
+def test_a_repeated_action_does_not_count_as_a_new_one(
         processes: Processes, make_client: MakeClient) -> None:
     """As by an agent that hears nothing any more, or by a network that doubles and delays."""
     process, client, watch = realtime(processes, make_client)
@@ -384,7 +384,7 @@ def test_no_parameter_can_be_changed_after_start(
         assert 'read-only' in result.reason or parameter.name == 'unheard_of', result.reason
 
 
-def test_use_sim_time_belongs_to_ros_and_moves_nothing_that_flies(
+def test_use_sim_time_can_be_set_and_does_not_stop_the_simulation(
         processes: Processes, make_client: MakeClient) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client = make_client()
@@ -437,7 +437,7 @@ def test_commands_beyond_limits_are_flown_as_in_process_and_counted_in_lockstep(
     assert watch.status.level == DiagnosticStatus.OK  # who learns explores beyond, too
 
 
-def test_diagnostics_say_who_where_and_what(
+def test_diagnostics_hold_name_status_agent_and_counters(
         processes: Processes, make_client: MakeClient) -> None:
     processes.start(
         'ros2', 'run', 'rocket_sim_node', 'simulator', '--ros-args', '-r', '__ns:=/sim_0',
@@ -459,7 +459,7 @@ def test_diagnostics_say_who_where_and_what(
         'refused on snapshot': '0', 'refused on release': '0', 'repeated answers': '0'}.items()
 
 
-def test_a_refusal_is_told_at_once_and_by_name(
+def test_a_refusal_is_reported_at_once_and_by_name(
         processes: Processes, make_client: MakeClient) -> None:
     """Before it is answered, even; then the level falls back, and what was refused stays."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
@@ -479,7 +479,7 @@ def test_a_refusal_is_told_at_once_and_by_name(
         assert watch['last refusal'] == told(first)['last refusal'] == f'{name}: {answer.message}'
 
 
-def test_nothing_on_the_wire_goes_by_the_clock_of_the_day() -> None:
+def test_the_wire_measures_time_by_the_steady_clock() -> None:
     """Time is measured by `time.monotonic`; each timer has the steady clock.
 
     But files have times of the clock of the day, and so have their ages; and one module notices

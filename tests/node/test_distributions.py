@@ -37,14 +37,14 @@ def test_a_context_lasts_as_long_as_its_block(processes: Processes) -> None:
     assert not rclpy.ok(context=context)
 
 
-def test_this_rclpy_has_the_quick_way(make_node: Callable[..., Any]) -> None:
+def test_this_rclpy_supports_the_fast_path(make_node: Callable[..., Any]) -> None:
     """Where a later distribution fails here, its rclpy has changed: `distributions.subscribe`."""
     node, _ = make_node()
     box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
     assert box.handle is not None
 
 
-def test_an_exchange_by_public_means_has_the_same_bits(
+def test_an_exchange_by_the_public_api_has_the_same_bits(
         processes: Processes, make_client: Callable[..., Client],
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(distributions, '_rclpy', None)

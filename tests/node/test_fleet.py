@@ -113,7 +113,7 @@ def test_flights_over_many_simulators_are_those_in_process(
         assert_same_flights(flown(fleet, range(5), lambda: None), in_process(range(5)))
 
 
-def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
+def test_a_closed_fleet_releases_its_simulators_and_endpoints(
         processes: Processes, make_node: Callable[..., Any]) -> None:
     simulator(processes, 0)
     node, executor = make_node()
@@ -138,7 +138,8 @@ def test_a_closed_fleet_lets_go_and_leaves_nothing_on_its_node(
         assert len(list(other.fly([functools.partial(fall, 1)]))) == 1
 
 
-def test_simulators_come_go_and_die(processes: Processes, make_fleet: MakeFleet) -> None:
+def test_simulators_may_be_killed_ended_stopped_and_added(
+        processes: Processes, make_fleet: MakeFleet) -> None:
     """One is killed, one ends in order, one is stopped and continued, one joins late."""
     running = [simulator(processes, number) for number in range(3)]
     timers: list[threading.Timer] = []
@@ -172,7 +173,7 @@ def test_simulators_come_go_and_die(processes: Processes, make_fleet: MakeFleet)
     assert_same_flights(result, in_process(seeds))
 
 
-def test_a_simulator_of_another_world_is_not_flown(
+def test_a_simulator_of_another_world_is_not_used(
     processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
 ) -> None:
     simulator(processes, 0)
@@ -183,7 +184,7 @@ def test_a_simulator_of_another_world_is_not_flown(
     assert '/sim_1 is not used: its num_envs is 5, expected 4' in text
 
 
-def test_one_that_comes_back_as_another_world_is_flown_no_more(
+def test_a_simulator_restarted_with_another_world_is_no_longer_used(
     processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
 ) -> None:
     first = simulator(processes, 0)
@@ -208,7 +209,7 @@ def test_one_that_comes_back_as_another_world_is_flown_no_more(
 
 
 @pytest.mark.parametrize(('namespace', 'pattern'), [('', ''), ('/sim_0', '/sim_*')])
-def test_strangers_who_describe_a_world_change_nothing(
+def test_world_descriptions_of_other_nodes_change_nothing(
     processes: Processes, make_fleet: MakeFleet, make_node: Callable[..., Any],
     namespace: str, pattern: str,
 ) -> None:
@@ -242,7 +243,7 @@ def test_strangers_who_describe_a_world_change_nothing(
     assert_same_flights(result, in_process(seeds))
 
 
-def test_one_that_goes_by_the_clock_is_not_flown(
+def test_a_real_time_simulator_is_not_used(
     processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
 ) -> None:
     simulator(processes, 0)
@@ -257,7 +258,7 @@ def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:
         make_fleet(pattern='sim_*')
 
 
-def test_nobody_there(make_fleet: MakeFleet) -> None:
+def test_a_missing_simulator_is_a_timeout(make_fleet: MakeFleet) -> None:
     fleet = make_fleet(patience=1.0)
     with pytest.raises(WireTimeout, match=r'simulator of /sim_\*/world'):
         fleet.connect()

@@ -55,7 +55,7 @@ class Errors:
             self.texts.add(status.message)
 
 
-def test_forgeries_are_dropped_counted_and_told(
+def test_forgeries_are_dropped_counted_and_reported(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """Among forgeries of each kind a client flies what a world in process does, to the bit."""
     simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
@@ -105,7 +105,7 @@ def test_forgeries_are_dropped_counted_and_told(
     assert ['/forger (GID ' in error for error in errors_logged] == [True] * len(errors_logged)
 
 
-def test_an_agent_whose_simulator_ran_ahead_says_so(
+def test_an_agent_reports_that_its_simulator_ran_ahead(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """The actions come from its own participant, which is obeyed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
@@ -135,7 +135,7 @@ def test_an_agent_whose_simulator_ran_ahead_says_so(
 
 
 @pytest.mark.parametrize('below', ['/simulator/', '/'])
-def test_calls_in_the_name_of_the_agent_are_refused_and_told(
+def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
         processes: Processes, make_client: Callable[..., Client],
         make_node: Callable[..., Any], below: str) -> None:
     """With its identity and its GID, which everybody can see.
@@ -175,7 +175,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_told(
     make_client(patience=2.0).reset(3)
 
 
-def test_an_agent_whose_place_was_taken_while_it_was_silent_says_so(
+def test_an_agent_reports_that_it_was_replaced_while_silent(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """A sender with the agent's identity may be that agent, started again: it is obeyed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
@@ -189,7 +189,7 @@ def test_an_agent_whose_place_was_taken_while_it_was_silent_says_so(
         'acts as agent 5, which is another participant' in text for text in errors.texts), 10.0)
 
 
-def test_a_second_simulator_on_the_same_topics_is_told_by_both_and_by_the_agent(
+def test_a_second_simulator_on_the_same_topics_is_reported_by_all(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     first, second = (
         processes.run_node('rocket_sim_node', 'simulator', num_envs=N) for _ in range(2))

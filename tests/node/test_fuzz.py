@@ -218,7 +218,7 @@ def fuzzer(processes: Processes, make_client: Callable[..., Client], nightly: bo
     return Fuzzer(process, make_client(agent=AGENT, resend_after=2.0), seed)
 
 
-def test_thousands_of_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -> None:
+def test_a_simulator_survives_thousands_of_invalid_messages(fuzzer: Fuzzer, nightly: bool) -> None:
     """Four thousand are counted to the last one; then comes a flood, part of which may be lost.
 
     It ends when the simulator has handled 20 thousand, or 300 thousand with `--nightly`. Every
@@ -256,7 +256,7 @@ def test_thousands_of_messages_of_rubbish(fuzzer: Fuzzer, nightly: bool) -> None
     assert fuzzer.counts()['agent'] == str(AGENT)
 
 
-def test_an_agent_among_rubbish_learns_what_was_flown(
+def test_an_agent_under_invalid_messages_gets_the_true_answers(
         processes: Processes, make_client: Callable[..., Client],
         make_node: Callable[..., Any], nightly: bool) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)

@@ -87,7 +87,7 @@ def line(make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Line
     return Line(make_node, monkeypatch)
 
 
-def test_who_exchanges_briskly_does_not_sleep(line: Line) -> None:
+def test_fast_exchanges_poll_without_sleeping(line: Line) -> None:
     line.send()
     line.receive()
     assert (line.looks, line.sleeps) == (0, 1)
@@ -97,7 +97,7 @@ def test_who_exchanges_briskly_does_not_sleep(line: Line) -> None:
     assert line.sleeps == 1
 
 
-def test_who_waited_long_sleeps_at_once(
+def test_a_wait_after_a_long_wait_sleeps_without_polling(
         line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
     line.send()
     line.receive()
@@ -110,7 +110,7 @@ def test_who_waited_long_sleeps_at_once(
     assert line.looks == looks and line.sleeps == 3
 
 
-def test_nobody_looks_out_who_would_be_in_the_way(
+def test_a_machine_with_one_core_does_not_poll(
         line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inbox, '_CORES', 1)
     for _ in range(3):
@@ -132,7 +132,7 @@ def test_a_timer_that_is_due_is_served_amid_messages(line: Line) -> None:
     assert len(served) >= 40
 
 
-def test_what_was_seen_and_not_taken_is_not_slept_on(line: Line) -> None:
+def test_a_message_not_yet_taken_ends_the_wait_at_once(line: Line) -> None:
     line.send()
     wait_until(lambda: line.box.full, PATIENCE)
     assert line.inbox.wait([line.box], PATIENCE) == ([line.box], False)

@@ -40,7 +40,7 @@ time.sleep(600.0)
 """
 
 
-def test_peers_that_are_killed_leave_next_to_nothing(
+def test_killed_peers_leave_little_memory_behind(
         processes: Processes, make_node: Callable[..., Any], nightly: bool) -> None:
     if not nightly:
         pytest.skip('two minutes, as the dead are forgotten after 20 s: --nightly')

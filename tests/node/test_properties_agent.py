@@ -230,7 +230,7 @@ def test_in_real_time_lost_episodes_cost_a_step_and_no_error() -> None:
     assert len(info['episodes']) == len(info['final_rows'])
 
 
-def test_in_real_time_the_answer_is_the_newest_step_and_all_since_the_last() -> None:
+def test_a_real_time_answer_is_the_newest_step_with_all_rewards_and_ends() -> None:
     answers = in_real_time(*(
         (topic, step, step == 9) for step in range(STEP, 12) for topic in CODECS
         if topic != 'episodes' or step == 9), ('reward', 12, False))
@@ -256,7 +256,7 @@ def test_in_real_time_the_answer_is_the_newest_step_and_all_since_the_last() -> 
 @given(st.lists(st.tuples(
     st.sampled_from(list(CODECS)), st.one_of(st.integers(STEP - 2, STEP + 30), ANY_U64),
     st.booleans()), max_size=40))
-def test_in_real_time_whatever_is_lost_an_answer_is_a_whole_later_step(
+def test_in_real_time_any_answer_is_a_complete_later_step(
         posted: list[tuple[str, int, bool]]) -> None:
     answers = in_real_time(*posted)
     if not answers.collect():

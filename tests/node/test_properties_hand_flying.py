@@ -113,7 +113,7 @@ def observations(spec: WorldSpec) -> st.SearchStrategy[list[Any]]:
 @pytest.mark.parametrize('world', WORLDS)
 @SOME
 @given(data=st.data())
-def test_a_person_flies_on_whatever_is_said_of_the_vehicle(world: str, data: Any) -> None:
+def test_invalid_states_do_not_end_a_flight_by_hand(world: str, data: Any) -> None:
     said, *states, _ = good(world, SESSION)
     spec = conversion.world_from_message(said)
     hands = Hands(spec)
@@ -137,7 +137,7 @@ def test_a_person_flies_on_whatever_is_said_of_the_vehicle(world: str, data: Any
     ({'time': [math.nan]}, 'time: a value is not finite'),
     ({'row': [0, 0]}, 'row: 2 values, expected 1'),
 ])
-def test_a_state_that_no_vehicle_has_is_left_out_with_a_word(
+def test_an_impossible_state_is_ignored_with_a_reason(
         harm: dict[str, Any], said: str) -> None:
     world = worlds.make('rocket')
     hands = Hands(world.spec)
@@ -184,7 +184,7 @@ def described(draw: Any, world: str) -> msg.World:
 @pytest.mark.parametrize('world', WORLDS)
 @SOME
 @given(data=st.data())
-def test_a_person_flies_any_world_or_is_told_what_is_wrong(world: str, data: Any) -> None:
+def test_any_world_is_flown_by_hand_or_refused_with_a_reason(world: str, data: Any) -> None:
     try:
         spec = conversion.world_from_message(data.draw(described(world)))
         hands = Hands(spec)

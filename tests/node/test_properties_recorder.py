@@ -138,7 +138,8 @@ def harmed(draw: Any, message: Any) -> Any:
 @pytest.mark.parametrize('world', WORLDS)
 @settings(max_examples=max(30, settings.default.max_examples // 10))
 @given(data=st.data())
-def test_a_recorder_goes_on_whatever_it_hears(world: str, live: bool, data: Any) -> None:
+def test_a_recorder_keeps_recording_after_invalid_messages(
+        world: str, live: bool, data: Any) -> None:
     desk = Desk(live)
     for message in good(world, 1):
         for _ in range(data.draw(st.integers(0, 2))):
@@ -176,7 +177,7 @@ def landed(states: list[Any]) -> list[Any]:
 
 
 @pytest.mark.parametrize('harm', ['settings', 'mass', 'fuel', 'linear_velocity', 'orientation'])
-def test_landings_that_cannot_be_followed_are_shown_all_the_same(harm: str) -> None:
+def test_landings_that_the_contact_model_cannot_follow_are_recorded(harm: str) -> None:
     """A contact model decides what becomes of them; for some of them it has no answer."""
     desk = Desk(False)
     world, *states, _ = copy.deepcopy(good('rocket', 1))
@@ -197,7 +198,7 @@ def test_landings_that_cannot_be_followed_are_shown_all_the_same(harm: str) -> N
     assert len(desk.noted) == (harm == 'settings')
 
 
-def test_flights_of_another_width_take_nobody_with_them() -> None:
+def test_flights_with_different_leg_counts_are_both_recorded() -> None:
     desk = Desk(False)
     world, *states, _ = copy.deepcopy(good('rocket', 1))
     states = landed(states)
@@ -216,7 +217,7 @@ def test_flights_of_another_width_take_nobody_with_them() -> None:
 
 
 @given(data=st.data())
-def test_who_watches_a_training_sees_on_whatever_is_said(data: Any) -> None:
+def test_a_training_log_survives_invalid_status_messages(data: Any) -> None:
     message = msg.TrainingStatus(
         run='run', folder='run', stages=['clone', 'finetune'], stage='finetune', iteration=3,
         iterations=9, unit='iterations')
@@ -238,7 +239,7 @@ class Screen(io.StringIO):
 
 
 @given(data=st.data())
-def test_so_does_a_display_in_place(data: Any) -> None:
+def test_a_live_display_survives_invalid_status_messages(data: Any) -> None:
     message = msg.TrainingStatus(
         run='run', folder='run', stages=['clone', 'finetune'], stage='finetune', iteration=3,
         iterations=9, unit='iterations', mean_return=1.0)
@@ -288,7 +289,7 @@ class Bridge:
     (5, 10**9, 'header.stamp.nanosec: got 1000000000, expected 0 to 999999999'),
     (0, 2**32 - 1, 'header.stamp.nanosec: got 4294967295, expected 0 to 999999999'),
     (2**30, 0, '')])
-def test_a_stamp_that_no_simulator_sends_is_left_out_and_told(
+def test_an_invalid_stamp_is_ignored_and_reported(
         sec: int, nanosec: int, told: str) -> None:
     """And after the latest one that a simulator sends, the next session is shown as well."""
     bridge = Bridge()
@@ -313,7 +314,7 @@ def test_a_stamp_that_no_simulator_sends_is_left_out_and_told(
 @pytest.mark.parametrize('world', WORLDS)
 @settings(max_examples=max(5, settings.default.max_examples // 10))
 @given(data=st.data())
-def test_a_bridge_goes_on_whatever_it_hears(world: str, data: Any) -> None:
+def test_a_bridge_keeps_publishing_after_invalid_messages(world: str, data: Any) -> None:
     bridge = Bridge()
     for message in good(world, 1)[:3]:
         for _ in range(data.draw(st.integers(0, 2))):

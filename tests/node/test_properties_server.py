@@ -169,7 +169,7 @@ def test_any_action_is_flown_repeated_or_refused(bench: Bench, data: st.DataObje
         st.sampled_from(['level', 'spawn_speed', 'engine_lag_high', 'action_delay_high']),
         WIRE_TEXT),
     st.one_of(st.floats(0, 9), ANY_FLOAT)), max_size=4))
-def test_any_reset_begins_anew_or_is_refused(
+def test_any_reset_starts_a_new_session_or_is_refused(
         bench: Bench, agent: int, seed: int, settings: list[tuple[str, float]]) -> None:
     for asking in (agent, OWNER):
         before, counts = bench.place, bench.counts
@@ -190,7 +190,8 @@ def test_any_reset_begins_anew_or_is_refused(
 
 
 @given(st.data())
-def test_any_snapshot_is_the_same_state_or_refused(bench: Bench, data: st.DataObject) -> None:
+def test_any_damaged_snapshot_is_the_same_state_or_refused(
+        bench: Bench, data: st.DataObject) -> None:
     bench.reset()
     good = bench.world.snapshot()
     bad = data.draw(st.one_of(damage(good), st.binary(max_size=100)))
@@ -206,7 +207,7 @@ def test_any_snapshot_is_the_same_state_or_refused(bench: Bench, data: st.DataOb
 
 
 @given(ANY_U64, ANY_U64, ANY_U64)
-def test_snapshots_and_farewells_of_others_are_refused(
+def test_snapshot_and_release_with_wrong_identifiers_are_refused(
         bench: Bench, agent: int, session: int, step: int) -> None:
     bench.reset()
     server = bench.server
@@ -228,7 +229,7 @@ def test_snapshots_and_farewells_of_others_are_refused(
 
 
 @given(st.one_of(st.sampled_from([NOBODY, OWNER]), ANY_U64))
-def test_where_nobody_has_control_nobody_is_obeyed(bench: Bench, agent: int) -> None:
+def test_requests_that_need_control_are_refused_after_a_release(bench: Bench, agent: int) -> None:
     """Not even who has no name, nor who had control before."""
     bench.reset()
     server = bench.server
@@ -282,7 +283,7 @@ def forged(data: st.DataObject, array: np.ndarray[Any, Any]) -> np.ndarray[Any, 
     return array
 
 
-def test_what_is_accepted_gives_snapshots_that_are_accepted(bench: Bench) -> None:
+def test_accepted_snapshots_lead_to_snapshots_that_are_accepted(bench: Bench) -> None:
     """A forged state is refused, or flown on: no world comes to be where it cannot be restored."""
     stages = bench.stages()
     names = sorted(
@@ -357,7 +358,7 @@ def test_forged_snapshots_are_refused_and_take_no_memory(bench: Bench, what: str
     assert bench.place == before
 
 
-def test_what_is_told_of_rubbish_is_of_bounded_length(bench: Bench) -> None:
+def test_the_refusal_of_a_long_request_has_bounded_length(bench: Bench) -> None:
     settings = [msg.Setting(name=f'{k}' + 'x' * 100_000, value=0.0) for k in range(20)]
     counts = bench.counts
     response = bench.server._on_reset(

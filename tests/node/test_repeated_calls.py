@@ -54,7 +54,7 @@ def actions(moments: Moments, steps: int = 20) -> np.ndarray:
         -1, 1, (steps, N, 3)).astype(np.float32)
 
 
-def test_calls_that_were_repeated_are_flown_once(
+def test_repeated_calls_are_executed_once(
         processes: Processes, make_client: MakeClient, nightly: bool) -> None:
     node, client, moments = simulator(processes), make_client(), Moments()
     world = make_world()
@@ -81,7 +81,7 @@ def test_calls_that_were_repeated_are_flown_once(
             assert_same(client.step(action), world.step(action))
 
 
-def test_a_call_that_was_given_up_does_not_fly_into_the_next(
+def test_an_abandoned_call_does_not_disturb_the_next_flight(
         processes: Processes, make_client: MakeClient, nightly: bool) -> None:
     node, client, moments = simulator(processes), make_client(), Moments()
     world = make_world()
@@ -133,7 +133,7 @@ class Dying:
         return self._answers.pop() if self._answers else None
 
 
-def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
+def test_a_busy_simulator_that_dies_is_a_timeout_after_patience(
         processes: Processes, make_client: MakeClient) -> None:
     connection = make_client(patience=4.0).connection
     service = connection._clients['reset'] = Dying(busy=4)  # type: ignore[assignment]
@@ -147,7 +147,7 @@ def test_a_busy_simulator_that_dies_is_given_up_when_patience_ends(
     assert service.calls >= 4 + len(REPEATED)
 
 
-def test_a_slow_answer_is_waited_for_however_often_that_is_told(
+def test_logging_a_slow_answer_does_not_repeat_the_call(
         make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     """A call is made anew after twice the time, not each time that the log says how long it is."""
     now = 0.0
@@ -164,7 +164,7 @@ def test_a_slow_answer_is_waited_for_however_often_that_is_told(
         [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0, 10.0], abs=0.03)
 
 
-def test_what_no_service_takes_is_refused_as_in_process(
+def test_invalid_service_arguments_are_refused_as_in_process(
         processes: Processes, make_client: MakeClient) -> None:
     """The middleware would end the process."""
     simulator(processes)

@@ -56,7 +56,7 @@ def wait_for_flights(path: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize('how', [signal.SIGINT, signal.SIGTERM])
-def test_what_flew_is_in_the_file(
+def test_the_file_holds_all_flights(
     processes: Processes, simulator: Simulator, tmp_path: Path, how: signal.Signals,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -121,7 +121,7 @@ def test_a_message_that_is_cut_short_is_named(name: str) -> None:
         samples_from_message(message)
 
 
-def test_what_is_not_finite_is_named() -> None:
+def test_a_value_that_is_not_finite_is_refused_by_name() -> None:
     world = make('rocket', ROCKETS)
     message = conversion.state_to_message(
         np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
@@ -130,7 +130,7 @@ def test_what_is_not_finite_is_named() -> None:
         samples_from_message(message)
 
 
-def test_worlds_and_states_that_no_simulator_has_are_left_out(
+def test_invalid_worlds_and_states_are_ignored(
     processes: Processes, simulator: Simulator, tmp_path: Path,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -154,7 +154,7 @@ def test_worlds_and_states_that_no_simulator_has_are_left_out(
     assert 'Traceback' not in recorder.output()
 
 
-def test_steps_that_were_not_received_are_told(
+def test_steps_that_were_not_received_are_reported(
     processes: Processes, simulator: Simulator, tmp_path: Path,
 ) -> None:
     recorder = start(processes, tmp_path / 'run.rrd')
@@ -168,7 +168,7 @@ def test_steps_that_were_not_received_are_told(
     assert '; 30 steps were not received' in recorder.output()
 
 
-def test_killed_and_started_again(
+def test_a_new_recorder_repairs_the_file_of_a_killed_one(
     processes: Processes, simulator: Simulator, tmp_path: Path,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -214,7 +214,7 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
     wait_until(lambda: not rerun_program.reachable('127.0.0.1', port), 5.0)
 
 
-def test_an_agent_in_another_namespace_is_there_while_it_publishes(
+def test_an_agent_in_another_namespace_is_present_while_it_publishes(
         make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """As for a recorder of each simulator of a fleet: the topic is remapped."""
     monkeypatch.setattr(rerun_recorder, '_AGENT_GONE', 0.1)

@@ -201,7 +201,7 @@ def test_messages_agree_with_the_state(
     assert 'Traceback' not in bridge.output()
 
 
-def test_late_joiners_get_what_is_latched(
+def test_late_joiners_receive_latched_messages(
     processes: Processes, simulator: Simulator, listener: Listener,
 ) -> None:
     start(processes, rows='[0]')

@@ -379,7 +379,8 @@ def test_an_agent_has_precedence_and_is_named(call: Caller, pilot: Client) -> No
     np.testing.assert_array_equal(call.motion('/lock')[1], fall(world, 1))
 
 
-def test_an_agent_that_was_silent_for_too_long_is_told(call: Caller, pilot: Client) -> None:
+def test_an_agent_silent_beyond_its_lease_gets_a_restart_error(
+        call: Caller, pilot: Client) -> None:
     pilot.reset(SEED)
     call.wait_until(lambda: call('/lock', 'StepSimulation').result.result == Result.RESULT_OK)
     assert call.motion('/lock')[0] > 0
@@ -423,7 +424,7 @@ def test_the_action_steps_and_can_be_cancelled(call: Caller) -> None:
     assert call.motion('/lock')[0] == (STEPS + int(why.split()[1])) * DT
 
 
-def test_an_agent_that_takes_control_ends_the_action(call: Caller, pilot: Client) -> None:
+def test_an_agent_that_takes_control_aborts_the_action(call: Caller, pilot: Client) -> None:
     action = ActionClient(call.node, SimulateSteps, '/lock/simulator/simulate_steps')
     call.wait_until(action.server_is_ready)
     sent = action.send_goal_async(SimulateSteps.Goal(steps=2**63))
@@ -435,7 +436,7 @@ def test_an_agent_that_takes_control_ends_the_action(call: Caller, pilot: Client
     assert f'agent {pilot.connection.agent}' in asked.result().result.result.error_message
 
 
-def test_the_command_calls_them(call: Caller, group: Processes) -> None:
+def test_the_ros2_command_calls_the_services(call: Caller, group: Processes) -> None:
     command = group.start(
         'ros2', 'service', 'call', '/lock/simulator/step_simulation',
         'simulation_interfaces/srv/StepSimulation', '{steps: 5}')

@@ -30,7 +30,7 @@ sys.exit(run_late('slow', load, args=[]))
 """
 
 
-def test_a_node_is_known_before_it_has_imported_what_it_does(
+def test_a_node_is_discovered_before_its_imports_are_done(
         processes: Processes, make_node: Callable[..., Any], tmp_path: Path) -> None:
     node, _ = make_node()
     go = tmp_path / 'go'
@@ -45,7 +45,7 @@ def test_a_node_is_known_before_it_has_imported_what_it_does(
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_told_to_end_while_it_imports_it_does(
+def test_a_signal_during_the_imports_ends_the_node(
         processes: Processes, tmp_path: Path, number: signal.Signals) -> None:
     process = processes.start(sys.executable, '-c', SLOW, str(tmp_path / 'go'))
     process.wait_for('loading', 30.0)
@@ -66,13 +66,13 @@ def test_an_import_that_fails_ends_the_node(processes: Processes, tmp_path: Path
     ('rocket_sim_node.nodes.simulator', 'pymunk'),
     ('ppo_agent_node.nodes.ppo_agent', 'torch'),
     ('ppo_agent_node.nodes.watch', 'torch')])
-def test_what_takes_long_to_import_comes_later(
+def test_slow_libraries_are_not_imported_with_the_module(
         processes: Processes, module: str, library: str) -> None:
     program = f'import sys, {module}; sys.exit({library!r} in sys.modules)'
     assert processes.start(sys.executable, '-c', program).wait(30.0) == 0
 
 
-def test_arguments_that_ros_cannot_read_are_told_in_a_line(processes: Processes) -> None:
+def test_invalid_ros_arguments_are_named_without_a_traceback(processes: Processes) -> None:
     process = processes.start(
         sys.executable, '-m', 'rocket_sim_node.nodes.simulator', '--ros-args', '-p', 'foo')
     assert process.wait(30.0) == 2

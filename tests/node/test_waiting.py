@@ -39,7 +39,7 @@ def wait(silence: Silence, clock: list[float], seconds: float) -> None:
         silence.check(clock[0])
 
 
-def test_a_silence_is_told_and_ends(clock: list[float]) -> None:
+def test_a_silence_is_logged_and_ends_in_a_timeout(clock: list[float]) -> None:
     node = Node()
     silence = Silence(node, 'an answer', 20.0, '/world')  # type: ignore[arg-type]
     wait(silence, clock, 19.0)
@@ -49,7 +49,7 @@ def test_a_silence_is_told_and_ends(clock: list[float]) -> None:
         wait(silence, clock, 1.0)
 
 
-def test_the_environment_that_decides_what_is_found_is_told(
+def test_the_timeout_names_the_discovery_variables(
         clock: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_DISCOVERY_SERVER', '127.0.0.1:11811\x1b[2J')
     monkeypatch.delenv('ROS_STATIC_PEERS', raising=False)
@@ -63,7 +63,7 @@ def test_the_environment_that_decides_what_is_found_is_told(
 
 
 @pytest.mark.parametrize('frozen', [3600.0, 8.5, 7.5])
-def test_time_in_which_this_process_stood_still_is_nobodys_silence(
+def test_time_in_suspension_does_not_count_as_silence(
         clock: list[float], frozen: float) -> None:
     """Agent and simulator are frozen together, and thaw: who looks first must not give up."""
     silence = Silence(Node(), 'an answer', 20.0, '/world')  # type: ignore[arg-type]
@@ -76,7 +76,7 @@ def test_time_in_which_this_process_stood_still_is_nobodys_silence(
         wait(silence, clock, 6.0)
 
 
-def test_who_looks_seldom_gives_up_all_the_same(clock: list[float]) -> None:
+def test_rare_checks_still_end_in_a_timeout(clock: list[float]) -> None:
     silence = Silence(Node(), 'an answer', 20.0, '/world')  # type: ignore[arg-type]
     with pytest.raises(WireTimeout):
         for _ in range(3):

@@ -245,7 +245,7 @@ def test_damaged_snapshot_is_refused(simulator: Process, make_client: MakeClient
     client.step(actions(1)[0])
 
 
-def test_second_agent_is_refused_until_the_first_lets_go(
+def test_a_second_agent_is_refused_until_the_first_releases_control(
         simulator: Process, make_client: MakeClient) -> None:
     first = make_client()
     second = make_client(patience=5.0)
@@ -261,7 +261,8 @@ def test_second_agent_is_refused_until_the_first_lets_go(
     second.close()
 
 
-def test_same_agent_comes_back_at_once(simulator: Process, make_client: MakeClient) -> None:
+def test_the_same_agent_can_take_control_again_at_once(
+        simulator: Process, make_client: MakeClient) -> None:
     first = make_client(agent=42)
     first.reset(1)
     state = first.snapshot()
@@ -307,7 +308,7 @@ def test_computing_agent_keeps_control(
     assert_same(first.step(actions(1, 3)[0]), world.step(actions(1, 3)[0]))
 
 
-def test_simulator_that_comes_back_as_another_world_is_named(
+def test_a_simulator_restarted_with_other_settings_is_refused_by_name(
         simulator: Process, processes: Processes, make_client: MakeClient) -> None:
     client = make_client(patience=30.0)
     client.reset(9)
@@ -369,7 +370,7 @@ def test_an_action_before_the_release_is_flown(
     assert 'refused' not in simulator.output()
 
 
-def test_nobody_there_is_an_error_and_not_a_hang(make_client: MakeClient) -> None:
+def test_a_missing_simulator_is_an_error_and_not_a_hang(make_client: MakeClient) -> None:
     with pytest.raises(WireTimeout, match='is it running'):
         make_client(patience=0.5).connect()
 
@@ -433,7 +434,7 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
     assert states[-1].throttle[-1] == 1.0
 
 
-def test_both_ends_tell_how_they_define_their_messages(
+def test_discovery_shows_equal_definition_hashes_at_both_ends(
         simulator: Process, make_client: MakeClient) -> None:
     """Otherwise nobody would be refused for it."""
     client = make_client()
@@ -449,7 +450,7 @@ def test_both_ends_tell_how_they_define_their_messages(
 
 @pytest.mark.parametrize('hidden', [0, 1, 2], ids=['at once', 'at the reset', 'at the first step'])
 @pytest.mark.parametrize('topic', ['reward', 'episodes'])
-def test_a_simulator_built_from_another_definition_is_not_flown(
+def test_a_simulator_built_from_another_definition_is_refused(
         simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
         topic: str, hidden: int) -> None:
     """However late the topic is discovered on which it differs."""
@@ -477,7 +478,7 @@ def test_a_simulator_built_from_another_definition_is_not_flown(
         flight[hidden]()
 
 
-def test_who_does_not_answer_may_have_been_built_from_another_definition(
+def test_a_missing_answer_makes_the_client_compare_definitions(
         simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     client = make_client()
     client.connect()
@@ -548,7 +549,7 @@ def test_services_can_be_called_by_hand(
     assert 'agent' in nobody.message
 
 
-def test_the_description_says_what_is_flown_and_what_the_simulator_returns_to(
+def test_the_description_holds_the_settings_flown_and_those_replaced(
         simulator: Process, make_client: MakeClient) -> None:
     client, late = make_client(), make_client()
     described: list[msg.World] = []
@@ -578,7 +579,8 @@ def test_the_description_says_what_is_flown_and_what_the_simulator_returns_to(
     level(1, {'level': 7})
 
 
-def test_a_listener_counts_what_it_missed(simulator: Process, make_client: MakeClient) -> None:
+def test_a_listener_counts_the_messages_it_missed(
+        simulator: Process, make_client: MakeClient) -> None:
     client, listener = make_client(), make_client()
     client.reset(1)
     stalled, deep = GapCounter(), GapCounter()
@@ -617,7 +619,7 @@ def test_a_listener_counts_what_it_missed(simulator: Process, make_client: MakeC
     assert deep.missed == 0
 
 
-def test_state_tells_last_and_first_samples_of_episodes(
+def test_state_holds_the_last_and_first_samples_of_episodes(
         simulator: Process, make_client: MakeClient) -> None:
     client = make_client()
     states: list[msg.RocketState] = []

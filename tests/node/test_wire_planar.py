@@ -76,7 +76,7 @@ def test_same_rollout_in_process_over_dds_and_across_a_kill(
 
 
 @pytest.mark.parametrize('world', ['lunar_lander', 'rocket_planar'])
-def test_state_tells_of_legs_contact_and_ground(
+def test_state_holds_legs_contact_and_ground(
     world: str, processes: Processes, make_client: MakeClient,
 ) -> None:
     processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=N)
