@@ -69,7 +69,7 @@ KINDS = (
     Kind(r'\./launch_scripts/setup'),
     Kind(r'PYTHON=\S+ \./launch_scripts/setup',
          tested='tests/system/test_setup.py::'
-         'test_the_python_of_an_entered_shell_is_no_other_one'),
+         'test_the_python_of_an_entered_shell_needs_no_new_set_up'),
     Kind(r'(HOVERSLAM_ROS=jazzy )?\./launch_scripts/test( --fast| --nightly)?',
          reason='it runs all tests, these included; .ci/run and contributors call it'),
     Kind(r'\./launch_scripts/test .*', '--collect-only -q'),
@@ -133,7 +133,7 @@ KINDS = (
     Kind(r'\./launch_scripts/evaluate pilot:=expert',
          tested=f'{_COMMANDS}evaluate_the_expert'),
     Kind(r'\./launch_scripts/evaluate( .*)?', EVALUATE),
-    Kind(r'\./launch_scripts/fly( .*)?', tested=f'{_KEYS}fly_does_all_of_it'),
+    Kind(r'\./launch_scripts/fly( .*)?', tested=f'{_KEYS}fly_runs_a_flight_and_records_it'),
     Kind(r'\./launch_scripts/compare .*', 'episodes:=2'),
     Kind(r'\./launch_scripts/(failures|report) .*'),
     Kind(r'\./launch_scripts/screenshot .*',
@@ -172,7 +172,7 @@ KINDS = (
     Kind(r'ros2 run ppo_agent_node watch', until='clone',
          beside=(SIMULATOR, f'ros2 run ppo_agent_node ppo_agent --ros-args {_LEARN}')),
     Kind(r'ros2 run ppo_agent_node keyboard_pilot',
-         tested=f'{_KEYS}keys_fly_the_rocket_and_q_puts_the_terminal_back'),
+         tested=f'{_KEYS}keys_fly_the_rocket_and_q_restores_the_terminal'),
     Kind(r'python my_pilot\.py .*',
          tested=f'{_COMMANDS}the_pilot_of_the_tutorial_flies_and_lands'),
     Kind(r'ros2 topic list', until='/world', beside=(SIMULATOR,)),
@@ -201,7 +201,7 @@ KINDS = (
         'budget', 'carriers', 'discovery', 'exchange', 'fleet', 'heuristic', 'hosts', 'learner',
         'loss', 'ranks', 'recorder', 'result', 'rollouts', 'stepping', 'stopping', 'threads')),
     Kind(r'\./launch_scripts/bench soak( .*)?',
-         tested=f'{_BENCH}soak_that_is_interrupted_ends_its_nodes_and_tells'),
+         tested=f'{_BENCH}an_interrupted_soak_ends_its_nodes_and_writes_figures'),
     Kind(r'\./launch_scripts/bench (seeds|experiments|tune)( .*)?', reason=f'{_HOURS}; its '
          'arguments are checked'),
     Kind(r'\./launch_scripts/bench examples( .*)?', tested='tests/unit/benchmarks/'

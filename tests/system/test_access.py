@@ -97,14 +97,14 @@ def intrude(hosts: Hosts, spoken_to: str | None) -> tuple[dict, dict, set]:
     return seen, result(flown), places(found)
 
 
-def test_another_host_sees_and_moves_nothing(hosts: Hosts) -> None:
+def test_another_host_cannot_see_or_control_nodes(hosts: Hosts) -> None:
     seen, flown, ports = intrude(hosts, None)
     assert seen == {'nodes': [], 'publishers': 0, 'heard': 0, 'answers': 0}, hosts.logs()
     assert flown == {'steps': 40, 'equal': True}, hosts.logs()
     assert ports == {('udp', '127.0.0.1')}
 
 
-def test_with_a_wider_range_it_sees_and_is_answered(hosts: Hosts) -> None:
+def test_with_a_wider_range_another_host_sees_nodes_and_is_answered(hosts: Hosts) -> None:
     """Else the test above would pass whatever happens; control stays with who has it."""
     seen, flown, ports = intrude(hosts, 'SUBNET')
     assert {'simulator', 'pilot'} <= set(seen['nodes']), hosts.logs()
@@ -128,7 +128,7 @@ def test_the_ros2_command_is_bound_to_this_machine(hosts: Hosts) -> None:
 
 
 @pytest.mark.parametrize('host', ['127.0.0.1', '0.0.0.0'])
-def test_the_web_page_is_bound_to_this_machine_unless_told_otherwise(
+def test_the_web_page_is_bound_to_this_machine_by_default(
         hosts: Hosts, host: str) -> None:
     given = {} if host == '127.0.0.1' else {'web_host': host}
     recorder = hosts.on(0, **{RANGE: None}).run_node(

@@ -171,7 +171,7 @@ def test_learner(tmp_path: Path, long_enough: None) -> None:
 
 
 @pytest.mark.parametrize('case', CASES[:2], ids=str)
-def test_the_learner_loses_what_stable_baselines3_loses(case: Case) -> None:
+def test_the_learner_computes_the_losses_of_stable_baselines3(case: Case) -> None:
     """One minibatch, so that the order does not matter; one rate and no clipping, as it has."""
     pytest.importorskip('stable_baselines3')
     case = dataclasses.replace(case, batch_size=2048)
@@ -274,7 +274,7 @@ def test_rollouts_that_are_terminated_leave_no_simulators(processes: Processes) 
                 shutil.rmtree(told.parent)
 
 
-def test_soak_that_is_interrupted_ends_its_nodes_and_tells(
+def test_an_interrupted_soak_ends_its_nodes_and_writes_figures(
         processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         long_enough: None) -> None:
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join(

@@ -23,7 +23,7 @@ PERIOD = 0.1
 
 
 @pytest.mark.timeout(300)
-def test_a_flight_in_real_time_goes_on(
+def test_a_real_time_flight_continues(
         processes: Processes, make_node: Callable[..., Any], tmp_path: Path,
         nightly: bool) -> None:
     clock = SteppedClock(tmp_path)

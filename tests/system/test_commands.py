@@ -143,7 +143,7 @@ def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
     assert recording.is_file()
 
 
-def test_land_passes_on_what_ends_it_alone(processes: Processes, tmp_path: Path) -> None:
+def test_land_passes_a_signal_on_to_its_nodes(processes: Processes, tmp_path: Path) -> None:
     """As `kill PID` and supervisors do."""
     land = command(processes, 'land', 'episodes:=0', f'output:={tmp_path}/landing.rrd')
     land.wait_for('episodes:', 60.0)
@@ -233,7 +233,7 @@ def test_bad_arguments_are_named(
 
 @pytest.mark.parametrize('words', [
     [str(SCRIPTS / 'land')], ['ros2', 'run', 'rocket_sim_node', 'simulator']])
-def test_a_domain_that_is_no_number_is_named(
+def test_a_domain_that_is_not_a_number_is_named(
         processes: Processes, monkeypatch: pytest.MonkeyPatch, words: list[str]) -> None:
     monkeypatch.setattr(processes, 'domain', 'abc')
     run = processes.start(*words)

@@ -31,7 +31,7 @@ def start(processes: Processes, node: str, folder: Path) -> Process:
 
 
 @pytest.mark.parametrize('node', ['simulator', 'agent', 'recorder'])
-def test_told_to_end_while_it_starts_it_ends_and_leaves_nothing(
+def test_a_node_signalled_during_its_start_leaves_nothing(
         processes: Processes, tmp_path: Path, nightly: bool, node: str) -> None:
     moments = Moments()
     for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
@@ -83,14 +83,15 @@ def test_a_refused_start_leaves_no_folder(
     assert not (tmp_path / 'run').exists()
 
 
-def test_refused_for_its_world_it_leaves_no_folder(processes: Processes, tmp_path: Path) -> None:
+def test_an_agent_refused_for_its_world_leaves_no_folder(
+        processes: Processes, tmp_path: Path) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=8, mode='realtime')
     lines = refusal(agent(processes, tmp_path / 'run'))
     assert 'lockstep' in lines[-1]
     assert not (tmp_path / 'run').exists()
 
 
-def test_no_resume_is_promised_where_no_demonstration_landed(
+def test_a_run_without_landed_demonstrations_offers_no_resume(
         processes: Processes, tmp_path: Path) -> None:
     """It would come to the same; what flew can be looked at."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=8, fuel=20.0)

@@ -57,7 +57,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run', **SETTINGS)
 
 
-def test_training_goes_on_and_learns_the_same(
+def test_training_continues_and_learns_the_same(
         processes: Processes, tmp_path: Path, undisturbed: Path,
         faults: list[tuple[str, bool]]) -> None:
     moments = Moments()
@@ -84,7 +84,7 @@ def test_training_goes_on_and_learns_the_same(
           f'{flights} flights recorded')
 
 
-def test_all_are_frozen_for_longer_than_anybody_is_patient(
+def test_suspending_all_processes_beyond_their_patience_changes_nothing(
         processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
     """As by `docker pause`: longer than the agent waits, and than DDS remembers who is silent."""
     if not nightly:

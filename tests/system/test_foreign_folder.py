@@ -62,13 +62,14 @@ def test_a_command_imports_nothing_from_the_folder_it_is_called_in(
     assert done.returncode in (0, 2), done.stderr
 
 
-def test_nor_does_ros2_in_a_shell_with_the_environment(processes: Processes, traps: Path) -> None:
+def test_ros2_in_the_environment_imports_nothing_from_the_folder(
+        processes: Processes, traps: Path) -> None:
     enter = f'. {SCRIPTS}/env.sh && '
     for words in ('ros2 pkg list', 'ros2 topic list', 'ros2 run ppo_agent_node ppo_agent x'):
         call(processes, traps, 'bash', '-c', enter + words)
 
 
-def test_your_own_programs_import_what_lies_beside_them(
+def test_user_programs_import_the_modules_beside_them(
         processes: Processes, tmp_path: Path) -> None:
     (tmp_path / 'beside.py').write_text("print('found')")
     (tmp_path / 'mine.py').write_text('import beside')

@@ -64,7 +64,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run'))
 
 
-def test_interrupted_at_every_stage_it_ends_alike(
+def test_a_run_interrupted_at_every_stage_ends_the_same(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     run = tmp_path / 'run'
     arguments: tuple[str, ...] = (f'run_dir:={run}', *ARGUMENTS)
@@ -93,7 +93,7 @@ def test_interrupted_at_every_stage_it_ends_alike(
     assert ours == theirs
 
 
-def test_interrupted_before_it_began_the_advice_has_all_settings(
+def test_the_advice_after_an_early_interrupt_has_all_settings(
         processes: Processes, tmp_path: Path) -> None:
     run = tmp_path / 'a run'
     process = train(processes, f'run_dir:={run}', 'world:=rocket_planar', 'seed:=7')

@@ -63,7 +63,7 @@ class Looker:
         return len(self.states)
 
 
-def test_keys_fly_the_rocket_and_q_puts_the_terminal_back(
+def test_keys_fly_the_rocket_and_q_restores_the_terminal(
         processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     looker = Looker(make_client())
@@ -115,7 +115,7 @@ def test_flight_ends_with_its_figures_and_the_experts(
     assert child.wait(20.0) == 0
 
 
-def test_terminal_is_put_back_however_it_ends(
+def test_the_terminal_is_restored_however_the_pilot_ends(
         processes: Processes, simulator: Process, terminal: PseudoTerminal) -> None:
     for end in ('SIGTERM', 'SIGHUP', 'Ctrl-C', 'Ctrl-D'):
         child = terminal.fly(processes.env)
@@ -134,7 +134,7 @@ def test_terminal_is_put_back_however_it_ends(
         assert_restored(terminal)
 
 
-def test_terminal_is_put_back_after_an_error(
+def test_the_terminal_is_restored_after_an_error(
         processes: Processes, terminal: PseudoTerminal) -> None:
     child = terminal.start(
         sys.executable, '-c',
@@ -152,7 +152,7 @@ def test_terminal_is_put_back_after_an_error(
     assert terminal.output.index('kept for later') > terminal.output.index('\x1b[?1049l')
 
 
-def test_ctrl_c_does_not_throw_away_a_key_that_is_about_to_be_read(
+def test_ctrl_c_does_not_discard_a_key_that_is_about_to_be_read(
         processes: Processes, terminal: PseudoTerminal) -> None:
     """The reading would wait for the next key, and whoever pressed Ctrl-C for the end."""
     child = terminal.start(
@@ -179,14 +179,14 @@ def test_ctrl_c_does_not_throw_away_a_key_that_is_about_to_be_read(
     terminal.wait_for("read b'r' heard [1]")
 
 
-def test_without_a_terminal_it_says_so(processes: Processes) -> None:
+def test_the_pilot_without_a_terminal_is_refused(processes: Processes) -> None:
     pilot = processes.run_node('ppo_agent_node', 'keyboard_pilot')
     assert pilot.wait(20.0) == 2
     assert 'standard input: got no terminal' in pilot.output()
     assert 'Traceback' not in pilot.output()
 
 
-def test_without_a_simulator_it_says_so_and_ends(
+def test_the_pilot_ends_without_a_simulator(
         processes: Processes, terminal: PseudoTerminal) -> None:
     child = terminal.start(
         'ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', '--ros-args', '-p', 'patience:=0.5',
@@ -197,7 +197,7 @@ def test_without_a_simulator_it_says_so_and_ends(
     assert_restored(terminal)
 
 
-def test_killed_pilot_leaves_the_engine_off_and_comes_back(
+def test_the_engine_is_cut_after_a_kill_and_a_new_pilot_flies(
         processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     looker = Looker(make_client())
@@ -220,7 +220,7 @@ def test_killed_pilot_leaves_the_engine_off_and_comes_back(
     assert again.wait(10.0) == 0
 
 
-def test_killed_simulator_is_told_and_a_new_one_flown(
+def test_a_killed_simulator_is_reported_and_a_new_one_flown(
         processes: Processes, simulator: Process, terminal: PseudoTerminal) -> None:
     child = terminal.fly(processes.env)
     terminal.press(b'r')
@@ -241,7 +241,7 @@ def test_killed_simulator_is_told_and_a_new_one_flown(
     assert_restored(terminal)
 
 
-def test_another_agent_in_control_is_told_in_a_line(
+def test_another_agent_in_control_is_reported(
         processes: Processes, simulator: Process, terminal: PseudoTerminal,
         make_client: Callable[..., Client]) -> None:
     other = make_client(agent=77)
@@ -291,7 +291,7 @@ def test_lander_is_flown(
     assert child.wait(20.0) == 0
 
 
-def test_fly_does_all_of_it(
+def test_fly_runs_a_flight_and_records_it(
         processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording = tmp_path / 'flight.rrd'
     child = terminal.start(
@@ -308,7 +308,7 @@ def test_fly_does_all_of_it(
     assert recording.is_file()
 
 
-def test_fly_ends_all_with_ctrl_c(
+def test_fly_ends_all_processes_with_ctrl_c(
         processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording = tmp_path / 'flight.rrd'
     child = terminal.start(
@@ -324,7 +324,7 @@ def test_fly_ends_all_with_ctrl_c(
     assert not running(f'/fly_{os.getpid()}')
 
 
-def test_fly_ends_all_when_its_terminal_is_closed(
+def test_fly_ends_all_processes_when_its_terminal_is_closed(
         processes: Processes, terminal: PseudoTerminal, tmp_path: Path) -> None:
     recording, mine = tmp_path / 'flight.rrd', f'/fly_{os.getpid()}_closed'
     child = terminal.start(
@@ -340,7 +340,7 @@ def test_fly_ends_all_when_its_terminal_is_closed(
 
 
 @pytest.mark.parametrize('told', [signal.SIGTERM, signal.SIGHUP], ids=lambda told: told.name)
-def test_fly_told_to_end_as_soon_as_it_has_begun_leaves_nothing(
+def test_fly_signalled_during_its_start_leaves_no_process(
         processes: Processes, terminal: PseudoTerminal, told: signal.Signals) -> None:
     mine = f'/fly_{os.getpid()}_early'
     child = terminal.start(
@@ -352,7 +352,7 @@ def test_fly_told_to_end_as_soon_as_it_has_begun_leaves_nothing(
     wait_until(lambda: not running(mine), 10.0)
 
 
-def test_fly_puts_the_terminal_back_when_the_pilot_is_killed(
+def test_fly_restores_the_terminal_when_the_pilot_is_killed(
         processes: Processes, terminal: PseudoTerminal) -> None:
     child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:=/fly_{os.getpid()}',
@@ -376,7 +376,7 @@ def running(*words: str) -> list[int]:
     return found
 
 
-def test_fly_refuses_in_a_line(processes: Processes) -> None:
+def test_fly_without_a_terminal_is_refused_in_one_line(processes: Processes) -> None:
     fly = processes.start(str(SCRIPTS / 'fly'), 'level:=2')
     assert fly.wait(30.0) == 2
     assert 'standard input: got no terminal' in fly.output()

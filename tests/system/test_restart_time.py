@@ -69,7 +69,7 @@ AGENTS = {'simulator': exchanging_agent, 'agent': training_agent}
 
 
 @pytest.mark.parametrize('killed', [*AGENTS])
-def test_the_wire_carries_again_half_a_second_after_a_killed_process_has_started(
+def test_messages_flow_within_half_a_second_of_a_restart(
         processes: Processes, tmp_path: Path, nightly: bool, killed: str) -> None:
     moments = Moments()
     world = simulator(processes)

@@ -184,7 +184,7 @@ def test_without_dds_security_nothing_starts(
 @pytest.mark.parametrize('command', [
     ('topic', 'list'),
     ('service', 'call', '/simulator/reset', 'rocket_msgs/srv/Reset', '{agent: 1}')])
-def test_without_dds_security_the_ros2_command_asks_nobody(
+def test_without_dds_security_the_ros2_command_is_refused(
         processes: Processes, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]) -> None:
     if has_security():
         pytest.skip('this ROS 2 has DDS-Security')
@@ -192,7 +192,7 @@ def test_without_dds_security_the_ros2_command_asks_nobody(
     refuses('ros2', processes.start('ros2', *command))
 
 
-def test_secure_starts_nothing_where_there_is_no_security(tmp_path: Path) -> None:
+def test_secure_starts_nothing_without_dds_security(tmp_path: Path) -> None:
     if has_security():
         pytest.skip('this ROS 2 has DDS-Security')
     witness = tmp_path / 'started'

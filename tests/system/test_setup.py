@@ -109,7 +109,7 @@ def project(tmp_path: Path) -> Project:
 _ALL = ['venv', 'pip', 'pip', 'messages', 'nodes']
 
 
-def test_only_what_is_out_of_date_is_done_again(project: Project) -> None:
+def test_only_outdated_steps_run_again(project: Project) -> None:
     status, output = project.run()
     assert status == 0, output
     assert project.calls() == _ALL
@@ -162,7 +162,7 @@ def test_distributions_live_side_by_side(project: Project) -> None:
     assert project.calls() == ['pip', 'pip', 'messages', 'nodes']
 
 
-def test_a_shell_goes_from_one_distribution_to_the_other(project: Project) -> None:
+def test_a_shell_can_switch_between_distributions(project: Project) -> None:
     tell = '; echo "$VIRTUAL_ENV $PATH $AMENT_PREFIX_PATH $LD_LIBRARY_PATH"'
     status, output = project.run(
         f'. launch_scripts/env.sh{tell}; LD_LIBRARY_PATH=$VIRTUAL_ENV/lib:/mine; '
@@ -181,7 +181,7 @@ def test_a_shell_goes_from_one_distribution_to_the_other(project: Project) -> No
 @pytest.mark.parametrize('command', [
     'launch_scripts/setup', '. launch_scripts/env.sh', 'launch_scripts/land',
     'launch_scripts/test'])
-def test_a_distribution_that_cannot_be_had_is_named(command: str, project: Project) -> None:
+def test_an_unsupported_distribution_is_named(command: str, project: Project) -> None:
     assert project.run(command, HOVERSLAM_ROS='foxy') == (
         2, "setup: HOVERSLAM_ROS is 'foxy', expected kilted or jazzy, or a ROS 2 of that name "
         'that is sourced\n')
@@ -189,7 +189,7 @@ def test_a_distribution_that_cannot_be_had_is_named(command: str, project: Proje
 
 
 @pytest.mark.parametrize('named', [{}, {'HOVERSLAM_ROS': 'lyrical'}])
-def test_a_sourced_ros_2_is_used_whatever_its_age(
+def test_a_sourced_ros_2_of_another_version_is_used(
         named: dict[str, str], project: Project) -> None:
     """With NumPy of ours: rerun-sdk does not run with the one of Ubuntu 24.04."""
     sourced = {'ROS_DISTRO': 'lyrical', 'AMENT_PREFIX_PATH': '/opt/ros/lyrical', **named}
@@ -213,7 +213,7 @@ def test_a_distribution_that_env_sh_named_does_not_count_as_sourced(project: Pro
     assert 'ros-rclpy' in (project.root / '.venv/.hoverslam/requirements').read_text()
 
 
-def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
+def test_a_failed_update_keeps_the_environment(project: Project) -> None:
     """Without a network, or with little room: all is there to go on with, or to try again."""
     project.run()
     project.calls()
@@ -232,7 +232,7 @@ def test_an_update_that_fails_keeps_what_there_is(project: Project) -> None:
     assert 'venv' not in project.calls()
 
 
-def test_an_update_that_was_killed_is_made_anew(project: Project) -> None:
+def test_a_killed_update_builds_a_new_environment(project: Project) -> None:
     """Half of a package may be there, and look whole."""
     project.run()
     project.pin('more==1')
@@ -242,7 +242,7 @@ def test_an_update_that_was_killed_is_made_anew(project: Project) -> None:
     assert project.calls() == ['venv', 'pip', 'pip']
 
 
-def test_a_set_up_that_cannot_succeed_keeps_what_there_is(project: Project) -> None:
+def test_a_set_up_with_an_unusable_python_keeps_the_environment(project: Project) -> None:
     project.run()
     project.tool('python3.12', _PYTHON)
     status, output = project.run(PYTHON='python3.12', INCLUDE='/nowhere')
@@ -251,7 +251,7 @@ def test_a_set_up_that_cannot_succeed_keeps_what_there_is(project: Project) -> N
     assert (project.root / '.venv/bin/python').exists()
 
 
-def test_the_python_of_an_entered_shell_is_no_other_one(project: Project) -> None:
+def test_the_python_of_an_entered_shell_needs_no_new_set_up(project: Project) -> None:
     project.run(PYTHON='python3.11')
     path = project.root / '.venv/bin'
     shutil.copy(path / 'python', path / 'python3.11')
@@ -260,7 +260,7 @@ def test_the_python_of_an_entered_shell_is_no_other_one(project: Project) -> Non
             0, 'Everything is set up.\n')
 
 
-def test_a_project_that_has_moved_is_set_up_anew(project: Project) -> None:
+def test_a_moved_project_is_set_up_again(project: Project) -> None:
     project.run()
     project.calls()
     project.root = project.root.rename(project.root.with_name('elsewhere'))
@@ -268,14 +268,14 @@ def test_a_project_that_has_moved_is_set_up_anew(project: Project) -> None:
     assert project.calls() == _ALL
 
 
-def test_a_set_up_that_was_killed_is_done_anew(project: Project) -> None:
+def test_a_killed_set_up_is_done_again(project: Project) -> None:
     assert project.run(PIP_KILLS='1')[0] == -signal.SIGKILL
     project.calls()
     assert project.run()[0] == 0
     assert project.calls() == _ALL
 
 
-def test_an_interrupted_set_up_says_so_and_can_go_on(project: Project) -> None:
+def test_an_interrupted_set_up_is_reported_and_can_continue(project: Project) -> None:
     process = project.start(PIP_SECONDS='30')
     assert process.stdout is not None
     for line in process.stdout:
@@ -291,7 +291,7 @@ def test_an_interrupted_set_up_says_so_and_can_go_on(project: Project) -> None:
     assert project.calls() == _ALL
 
 
-def test_two_at_once_do_the_work_once(project: Project) -> None:
+def test_two_set_ups_at_once_do_the_work_once(project: Project) -> None:
     both = [project.start(PIP_SECONDS='0.3') for _ in range(2)]
     outputs = [process.communicate(timeout=60)[0] for process in both]
     assert [process.returncode for process in both] == [0, 0], outputs
@@ -315,7 +315,7 @@ def test_two_at_once_do_the_work_once(project: Project) -> None:
     ({'ROS_DISTRO': 'x', 'AMENT_PREFIX_PATH': '/opt/ros/x', 'PYTHON_FITS': '1'},
      'whose rclpy is that of the sourced ROS 2 x', 'apt install'),
 ])
-def test_what_fails_is_named_and_can_be_mended(
+def test_a_failure_is_named_and_the_next_set_up_succeeds(
         env: dict[str, str], message: str, advice: str, project: Project) -> None:
     status, output = project.run(**env)
     assert status == 1
@@ -333,7 +333,8 @@ def test_what_fails_is_named_and_can_be_mended(
     ('getconf', 'exit 1', 'need glibc', 'Debian'),
     ('df', 'echo h; echo /dev/x 100 50 500000 1% /', 'only 488 MB of disk are free', 'Free some'),
 ])
-def test_unfit_machines(tool: str, text: str, message: str, advice: str, project: Project) -> None:
+def test_unfit_machines_are_refused_with_advice(
+        tool: str, text: str, message: str, advice: str, project: Project) -> None:
     project.tool(tool, f'#!/bin/sh\n{text}\n')
     status, output = project.run()
     assert status == 1
@@ -352,7 +353,7 @@ def test_a_missing_compiler_is_named(names: tuple[str, str], project: Project) -
     assert 'build-essential' in output
 
 
-def test_paths_that_cmake_and_ros_cannot_stand(project: Project) -> None:
+def test_a_path_with_a_space_is_refused(project: Project) -> None:
     project.root = project.root.rename(project.root.with_name('a b'))
     status, output = project.run()
     assert status == 1
@@ -360,7 +361,7 @@ def test_paths_that_cmake_and_ros_cannot_stand(project: Project) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
-def test_a_folder_that_cannot_be_written_to(project: Project) -> None:
+def test_a_read_only_folder_is_refused(project: Project) -> None:
     project.root.chmod(0o555)
     status, output = project.run()
     project.root.chmod(0o755)
@@ -368,7 +369,7 @@ def test_a_folder_that_cannot_be_written_to(project: Project) -> None:
     assert 'is not writable for' in output
 
 
-def test_env_sh_enters_once_and_sheds_foreign_environments(project: Project) -> None:
+def test_env_sh_enters_once_and_removes_foreign_environments(project: Project) -> None:
     status, output = project.run(
         '. launch_scripts/env.sh; one=$PATH$AMENT_PREFIX_PATH; . launch_scripts/env.sh; '
         '[[ $one == "$PATH$AMENT_PREFIX_PATH" ]] || echo grown; '

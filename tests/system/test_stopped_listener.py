@@ -18,7 +18,7 @@ STILL = 1.5
 
 
 @pytest.mark.timeout(600)
-def test_a_recorder_that_is_stopped_holds_up_nobody(
+def test_a_stopped_recorder_does_not_block_other_nodes(
         processes: Processes, make_client: Callable[..., Any], tmp_path: Path,
         nightly: bool) -> None:
     processes.run_node('rocket_sim_node', 'simulator', num_envs=256)

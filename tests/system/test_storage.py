@@ -160,7 +160,7 @@ def test_a_bag_on_a_full_disk(
         assert found.message_count > 100
 
 
-def test_a_rocket_by_the_clock_flies_on_when_the_clock_of_the_machine_does_not(
+def test_a_real_time_flight_continues_while_ros_time_stands_still(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """ROS time stands still here, as for a timer of ROS after the clock was set back."""
     processes.run_node(

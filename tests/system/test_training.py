@@ -143,7 +143,7 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
     assert agent(processes, run).wait(30.0) == 2, processes.logs()
 
 
-def test_simulators_that_come_and_go_change_nothing_that_is_learnt(
+def test_simulators_that_join_and_leave_do_not_change_the_result(
         processes: Processes, tmp_path: Path) -> None:
     groups = {'num_groups': 3}
     run = tmp_path / 'run'

@@ -49,7 +49,7 @@ def test_two_agents_train_as_two_processes_without_ros_do(
     assert_same_run(run, other)
 
 
-def test_an_agent_that_loses_the_other_tells_how_to_resume(
+def test_an_agent_that_loses_the_other_prints_how_to_resume(
         processes: Processes, tmp_path: Path) -> None:
     run = tmp_path / 'run'
     for rank in range(2):

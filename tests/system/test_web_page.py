@@ -79,7 +79,7 @@ def still(seen: Callable[[Image.Image], bool]) -> Callable[[Image.Image], bool]:
 
 
 @pytest.mark.timeout(420)
-def test_the_page_shows_what_flew_and_what_flies(
+def test_the_page_shows_past_and_current_flights(
     processes: Processes, browser: Browser, tmp_path: Path,
 ) -> None:
     port = rerun_program.free_port()

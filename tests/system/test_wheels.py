@@ -93,7 +93,7 @@ def clean(folder: Path) -> Environment:
     return made
 
 
-def test_the_wheels_hold_what_is_no_python(folder: Path) -> None:
+def test_each_package_has_one_pure_python_wheel(folder: Path) -> None:
     names = [path.name for path in (folder / 'dist').iterdir()]
     assert sorted(name.split('-')[0] for name in names) == sorted(PACKAGES)
     assert all(name.endswith('-py3-none-any.whl') for name in names)
@@ -109,7 +109,7 @@ def test_worlds_adapters_training_evaluation_and_recording_work(
     assert (work / 'run' / 'policy.safetensors').is_file()
 
 
-def test_a_program_that_needs_ros_tells_so_in_a_line(clean: Environment) -> None:
+def test_a_program_that_needs_ros_reports_it_in_one_line(clean: Environment) -> None:
     done = clean.python('-c', 'from rocket_sim_node.entry_points import simulator; simulator()')
     assert done.returncode == 2, done.stderr
     assert done.stderr.startswith("simulator: module 'rclpy' is missing; nodes need ROS 2")
