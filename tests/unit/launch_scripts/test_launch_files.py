@@ -52,7 +52,7 @@ def parameter_file(path: Path, **values: object) -> str:
 
 @pytest.mark.parametrize('file', ['train', 'land', 'fly'])
 @pytest.mark.parametrize(('given', 'expected'), [({}, 'harsh'), ({'conditions': 'mix'}, 'mix')])
-def test_conditions_of_a_file_hold_until_others_are_given(
+def test_given_conditions_override_those_of_a_file(
     tmp_path: Path, file: str, given: dict[str, str], expected: str,
 ) -> None:
     vehicle = parameter_file(tmp_path / 'vehicle.yaml', conditions='harsh', dry_mass=21_000.0)
@@ -63,12 +63,12 @@ def test_conditions_of_a_file_hold_until_others_are_given(
 
 
 @pytest.mark.parametrize('file', ['train', 'land', 'fly'])
-def test_without_a_file_nothing_is_said_of_conditions(tmp_path: Path, file: str) -> None:
+def test_without_a_file_no_conditions_are_set(tmp_path: Path, file: str) -> None:
     found = told(tmp_path, file, 'simulator')
     assert 'conditions' not in found and found['world'] == 'rocket'
 
 
-def test_files_of_the_agent_lie_on_top_of_each_other(tmp_path: Path) -> None:
+def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:
     files = {
         'agent_parameters': parameter_file(tmp_path / '1.yaml', gamma=0.9, seed=1, iterations=3),
         'agent_overrides': parameter_file(tmp_path / '2.yaml', seed=2, iterations=4),
@@ -83,7 +83,7 @@ def test_files_of_the_agent_lie_on_top_of_each_other(tmp_path: Path) -> None:
     ({}, False), ({'record': 'true'}, True), ({'output': '/out.rrd'}, True),
     ({'connect': 'rerun+http://localhost:9876/proxy'}, True), ({'serve_web': 'true'}, True),
     ({'output': '/out.rrd', 'record': 'false'}, True), ({'record': 'false'}, False)])
-def test_what_a_recorder_is_needed_for_starts_one(
+def test_arguments_that_need_a_recorder_start_one(
     tmp_path: Path, given: dict[str, str], recorded: bool,
 ) -> None:
     path = ROOT / 'rocket_sim_node/launch/simulate.launch.yaml'

@@ -103,7 +103,8 @@ def test_substitutions(text: str, expected: str, context: Context) -> None:
     ('$(eval "open(1)")', 'is not supported here'),
     ('$(eval "\'a\' if \'it\'s\' else \'b\'")', 'fails: '),
 ])
-def test_wrong_substitutions_say_why(text: str, message: str, context: Context) -> None:
+def test_wrong_substitutions_are_refused_with_a_reason(
+        text: str, message: str, context: Context) -> None:
     with pytest.raises(LaunchError, match=message):
         substitute(text, context)
 
@@ -189,7 +190,7 @@ launch:
 
 @pytest.mark.parametrize(('condition', 'started'), [
     ('$(var yes)', True), ('1', True), ('FALSE', False), ('0', False)])
-def test_a_node_may_depend_on_a_condition(
+def test_a_condition_decides_whether_a_node_starts(
         condition: str, started: bool, context: Context, index: Path) -> None:
     plans = plan_of(f"""
 launch:
@@ -224,7 +225,7 @@ def node(attributes: str) -> str:
     (node('output: both'), "output 'both' is not supported here, only screen, log; a full ROS 2"),
     (node('on_exit: restart'), "on_exit 'restart' is not supported here, only shutdown; a full"),
 ])
-def test_what_only_a_full_ros_2_knows_is_refused_by_name(
+def test_launch_features_of_a_full_ros_2_are_refused_by_name(
         entry: str, message: str, context: Context, index: Path) -> None:
     with pytest.raises(LaunchError, match=message) as caught:
         plan_of(f'launch:\n- {entry}\n', context)
@@ -258,7 +259,7 @@ def test_errors_name_the_file_and_the_entity(
     ('launch: [', 'not valid YAML'), ('nodes: []', "expected 'launch' as root tag"),
     ('launch: {}', 'expected a list of entities'), ('launch: [a]', 'entity 1 must have one key'),
 ])
-def test_files_that_are_no_launch_files(text: str, message: str, context: Context) -> None:
+def test_invalid_launch_files_are_refused(text: str, message: str, context: Context) -> None:
     with pytest.raises(LaunchError, match=message):
         plan_of(text, context)
 
@@ -289,7 +290,7 @@ def test_launch_arguments() -> None:
     (['launch', 'nope.yaml'], 'No launch file supplied'),
     (['launch', 'dummies', 'nope.yaml'], "file 'nope.yaml' was not found in the share directory"),
 ])
-def test_errors_in_the_words_of_the_real_command(
+def test_errors_match_the_wording_of_the_real_command(
         argv: list[str], message: str, index: Path) -> None:
     assert message in str(main(argv))
 
@@ -411,7 +412,7 @@ def test_a_failure_is_returned_and_its_log_shown(launch: Launch, tmp_path: Path)
     assert '[bad-1] why' in (tmp_path / 'logs/latest/launch.log').read_text()
 
 
-def test_what_cannot_be_started_is_named(launch: Launch) -> None:
+def test_a_program_that_cannot_be_started_is_named(launch: Launch) -> None:
     launch.write(ghost='||')
     path = launch.index / 'lib/dummies/ghost'
     path.write_text('#!/no/such/thing\n')
@@ -455,13 +456,13 @@ def test_terminate_is_a_failure(launch: Launch) -> None:
     assert not alive(pid)
 
 
-def test_who_holds_the_pipe_of_one_that_died_does_not_hide_it(launch: Launch) -> None:
+def test_a_child_that_holds_the_pipe_does_not_hide_an_exit(launch: Launch) -> None:
     run = launch(s='on_exit: shutdown || sleep 60 & exit 3')
     output, _ = run.communicate(timeout=20)
     assert 'exit code 3' in output
 
 
-def test_nohup_holds(launch: Launch) -> None:
+def test_nohup_protects_a_launch_from_hang_up(launch: Launch) -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         run = launch(s='output: screen || echo ready; exec sleep 1')
@@ -474,7 +475,7 @@ def test_nohup_holds(launch: Launch) -> None:
     assert run.returncode == 0
 
 
-def test_asked_to_end_while_it_is_being_made(tmp_path: Path) -> None:
+def test_a_signal_during_its_creation_ends_a_process(tmp_path: Path) -> None:
     plan = ProcessPlan('sleeper', ('sleep', '60'))
 
     async def run() -> int:
@@ -487,7 +488,7 @@ def test_asked_to_end_while_it_is_being_made(tmp_path: Path) -> None:
     assert asyncio.run(run()) == -signal.SIGTERM
 
 
-def test_what_the_terminal_cannot_show_is_shown_otherwise(tmp_path: Path) -> None:
+def test_characters_outside_the_encoding_are_escaped(tmp_path: Path) -> None:
     code = (f'import sys; sys.path.insert(0, {str(_SCRIPTS)!r})\n'
             'from pathlib import Path; from ros2.launch.log import Log\n'
             f'log = Log(Path({str(tmp_path / "logs")!r}))\n'
@@ -502,7 +503,7 @@ def test_what_the_terminal_cannot_show_is_shown_otherwise(tmp_path: Path) -> Non
 _SLOW = '#!/bin/sh\nsleep 1.5\nexec {python} "$@"\n'
 
 
-def test_ctrl_c_is_not_lost_on_a_child_that_has_hardly_begun(tmp_path: Path) -> None:
+def test_ctrl_c_reaches_a_child_that_is_still_starting(tmp_path: Path) -> None:
     (tmp_path / 'python3').write_text(_SLOW.format(python=sys.executable))
     (tmp_path / 'python3').chmod(0o755)
     script = (f'set -eu; . {_SCRIPTS}/attend.sh; pass_on_signals INT; echo ready; '
@@ -606,7 +607,7 @@ def test_a_value_of_another_type_is_refused_and_no_abort(
     assert 'Traceback' not in done.stderr
 
 
-def test_a_bomb_is_not_played(
+def test_a_decompression_bomb_is_not_played(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from support.bags import write_records
@@ -631,7 +632,7 @@ def test_a_bomb_is_not_played(
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 << 10, 'KiB'
 
 
-def test_a_bag_of_a_stranger_cannot_control_the_terminal(
+def test_an_untrusted_bag_cannot_control_the_terminal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     topic = {'name': '/a\x1b[2J', 'type': 'b', 'serialization_format': 'cdr'}

@@ -47,7 +47,7 @@ def test_the_next_start_removes_the_folder_of_a_killed_script(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_script_that_is_told_to_end_removes_its_own(
+def test_a_terminated_script_removes_its_folder(
         tmp_path: Path, number: signal.Signals) -> None:
     script, made = start(tmp_path)
     script.send_signal(number)

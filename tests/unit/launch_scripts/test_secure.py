@@ -72,7 +72,7 @@ def test_a_command_starts_with_keys_that_are_made_once(tmp_path: Path, secure: S
     assert store.stat().st_mode & 0o077 == 0, "keys are nobody else's to read"
 
 
-def test_keys_are_made_anew_for_another_policy_and_after_a_failure(
+def test_keys_are_renewed_for_another_policy_and_after_a_failure(
         tmp_path: Path, secure: Secure) -> None:
     broken = tmp_path / 'broken'
     broken.touch()
@@ -88,7 +88,7 @@ def test_keys_are_made_anew_for_another_policy_and_after_a_failure(
     assert len(calls(tmp_path)) == 3
 
 
-def test_keys_that_were_copied_are_taken_as_they_are(tmp_path: Path, secure: Secure) -> None:
+def test_copied_keys_are_used_as_they_are(tmp_path: Path, secure: Secure) -> None:
     store = tmp_path / 'copied'
     (store / 'enclaves').mkdir(parents=True)
     told = secure('command', ROS_SECURITY_KEYSTORE=str(store))
@@ -100,7 +100,7 @@ def test_keys_that_were_copied_are_taken_as_they_are(tmp_path: Path, secure: Sec
 @pytest.mark.parametrize(('name', 'text', 'said'), [
     ('python', 'exit 2', 'nothing was started'),
     ('ros2', 'exit 1', "no command 'ros2 security': install ros-")])
-def test_nothing_starts_where_something_lacks(
+def test_nothing_starts_without_dds_security_or_its_command(
         tmp_path: Path, secure: Secure, name: str, text: str, said: str) -> None:
     (tmp_path / 'tools' / name).write_text(f'#!/usr/bin/env bash\n{text}\n')
     told = secure('command')

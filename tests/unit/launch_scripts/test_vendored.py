@@ -32,6 +32,6 @@ def test_tf2_msgs(tmp_path: Path, mode: str, there: bool, expected: list[str]) -
     assert vendored(mode, tmp_path) == expected
 
 
-def test_colcon_does_not_find_them_by_itself() -> None:
+def test_colcon_does_not_find_vendored_packages_by_itself() -> None:
     """A workspace with this project in it keeps the packages of its ROS 2."""
     assert (ROOT / 'ros_ws' / 'vendor' / 'COLCON_IGNORE').is_file()
