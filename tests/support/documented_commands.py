@@ -140,7 +140,7 @@ KINDS = (
          tested='tests/unit/rocket_sim_node/recording/test_recording_settling.py::test_picture'),
     Kind(r'\./launch_scripts/pictures',
          tested='tests/unit/ppo_agent_node/commands/test_pictures.py::'
-         'test_a_picture_is_made_anew'),
+         'test_the_command_makes_a_picture'),
     Kind(r'\./launch_scripts/secure .*',
          tested='tests/unit/launch_scripts/test_secure.py::'
          'test_a_command_starts_with_keys_that_are_made_once'),

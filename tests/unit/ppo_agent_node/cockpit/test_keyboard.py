@@ -50,7 +50,7 @@ def test_throttle_keys(rocket: SimulatedWorld, keys: str, throttle: float) -> No
     assert action[0, 0] == pytest.approx(2 * throttle - 1)
 
 
-def test_space_burns_as_long_as_it_is_held_and_then_what_was_set(
+def test_space_burns_while_held_and_then_the_set_throttle_returns(
         rocket: SimulatedWorld) -> None:
     pilot = KeyboardPilot(rocket.spec)
     press(pilot, '3')
@@ -63,7 +63,7 @@ def test_space_burns_as_long_as_it_is_held_and_then_what_was_set(
     assert pilot.throttle(2.7) == 0.0
 
 
-def test_keys_of_others_are_left_alone(rocket: SimulatedWorld) -> None:
+def test_keys_that_the_pilot_does_not_use_are_ignored(rocket: SimulatedWorld) -> None:
     pilot = KeyboardPilot(rocket.spec)
     for key in ('q', 'r', 'h', 'enter', 'ctrl+c', '²', '٣'):
         assert not pilot.press(KeyEvent(key), 0.0)
@@ -99,7 +99,7 @@ def test_assist_holds_the_lean_asked_for_and_rights_the_rocket(
     assert read(rocket.spec, observation[0]).tilt < 0.3
 
 
-def test_without_assist_a_tap_gives_a_spin_that_nobody_stops(rocket: SimulatedWorld) -> None:
+def test_without_assist_a_tap_leaves_a_spin(rocket: SimulatedWorld) -> None:
     pilot = KeyboardPilot(rocket.spec, KeyboardSettings(assist=False))
     observation = rocket.observe()
     press(pilot, 'right')
@@ -110,7 +110,7 @@ def test_without_assist_a_tap_gives_a_spin_that_nobody_stops(rocket: SimulatedWo
     assert observation[0, 9] == 0.0
 
 
-def test_whatever_is_seen_actions_are_finite_and_within_bounds(rocket: SimulatedWorld) -> None:
+def test_actions_are_finite_and_bounded_for_any_observation(rocket: SimulatedWorld) -> None:
     for assist in (True, False):
         pilot = KeyboardPilot(rocket.spec, KeyboardSettings(assist=assist))
         press(pilot, 'left up space')
@@ -226,7 +226,7 @@ def test_brake_against_constant_deceleration_and_the_rocket_itself(
     assert Brake.of(rocket.spec).height(200.0, 24_000.0) == math.inf  # no fuel for that
 
 
-def test_watch_tells_how_late_full_throttle_came() -> None:
+def test_the_watch_reports_how_late_full_throttle_came() -> None:
     brake = Brake(20.0, 0.0, 1.0, 10.0)
     watch = Watch(brake)
     for step in range(351):
@@ -269,7 +269,7 @@ def test_expert_flies_from_the_same_start() -> None:
 
 # Commands
 
-def test_commands_are_told_apart_from_controls_and_asked_once(rocket: SimulatedWorld) -> None:
+def test_commands_are_separated_from_controls_and_returned_once(rocket: SimulatedWorld) -> None:
     pilot = KeyboardPilot(rocket.spec)
     commands = KeyboardCommands(pilot)
     assert commands.take(b'4\x1b[Cr', 0.0) == ['next']

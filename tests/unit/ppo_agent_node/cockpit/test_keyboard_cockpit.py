@@ -39,20 +39,20 @@ def show(shown: View, width: int = 80, height: int = 24) -> list[str]:
     (25.0, -30.0, 0.0, 'TOO LATE: at least 20 m/s at the ground'),
     (50.0, -30.0, 1.0, 'braking: +5.0 m to spare'),
 ])
-def test_it_says_how_late_it_is(
+def test_the_advice_shows_the_time_left_to_brake(
         height: float, climb: float, throttle: float, advice: str) -> None:
     line, = (line for line in show(view(height, climb, throttle)) if ' height' in line)
     assert line.split(' m', 1)[1].strip() == advice
 
 
-def test_narrow_terminals_get_it_short() -> None:
+def test_narrow_terminals_show_short_advice() -> None:
     for height, climb, words in ((85.0, -10.0, 'full in 2.00 s'), (25.0, -30.0, 'LATE: 20 m/s')):
         lines = show(view(height, climb), 40)
         assert any(line.endswith(words) for line in lines), lines
         assert not any('…' in line for line in lines if ' title' not in line), lines
 
 
-def test_scale_shows_where_it_is_and_what_stopping_takes() -> None:
+def test_the_scale_shows_height_and_stopping_distance() -> None:
     scale, = (line.strip() for line in show(view(60.0, -20.0)) if '◆' in line)
     # 20 m of 100 to stop from 20 m/s, at 60 m.
     cells = scale.removeprefix('▕')
@@ -73,7 +73,7 @@ def test_figures_have_units_and_directions() -> None:
 
 
 @pytest.mark.parametrize('size', [(120, 30), (80, 24), (40, 24), (20, 8), (5, 1), (300, 100)])
-def test_it_fits_whatever_the_terminal(size: tuple[int, int]) -> None:
+def test_the_screen_fits_any_terminal_size(size: tuple[int, int]) -> None:
     width, height = size
     for shown in (
         view(60.0, -20.0, tally='landed 1 of 2', message='a message ' * 20),
@@ -84,7 +84,7 @@ def test_it_fits_whatever_the_terminal(size: tuple[int, int]) -> None:
         assert all(len(line) < max(width, 20) for line in lines)
 
 
-def test_long_notes_go_on_in_the_next_line() -> None:
+def test_long_notes_are_wrapped() -> None:
     url = 'http://127.0.0.1:9090/?url=' + 'x' * 90
     shown = view(1.0, 0.0, help=True, notes=[('', url)])
     assert url in ''.join(line.strip() for line in show(shown))

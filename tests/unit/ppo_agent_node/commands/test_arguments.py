@@ -47,13 +47,13 @@ def test_each_argument_goes_where_it_belongs() -> None:
     ('fly', 'dry_mass:=3', 'simulator'),
     ('land', 'wind_speed_high:=3', 'simulator'), ('evaluate', 'ignitions:=1', 'simulator'),
     ('train', 'acknowledge:=always', 'agent'), ('train', 'ignitions:=1', 'simulator')])
-def test_a_name_that_several_know_goes_to_one(command: str, given: str, whose: str) -> None:
+def test_a_name_known_to_several_nodes_goes_to_one(command: str, given: str, whose: str) -> None:
     found = parse(command, given)
     got = {'launch': found.launch, 'agent': found.agent, 'simulator': found.simulator}
     assert {name for name, values in got.items() if values} == {whose}
 
 
-def test_launch_and_agent_are_both_told_of_conditions_and_observation() -> None:
+def test_conditions_and_observation_of_train_go_to_launch_and_agent() -> None:
     found = parse('train', 'conditions:=mix', 'observation:=extended')
     assert found.launch == found.agent == {'conditions': 'mix', 'observation': 'extended'}
     assert parse('land', 'conditions:=mix').agent == {}
@@ -126,13 +126,13 @@ def test_paths_and_names_mean_the_same_to_every_node(
     ('train', ['resume:=true'], 'resume:=true needs run_dir:=FOLDER'),
     ('train', ['agent_settings:=mine.yaml', 'seed:=7'],
      "agent_settings: got a file and 'seed' beside it, expected one of the two")])
-def test_what_is_wrong_is_named(command: str, given: list[str], message: str) -> None:
+def test_wrong_arguments_are_named(command: str, given: list[str], message: str) -> None:
     with pytest.raises((ValueError, TypeError)) as caught:
         parse(command, *given)
     assert str(caught.value).startswith(message)
 
 
-def test_what_shaped_the_world_of_a_run_is_taken_from_it(tmp_path: Path) -> None:
+def test_a_resumed_run_keeps_the_settings_of_its_world(tmp_path: Path) -> None:
     (tmp_path / 'config.yaml').write_text(yaml.safe_dump({
         'world': 'lunar_lander', 'num_envs': 32, 'conditions': 'custom',
         'observation': 'standard', 'training': {'world': 'not this'}}))
@@ -146,7 +146,7 @@ def test_what_shaped_the_world_of_a_run_is_taken_from_it(tmp_path: Path) -> None
         parse('train', f'run_dir:={tmp_path}', 'resume:=true')
 
 
-def test_what_is_declared_without_ros_is_what_the_nodes_declare() -> None:
+def test_parameters_declared_without_ros_match_the_nodes() -> None:
     train = {info.name: info for info in settings.describe(FleetConfig)}
     told = {info.name: info for cls in (TrainingParameters, ConnectionParameters)
             for info in settings.describe(cls)}
@@ -160,7 +160,7 @@ def test_what_is_declared_without_ros_is_what_the_nodes_declare() -> None:
     assert {info.name for info in settings.describe(KeyboardParameters)} - fly == {'watch'}
 
 
-def test_it_starts_without_what_is_slow_to_start() -> None:
+def test_the_launcher_starts_without_slow_imports() -> None:
     code = ('import sys; import ppo_agent_node.commands.launch; '
             "print({'torch', 'rclpy', 'scipy', 'matplotlib', 'rerun'} & set(sys.modules))")
     done = subprocess.run(

@@ -49,7 +49,7 @@ def test_the_flights_are_those_of_the_evaluation(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('tuned', [False, True])
-def test_the_pilot_is_the_one_that_flew(tmp_path: Path, tuned: bool) -> None:
+def test_failures_are_flown_by_the_pilot_of_the_evaluation(tmp_path: Path, tuned: bool) -> None:
     """The estimator, and gains of a file: the expert by default would fly otherwise."""
     world = worlds.make('rocket', 4, spawn_height=40.0)
     name = 'expert_estimator'
@@ -68,7 +68,7 @@ def test_the_pilot_is_the_one_that_flew(tmp_path: Path, tuned: bool) -> None:
         assert one.time[-1] == pytest.approx(lengths[one.row] * world.spec.dt, abs=1e-3)
 
 
-def test_where_all_landed_there_is_nothing_to_record(tmp_path: Path) -> None:
+def test_nothing_is_recorded_when_all_episodes_landed(tmp_path: Path) -> None:
     world = worlds.make('rocket', 2, spawn_height=30.0)
     write_json(tmp_path / 'evaluation.json', summarise(
         evaluate(world, ExpertPilot(world.spec), 2, 1, level=1)))
@@ -76,7 +76,7 @@ def test_where_all_landed_there_is_nothing_to_record(tmp_path: Path) -> None:
     assert not (tmp_path / 'failures.rrd').exists()
 
 
-def test_what_cannot_be_flown_again_is_named(tmp_path: Path) -> None:
+def test_evaluations_that_cannot_be_flown_again_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='run_dir: got none'):
         make(Failures())
     with pytest.raises(FileNotFoundError):

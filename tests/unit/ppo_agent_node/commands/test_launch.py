@@ -66,7 +66,7 @@ def parameters(path: str | Path) -> dict[str, object]:
     ([], '256'), (['world:=rocket_planar'], '256'), (['world:=lunar_lander'], '256'),
     (['world:=lunar_lander', 'preset:=original'], '8'), (['preset:=original'], '256'),
     (['world:=lunar_lander', 'preset:=quick'], '128'), (['num_envs:=3'], '3')])
-def test_world_and_preset_decide_how_many_train(
+def test_world_and_preset_set_the_number_of_environments(
         project: Project, given: list[str], num_envs: str) -> None:
     assert project.begin('train', *given)['num_envs'] == num_envs
 
@@ -74,7 +74,7 @@ def test_world_and_preset_decide_how_many_train(
 @pytest.mark.parametrize(('given', 'seen'), [
     ([], None), (['preset:=robust'], 'extended'), (['preset:=hoverslam'], 'extended'),
     (['preset:=robust', 'observation:=standard'], 'standard'), (['world:=lunar_lander'], None)])
-def test_a_preset_decides_what_is_observed(
+def test_the_preset_selects_the_observation(
         project: Project, given: list[str], seen: str | None) -> None:
     assert project.begin('train', *given).get('observation') == seen
 
@@ -83,7 +83,7 @@ def test_a_preset_decides_what_is_observed(
 @pytest.mark.parametrize(('given', 'seen'), [
     (['world:=rocket_planar'], 'extended'), ([], 'extended'), (['world:=lunar_lander'], None),
     (['observation:=standard'], 'standard')])
-def test_rockets_are_seen_with_the_extended_observation(
+def test_land_and_evaluate_fly_rockets_with_the_extended_observation(
         project: Project, command: str, given: list[str], seen: str | None) -> None:
     begun = project.begin(command, *given)
     assert begun.get('observation') == seen
@@ -96,7 +96,7 @@ def test_a_namespace_that_is_given_stays(project: Project) -> None:
     assert 'namespace' not in project.begin('train')
 
 
-def test_a_training_keeps_its_vehicle_and_goes_on_with_it(project: Project) -> None:
+def test_a_training_keeps_its_vehicle_and_resumes_with_it(project: Project) -> None:
     run, mine = project.root / 'a run', project.root / 'mine.yaml'
     mine.write_text('/**:\n  ros__parameters: {dry_mass: 2.1e4, fuel: 1500}\n')
     texts = (f'run_dir:={run}', 'max_thrust:=500000', 'fuel:=1200', 'seed:=3')
@@ -130,7 +130,7 @@ def test_a_vehicle_from_a_file_is_kept_as_it_is(project: Project) -> None:
         project.begin('train', 'simulator_parameters:=/no/where')
 
 
-def test_a_file_may_speak_to_the_node_by_its_name(project: Project) -> None:
+def test_a_parameter_file_may_address_the_node_by_its_name(project: Project) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text('/ns: {simulator: {ros__parameters: {fuel: 1500, seed: 3}}}\n'
                     'other: {ros__parameters: {fuel: 1}}\n')
@@ -151,7 +151,7 @@ def test_a_file_may_speak_to_the_node_by_its_name(project: Project) -> None:
     ('/**: {ros__parameters: {fuel: &a 1, seed: *a}}', 'refers to another value'),
     ('/**: {ros__parameters: {fuel: 1, fuel: 2}}', "names 'fuel' twice")])
 @pytest.mark.parametrize('command', ['train', 'land', 'evaluate', 'fly'])
-def test_a_named_file_that_gives_nothing_to_its_node_ends_the_start(
+def test_a_file_without_parameters_for_its_node_ends_the_start(
         project: Project, command: str, text: str, named: str) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text(text)
@@ -164,7 +164,7 @@ def test_a_named_file_that_gives_nothing_to_its_node_ends_the_start(
 
 
 @pytest.mark.parametrize('name', ['agent_parameters', 'agent_overrides', 'agent_settings'])
-def test_a_named_file_that_gives_nothing_to_the_agent_ends_the_start(
+def test_a_file_without_parameters_for_the_agent_ends_the_start(
         project: Project, name: str) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text('ppo_agnet: {ros__parameters: {seed: 3}}')
@@ -190,7 +190,7 @@ def test_quotes_and_the_line_ends_of_windows_are_read(project: Project, text: st
 @pytest.mark.parametrize('make', [
     lambda path: path.symlink_to('/dev/zero'), os.mkfifo, Path.mkdir,
     lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_WRONLY), 2**40)])
-def test_what_is_no_file_of_a_sane_size_is_never_read(
+def test_special_and_oversized_files_are_never_read(
         project: Project, make: Callable[[Path], None]) -> None:
     mine = project.root / 'mine.yaml'
     make(mine)
@@ -200,7 +200,7 @@ def test_what_is_no_file_of_a_sane_size_is_never_read(
     assert not (project.root / 'runs').exists()
 
 
-def test_a_second_training_is_told_of_the_first(project: Project) -> None:
+def test_a_second_training_of_the_same_run_is_refused(project: Project) -> None:
     run = project.root / 'run'
     run.mkdir()
     with (run / '.lock').open('w') as lock:
@@ -221,7 +221,7 @@ def test_a_domain_that_ros_would_refuse_is_named(
 
 
 @pytest.mark.parametrize('text', ['[1, 2]', '{', 'a: 3', '/**: {ros__parameters: 3}'])
-def test_a_file_that_is_none_of_parameters_is_named(project: Project, text: str) -> None:
+def test_a_file_without_ros_parameters_is_named(project: Project, text: str) -> None:
     mine = project.root / 'mine.yaml'
     mine.write_text(text)
     with pytest.raises(ValueError, match=r'simulator_parameters: .*mine\.yaml: .*expected a fi'):
@@ -230,7 +230,7 @@ def test_a_file_that_is_none_of_parameters_is_named(project: Project, text: str)
 
 @pytest.mark.parametrize('text', [
     '', 'auto', 'a: b', 'a #b', 'ends:', '*x', "it's: x", '- x', '{a', '~/x', '!x', '5', 'true'])
-def test_a_text_stays_what_it_is_in_a_file(project: Project, text: str) -> None:
+def test_a_text_is_written_unchanged_to_a_parameter_file(project: Project, text: str) -> None:
     begun = project.begin('train', f'fine_observations:={text}')
     assert parameters(begun['agent_settings']) == {'fine_observations': text}
 
@@ -282,7 +282,7 @@ def test_help_names_each_argument_with_its_default(project: Project, command: st
     assert not (project.root / 'runs').exists() and not list(project.scratch.iterdir())
 
 
-def test_help_has_the_defaults_that_go_with_what_is_given(project: Project) -> None:
+def test_help_shows_the_defaults_for_the_given_arguments(project: Project) -> None:
     told = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
     assert 'one batch; the script train chooses the number by world and preset [128]' in ' '.join(
         told.split())
@@ -293,7 +293,7 @@ def test_help_has_the_defaults_that_go_with_what_is_given(project: Project) -> N
     assert 'clip_range:=0.125' in project.run('train', '-h')
 
 
-def test_help_tells_what_a_name_means(project: Project) -> None:
+def test_help_explains_the_names_that_it_is_given(project: Project) -> None:
     told = project.run('train', '--help', 'max_thrust', 'clip_range', 'num_envs')
     assert [line.split()[0] for line in told.splitlines() if line[:3].strip()] == [
         'max_thrust', 'clip_range', 'num_envs']
@@ -318,7 +318,7 @@ def test_an_error_is_one_line_with_status_2(project: Project) -> None:
     (['web_host:=999.1.1.1'], "web_host: got '999.1.1.1', expected an IPv4 address"),
     (['serve_web:=true', 'web_host:=192.0.2.7'], 'expected an address of this machine'),
 ])
-def test_what_the_recorder_cannot_have_ends_the_start(
+def test_invalid_recorder_arguments_end_the_start(
         project: Project, command: str, given: list[str], words: str) -> None:
     with pytest.raises(ValueError, match=re.escape(words)):
         project.begin(command, *given)
@@ -334,7 +334,7 @@ def test_a_port_that_is_taken_ends_the_start(project: Project, command: str) -> 
         project.begin(command, f'web_port:={port}')  # nobody asked for a page
 
 
-def test_without_a_recorder_nothing_can_be_shown(project: Project) -> None:
+def test_the_web_page_cannot_be_served_without_a_recorder(project: Project) -> None:
     with pytest.raises(ValueError, match='expected none beside record:=false'):
         project.begin('train', 'record:=false', 'serve_web:=true')
 
@@ -365,7 +365,7 @@ if [[ $* != *record:=false* ]]; then cp "$LEFT" "${output%.rrd}.partial.rrd"; fi
 
 
 @pytest.mark.parametrize('command', ['train', 'land'])
-def test_a_recording_that_was_not_finished_is_told_and_can_be_repaired(
+def test_an_unfinished_recording_is_reported_and_can_be_repaired(
         project: Project, tmp_path: Path, command: str) -> None:
     left, programs = tmp_path / 'left.rrd', tmp_path / 'programs'
     stream = rr.RecordingStream('hoverslam')

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[4]
 
 
 @pytest.mark.slow
-def test_a_picture_is_made_anew(
+def test_the_command_makes_a_picture(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
     # Drawn as tests draw: left out, visibly, where there is no driver.
@@ -48,7 +48,7 @@ def test_standard_views_are_drawn(
         assert near.sum() > 20, colour
 
 
-def test_what_is_shown_is_the_same_every_time(tmp_path: Path) -> None:
+def test_the_recorded_flight_is_the_same_every_time(tmp_path: Path) -> None:
     for name in ('a', 'b'):
         pictures.fly_and_record('lunar_lander', tmp_path / f'{name}.rrd')
     first, second = (trajectories(tmp_path / f'{name}.rrd') for name in ('a', 'b'))
@@ -58,7 +58,7 @@ def test_what_is_shown_is_the_same_every_time(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.position, other.position)
 
 
-def test_the_pictures_made_here_are_those_of_the_documents() -> None:
+def test_the_documents_show_all_pictures_made_by_the_command() -> None:
     shown = {
         Path(target).stem for page in (ROOT / 'README.md', *(ROOT / 'docs').rglob('*.md'))
         for target in re.findall(r'\]\(((?:docs|\.\.)/images/[^)/]+)\)', page.read_text())}

@@ -74,7 +74,7 @@ def test_the_hoverslam_learns_with_the_engine_that_cannot_hover() -> None:
         world.after_reset(curriculum.task_settings(0)), preset.demonstration), HoverslamPilot)
 
 
-def test_one_world_may_begin_with_the_presets_of_another(
+def test_presets_of_a_world_can_extend_those_of_another(
         tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     planar = {
         'actor_learning_rate', 'batch_size', 'clip_range', 'curriculum_heading', 'dagger_rounds',
@@ -91,7 +91,7 @@ def test_one_world_may_begin_with_the_presets_of_another(
     assert load_preset('default', 'two').ppo.gamma == 0.5
 
 
-def test_unknown_ones_are_named() -> None:
+def test_unknown_presets_are_named() -> None:
     assert preset_names() == (
         'default', 'from_scratch', 'hoverslam', 'original', 'quick', 'robust')
     assert load_preset('default', seed=9).run.seed == 9
@@ -122,7 +122,7 @@ def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
     check_world(load_preset('default', 'rocket', **{name: 'harsh'}), worlds.make('rocket').spec)
 
 
-def test_learning_meets_conditions_that_the_task_keeps_nominal() -> None:
+def test_the_nominal_share_applies_to_training_only() -> None:
     """Evaluation and selection fly the conditions as they are."""
     asked = load_preset('robust', 'rocket', curriculum_nominal_share=0.25).curriculum
     assert asked.reset_settings(7)['nominal_share'] == 0.25

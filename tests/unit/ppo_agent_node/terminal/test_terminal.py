@@ -42,7 +42,7 @@ def text(shown: StatusLines, width: int) -> str:
     return '\n'.join(line.plain for line in shown.lines(width))
 
 
-def test_what_is_not_known_is_left_out() -> None:
+def test_unknown_figures_are_left_out() -> None:
     assert wording.figures(Status(stage='finetune')) == []
     assert wording.without_noise(Status()) == wording.best(Status()) == ''
     assert wording.figures(STATUS) == [
@@ -78,7 +78,7 @@ def test_a_log_gets_one_plain_line_a_report() -> None:
     ]
 
 
-def test_time_left_is_told_once_there_is_something_to_go_by() -> None:
+def test_time_left_is_shown_once_it_can_be_estimated() -> None:
     unknown = replace(STATUS, iteration=0, progress=0, remaining=math.inf)
     assert wording.line(unknown).endswith('return 281.3, 123,457 steps/s')
     for width in (NARROW - 1, 100):
@@ -86,7 +86,7 @@ def test_time_left_is_told_once_there_is_something_to_go_by() -> None:
         assert '2:05 left' in text(picture([0.0], STATUS), width)
 
 
-def test_a_long_stage_does_not_flood_a_log_but_tells_what_happens_and_both_ends() -> None:
+def test_a_long_stage_logs_few_lines_with_its_events_and_both_ends() -> None:
     file = io.StringIO()
     with Terminal(file) as terminal:
         for k in range(1, 1001):
@@ -107,7 +107,7 @@ class Latin(io.TextIOWrapper):
         return True
 
 
-def test_a_terminal_without_an_ellipsis_is_written_to_all_the_same(
+def test_a_terminal_without_an_ellipsis_gets_a_replacement(
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('TERM', 'xterm')
     file = Latin(io.BytesIO(), encoding='latin-1')
@@ -127,7 +127,7 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
     assert len(lines) <= (2 if width < NARROW else 9)
 
 
-def test_at_80_columns_all_is_there() -> None:
+def test_at_80_columns_everything_is_shown() -> None:
     shown = text(picture([0.0], replace(STATUS, mean_return=100.0), STATUS), 80)
     for part in (
         '✓ expert flies   ✓ cloning   ▶ PPO   · evaluating', '3/50 iterations', '6%', '1:01 gone',
@@ -140,14 +140,14 @@ def test_at_80_columns_all_is_there() -> None:
     assert '/home/somebody/runs/first' in text(picture([0.0], STATUS), 120)
 
 
-def test_narrow_it_is_two_lines() -> None:
+def test_a_narrow_display_has_two_lines() -> None:
     assert text(picture([0.0], STATUS), 50).splitlines() == [
         'PPO 3/50 2:05 left', 'level 4 landed 99% return 281 best 290']
     assert text(picture([0.0], STATUS), 20).splitlines() == [
         'PPO 3/50 2:05 left', 'level 4 landed 99%']
 
 
-def test_clocks_go_on_between_reports_and_news_leaves_the_figures() -> None:
+def test_clocks_run_between_reports_and_messages_keep_the_figures() -> None:
     clock = [100.0]
     shown = picture(clock, STATUS)
     clock[0] += 5.0
@@ -160,7 +160,7 @@ def test_clocks_go_on_between_reports_and_news_leaves_the_figures() -> None:
         assert part in seen, seen
 
 
-def test_fine_tuning_counts_what_ends_it() -> None:
+def test_fine_tuning_counts_the_unit_that_ends_it() -> None:
     ending = StopCriterion(iterations=10_000, episodes=1000)
     assert ending.progress(0, 0) == (0, 1000, 'episodes')
     assert ending.progress(50, 400) == (400, 1000, 'episodes')
