@@ -46,7 +46,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_two_ranks_train_alike_after_one_was_killed(straight: Path, tmp_path: Path) -> None:
+def test_two_ranks_train_the_same_after_one_was_killed(straight: Path, tmp_path: Path) -> None:
     path = tmp_path / 'run'
     first, _ = train(path, 2, SMALL, on_rank={1: {'die_at': 2}})
     assert 'RankLost: rank 0 of 2 has lost another rank' in first, first
@@ -146,13 +146,13 @@ def test_wrong_variables_are_named(given: dict[str, object], error: str) -> None
 
 
 @pytest.mark.parametrize('given', [{}, {'WORLD_SIZE': '1', 'RANK': '0'}, {'WORLD_SIZE': '1'}])
-def test_alone_without_variables(given: dict[str, str]) -> None:
+def test_a_process_without_variables_is_alone(given: dict[str, str]) -> None:
     with joined(given) as ranks:
         assert ranks == ALONE
 
 
 @pytest.mark.parametrize('rank', [0, 1])
-def test_absent_ranks_are_told(rank: int) -> None:
+def test_absent_ranks_are_reported(rank: int) -> None:
     with (pytest.raises(TimeoutError, match=f'rank {rank}: [01] of 2 ranks are at 127.0.0.1:.*, '
                         'expected all'),
           joined(environment(RANK=rank), patience=0.3)):
@@ -164,7 +164,8 @@ def test_absent_ranks_are_told(rank: int) -> None:
      'WORLD_SIZE: got 3, another rank has 2, expected the same on all ranks'),
     ({'RANK': 1}, 'RANK: got 1, which another process has, expected a number of its own'),
 ])
-def test_ranks_that_contradict_each_other(given: dict[str, object], error: str) -> None:
+def test_ranks_that_contradict_each_other_are_refused(
+        given: dict[str, object], error: str) -> None:
     store = torch.distributed.TCPStore('127.0.0.1', 0, is_master=True, wait_for_workers=False)
     others = torch.distributed.PrefixStore('hoverslam/0/0', store)
     others.set('count', '2')
@@ -175,7 +176,7 @@ def test_ranks_that_contradict_each_other(given: dict[str, object], error: str) 
         pass
 
 
-def test_an_occupied_port_is_told() -> None:
+def test_an_occupied_port_is_reported() -> None:
     with socket.create_server(('127.0.0.1', 0)) as server:
         port = server.getsockname()[1]
         with (pytest.raises(OSError, match='rank 0 cannot listen here: Address already in use'),
@@ -192,13 +193,13 @@ def config(**changes: Any) -> Config:
     return make_config({**SMALL, **changes})
 
 
-def test_groups_that_ranks_cannot_share(fleet: SerialFleet, tmp_path: Path) -> None:
+def test_groups_that_ranks_cannot_share_are_refused(fleet: SerialFleet, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='num_groups: got 3, expected a multiple of the number '
                        'of ranks, 2'):
         Trainer(fleet, config(num_groups=3), RunFolder(tmp_path / 'run'), ranks=Ranks(0, 2))
 
 
-def test_ranks_with_other_settings_are_told(fleet: SerialFleet) -> None:
+def test_ranks_with_other_settings_are_reported(fleet: SerialFleet) -> None:
     same, other, threads = (description(fleet.spec, config(**changes)) for changes in (
         {}, {'gamma': 0.5}, {'threads': 2}))
     check_alike([same, threads])

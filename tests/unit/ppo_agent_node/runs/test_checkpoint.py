@@ -42,7 +42,7 @@ def path(tmp_path: Path) -> Path:
     return file
 
 
-def test_what_is_written_comes_back(path: Path) -> None:
+def test_contents_are_read_back_unchanged(path: Path) -> None:
     tensors, content = sealed_file.read(path, 'checkpoint')
     assert content == CONTENT
     assert set(tensors) == set(TENSORS)
@@ -86,7 +86,7 @@ def test_foreign_files(tmp_path: Path) -> None:
             sealed_file.read(path, 'checkpoint')
 
 
-def test_other_kind_and_version(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_kind_or_version_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="holds 'checkpoint', expected 'policy'"):
         sealed_file.read(path, 'policy')
     monkeypatch.setattr(sealed_file, 'FORMAT_VERSION', '2')
@@ -131,7 +131,7 @@ def policy(path: Path, **change: Any) -> GaussianPolicy:
     return made
 
 
-def test_a_policy_flies_what_it_was(tmp_path: Path) -> None:
+def test_a_saved_policy_gives_the_same_actions(tmp_path: Path) -> None:
     path = tmp_path / 'policy.safetensors'
     made = policy(path)
     world = worlds.make('rocket', num_envs=5, seed=2)
@@ -146,7 +146,7 @@ def test_a_policy_flies_what_it_was(tmp_path: Path) -> None:
     assert pilot.description['world'] == 'rocket'
 
 
-def test_another_vehicle_than_in_training_is_told(tmp_path: Path) -> None:
+def test_another_vehicle_than_in_training_is_reported(tmp_path: Path) -> None:
     """Not where episodes begin, which a curriculum changes."""
     path = tmp_path / 'policy.safetensors'
     policy(path)
@@ -248,7 +248,7 @@ def _contents(path: Path, made: GaussianPolicy) -> tuple[dict[str, torch.Tensor]
 
 @pytest.mark.parametrize('name', [
     'observation_names', 'action_names', 'continuous', 'action_count', 'hidden_sizes'])
-def test_a_policy_that_does_not_say_what_it_needs_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_policy_without_a_required_entry_is_refused(tmp_path: Path, name: str) -> None:
     spec, path = worlds.make('rocket').spec, tmp_path / 'policy.safetensors'
     network = NetworkConfig(hidden_sizes=(4,))
     policy = make_policy(spec, network, torch.Generator())

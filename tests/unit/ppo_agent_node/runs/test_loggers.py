@@ -82,7 +82,7 @@ def test_a_resumed_run_has_each_point_of_tensorboard_once(tmp_path: Path) -> Non
     assert times == sorted(times)
 
 
-def test_a_logger_of_the_users_gets_the_lines_of_the_log(tmp_path: Path) -> None:
+def test_a_custom_logger_gets_the_lines_of_the_log(tmp_path: Path) -> None:
     file = tmp_path / 'my_logger.py'
     file.write_text(MINE)
     path, made = tmp_path / 'run', loggers.find(f' {file}:Mine ,')
@@ -93,7 +93,7 @@ def test_a_logger_of_the_users_gets_the_lines_of_the_log(tmp_path: Path) -> None
         line['stage'] for line in RunFolder(path, True).lines()]
 
 
-def test_a_logger_that_fails_is_left_out_and_the_run_goes_on(tmp_path: Path) -> None:
+def test_a_logger_that_fails_is_dropped_and_the_run_continues(tmp_path: Path) -> None:
     class Broken:
         closed = 0
 
@@ -123,12 +123,13 @@ def test_a_logger_that_fails_is_left_out_and_the_run_goes_on(tmp_path: Path) -> 
     ('no_such_module:Class', "'no_such_module:Class' cannot be imported"),
     ('missing.py:Class', "'missing.py:Class' cannot be imported"),
     ('json:JSONDecoder', "'json:JSONDecoder' has no method begin, entry, close")])
-def test_a_logger_that_cannot_be_had_is_named(name: str, reason: str) -> None:
+def test_an_invalid_logger_is_named(name: str, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         loggers.find(name)
 
 
-def test_without_tensorboard_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_tensorboard_the_error_says_how_to_install_it(
+        monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
     with pytest.raises(ValueError, match=r"'tensorboard' is not installed, expected: pip install"):
         loggers.find('tensorboard')

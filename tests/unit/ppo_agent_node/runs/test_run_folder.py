@@ -54,7 +54,7 @@ def test_a_damaged_checkpoint_falls_back_to_the_one_before(folder: RunFolder) ->
         folder.newest(said.append)
 
 
-def test_what_was_left_out_is_put_aside_when_the_run_goes_on(folder: RunFolder) -> None:
+def test_a_damaged_checkpoint_is_renamed_when_the_run_continues(folder: RunFolder) -> None:
     save(folder, 15)
     save(folder, 20)
     newer = folder.checkpoints / 'iteration_000020.safetensors'
@@ -101,7 +101,7 @@ def test_config(folder: RunFolder) -> None:
             folder.read_config()
 
 
-def test_a_run_that_is_there_is_not_overwritten(folder: RunFolder) -> None:
+def test_an_existing_run_is_not_overwritten(folder: RunFolder) -> None:
     RunFolder(folder.path)  # nothing was written yet
     folder.append({})
     with pytest.raises(RunFolderError, match=r'runs/one: already holds a run'):
@@ -149,7 +149,7 @@ def test_a_log_on_a_full_disk_is_named(
 
 @pytest.mark.parametrize('kind', ['FIFO', 'symbolic link'])
 @pytest.mark.parametrize('name', ['.lock', '.unfinished', 'train.jsonl'])
-def test_what_is_no_file_in_a_foreign_run_is_neither_waited_for_nor_followed(
+def test_fifos_and_symbolic_links_in_a_run_are_refused(
     folder: RunFolder, tmp_path: Path, name: str, kind: str,
 ) -> None:
     theirs, path = tmp_path / 'theirs', folder.path / name
@@ -167,7 +167,7 @@ def test_what_is_no_file_in_a_foreign_run_is_neither_waited_for_nor_followed(
     assert theirs.read_text() == 'precious'
 
 
-def test_a_run_that_never_began_takes_its_folder_away(tmp_path: Path) -> None:
+def test_a_run_that_never_began_removes_its_folder(tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / 'new')
     with folder.locked():
         folder.mark_unfinished()
@@ -187,7 +187,7 @@ def test_a_run_has_finished_when_it_has_begun_and_nothing_is_to_be_resumed(
     assert folder.finished
 
 
-def test_only_what_was_made_for_the_run_is_taken_away(tmp_path: Path) -> None:
+def test_a_withdrawal_keeps_user_files_and_runs_that_have_begun(tmp_path: Path) -> None:
     (tmp_path / 'notes').write_text('mine')
     RunFolder(tmp_path).withdraw()
     assert [path.name for path in tmp_path.iterdir()] == ['notes']

@@ -12,7 +12,7 @@ from ppo_agent_node.runs import source_commit as module
 
 
 @pytest.mark.skipif(not shutil.which('git'), reason='needs git')
-def test_another_repository_named_in_the_environment_is_not_taken_for_ours(
+def test_another_repository_named_in_the_environment_is_ignored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ours = module.source_commit.__wrapped__()

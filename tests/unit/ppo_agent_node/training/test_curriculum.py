@@ -12,7 +12,7 @@ CONFIG = CurriculumConfig(
     curriculum_window=10)
 
 
-def test_it_begins_at_the_first_level_and_knows_nothing() -> None:
+def test_the_curriculum_begins_at_the_first_level_without_a_rate() -> None:
     begun = Curriculum.begin(CONFIG)
     assert begun.level == 1
     assert math.isnan(begun.landing_rate)
@@ -47,7 +47,7 @@ def test_one_level_at_a_time_up_to_the_final_one_and_never_down() -> None:
     assert now.advance([False] * 1000).level == 3
 
 
-def test_it_is_a_value() -> None:
+def test_advancing_does_not_change_a_curriculum() -> None:
     begun = Curriculum.begin(CONFIG)
     begun.advance([True] * 10)
     assert begun == Curriculum.begin(CONFIG)

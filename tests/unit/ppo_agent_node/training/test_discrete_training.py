@@ -78,7 +78,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
     return path, said
 
 
-def test_it_learns_to_walk(straight: tuple[Path, list[str]]) -> None:
+def test_training_learns_to_walk(straight: tuple[Path, list[str]]) -> None:
     lines = RunFolder(straight[0], resume=True).lines()
     assert {line['stage'] for line in lines} == {'finetune'}
     assert lines[1]['mean_return'] < 0
@@ -105,7 +105,7 @@ def test_equal_seeds_are_equal_and_others_differ(
 
 
 @pytest.mark.parametrize('polls', [60, 250, 400, 550])
-def test_a_run_that_is_stopped_and_resumed_ends_alike_and_says_the_same(
+def test_a_resumed_run_ends_the_same_with_the_same_output(
         straight: tuple[Path, list[str]], tmp_path: Path, polls: int) -> None:
     path, said = tmp_path / 'run', []
     assert not train(path, stop_after=polls, said=said).finished
@@ -131,7 +131,7 @@ def test_each_episode_has_its_line_and_its_score(
         assert 0.01 < ink < 0.6, path
 
 
-def test_so_many_episodes_end_a_run(straight: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_a_number_of_episodes_ends_a_run(straight: tuple[Path, list[str]], tmp_path: Path) -> None:
     path, said, told = tmp_path / 'run', [], []
     result = train(path, said=said, told=told, training_episodes=200)
     assert result.finished
@@ -150,7 +150,7 @@ def test_so_many_episodes_end_a_run(straight: tuple[Path, list[str]], tmp_path: 
     assert train(path, resume=True, training_episodes=200).iterations == result.iterations
 
 
-def test_a_return_that_is_good_enough_ends_a_run(
+def test_reaching_the_target_return_ends_a_run(
         straight: tuple[Path, list[str]], tmp_path: Path) -> None:
     path = tmp_path / 'run'
     result = train(path, target_return=9.0, selection_interval=2)
@@ -167,7 +167,7 @@ def test_a_return_that_is_good_enough_ends_a_run(
         result.iterations)
 
 
-def test_nobody_says_a_word_unless_asked(tmp_path: Path) -> None:
+def test_without_episode_lines_nothing_is_printed(tmp_path: Path) -> None:
     said: list[str] = []
     train(tmp_path / 'run', said=said, iterations=2, episode_lines=False)
     assert said == []
@@ -211,7 +211,7 @@ def test_roll_outs_hold_whole_numbers_and_their_probabilities() -> None:
     torch.testing.assert_close(log_prob, rollout.log_prob.flatten())
 
 
-def test_scattered_ones_are_in_all_phases() -> None:
+def test_scattered_walkers_are_in_all_phases() -> None:
     world = LineWorld(64)
     observation = fly(world, scatter(
         world.spec, world.reset(1), lambda seen: np.zeros(len(seen), np.int64), 20,
@@ -237,7 +237,7 @@ def test_the_lunar_lander_trains_with_its_presets(tmp_path: Path) -> None:
     assert said[0].startswith('episode: 1/10000, score: ')
 
 
-def test_a_run_in_the_lunar_lander_that_is_stopped_and_resumed_ends_alike(tmp_path: Path) -> None:
+def test_a_resumed_run_in_the_lunar_lander_ends_the_same(tmp_path: Path) -> None:
     config = load_preset(
         'original', 'lunar_lander', iterations=4, n_steps=100, selection_interval=2,
         selection_episodes=2, hidden_sizes=(16,), n_epochs=2, threads=1)

@@ -47,7 +47,7 @@ def test_all_starts_of_a_run_are_tried() -> None:
     assert 'spawn_angle' in demonstrations
 
 
-def test_who_asked_for_a_start_that_is_refused_is_told() -> None:
+def test_a_refused_start_names_the_setting_that_requires_it() -> None:
     with pytest.raises(ValueError, match=r'^curriculum_wide_level: no such weather here$'):
         preflight.try_starts(Simulators(HARSH).fly, ROBUST)
     with pytest.raises(ValueError, match=r'^curriculum, level 7: no such weather here$'):

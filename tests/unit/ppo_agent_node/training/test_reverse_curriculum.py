@@ -25,7 +25,7 @@ def begun(spawn_height: float = 200.0, **changes: Any) -> ReverseCurriculum:
     return ReverseCurriculum.begin(dataclasses.replace(CONFIG, **changes), env.spec)
 
 
-def test_it_begins_next_to_the_ground_and_knows_nothing() -> None:
+def test_the_reach_begins_near_the_ground_without_a_rate() -> None:
     now = begun()
     assert (now.reach, now.full_reach, now.recent) == (0.4, pytest.approx(194.8), ())
     assert math.isnan(now.landing_rate) and not now.over
@@ -33,7 +33,7 @@ def test_it_begins_next_to_the_ground_and_knows_nothing() -> None:
     assert now.figures() == {'reach': 0.4}
 
 
-def test_none_is_over_before_it_begins() -> None:
+def test_a_disabled_curriculum_is_over_from_the_start() -> None:
     """And says nothing; worlds without heights need have none."""
     for name in ('rocket', 'lunar_lander'):
         now = ReverseCurriculum.begin(CurriculumConfig(), worlds.make(name).spec)
@@ -50,7 +50,7 @@ def test_a_window_at_the_rate_grows_and_empties() -> None:
     assert begun().advance([False] * 100).advance([True] * 19).reach > 0.4
 
 
-def test_it_grows_to_the_whole_task_and_there_is_over() -> None:
+def test_the_reach_grows_to_the_whole_task_and_then_ends() -> None:
     """From 0.4 m by 1.2 to 194.8 m: 34 steps, ln(194.8 / 0.4) / ln 1.2 = 33.9; then one more."""
     now, reaches = begun(), []
     while not now.over:
@@ -71,7 +71,7 @@ def test_a_first_reach_beyond_the_drop_is_refused() -> None:
         begun(10.0, curriculum_start_reach=5.0)
 
 
-def test_the_hardest_are_those_that_began_highest() -> None:
+def test_the_hardest_episodes_are_those_that_began_highest() -> None:
     """Whatever ended when: of 256 rockets' first episodes those in the top fifth of heights."""
     env = worlds.make('rocket', 256)
     env.reset(seed=6, spawn_reach=3.0)

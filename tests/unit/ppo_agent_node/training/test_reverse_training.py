@@ -61,7 +61,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_starts_are_as_high_as_the_curriculum_says(straight: Path) -> None:
+def test_the_heights_of_starts_follow_the_curriculum(straight: Path) -> None:
     """Free fall from h takes sqrt(2 h / g) / dt steps; who brakes takes longer, nobody less."""
     for line in log_without_times(straight)[1:5]:
         longest = (2 * line['reach'] / 9.81)**0.5 / 0.02
@@ -69,7 +69,7 @@ def test_the_starts_are_as_high_as_the_curriculum_says(straight: Path) -> None:
 
 
 @pytest.mark.parametrize('polls', [140, 300, 620])
-def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
+def test_a_run_stopped_anywhere_and_resumed_ends_the_same(
     straight: Path, tmp_path: Path, polls: int,
 ) -> None:
     path, left = tmp_path / 'run', [polls]
@@ -93,7 +93,7 @@ def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
         Trainer(SerialFleet(env), config, RunFolder(tmp_path / 'run', False))
 
 
-def test_the_reach_grows_when_it_learns_to_land(tmp_path: Path) -> None:
+def test_the_reach_grows_when_the_policy_learns_to_land(tmp_path: Path) -> None:
     """A fall from 0.46 m is too fast: only a policy that brakes lands from 0.8 of 1 m."""
     told: list[Status] = []
     train(tmp_path / 'run', told=told, curriculum_start_reach=0.3, n_steps=128, iterations=20,

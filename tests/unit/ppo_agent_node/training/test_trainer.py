@@ -79,7 +79,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_starts_that_the_world_refuses_are_told_before_there_is_a_run(tmp_path: Path) -> None:
+def test_refused_starts_are_reported_before_the_run_is_written(tmp_path: Path) -> None:
     """Else every resume would be refused alike."""
     for setting, value, whose in (
             ('demonstration_spawn_position', 500.0, 'demonstrations: .*spawn_position.* 500'),
@@ -123,7 +123,7 @@ def test_files_of_a_run(straight: Path) -> None:
         assert fact in pilot.description['training']
 
 
-def test_equal_seeds_are_equal_whatever_the_world_was_before(
+def test_the_earlier_state_of_the_world_does_not_change_a_run(
     straight: Path, tmp_path: Path,
 ) -> None:
     train(copy_name(tmp_path), env=world(seed=77))
@@ -149,7 +149,7 @@ class StopAfter:
 
 
 @pytest.mark.parametrize('polls', [20, 130, 420, 600, 700, 860])
-def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
+def test_a_run_stopped_anywhere_and_resumed_ends_the_same(
     straight: Path, tmp_path: Path, polls: int,
 ) -> None:
     path = copy_name(tmp_path)
@@ -158,7 +158,7 @@ def test_a_run_that_is_stopped_anywhere_and_resumed_ends_alike(
     assert left_by(straight) == left_by(path)
 
 
-def test_a_run_that_is_killed_goes_on_from_its_last_checkpoint(
+def test_a_killed_run_continues_from_its_last_checkpoint(
     straight: Path, tmp_path: Path,
 ) -> None:
     """Three iterations, everything thrown away but the files, three more."""
@@ -233,7 +233,7 @@ def test_a_simulator_that_restarts_changes_nothing(
     assert left_by(straight) == left_by(copy_name(tmp_path))
 
 
-def test_a_simulator_that_never_stays_is_given_up(tmp_path: Path) -> None:
+def test_a_simulator_that_always_restarts_ends_the_run(tmp_path: Path) -> None:
     with pytest.raises(EnvironmentRestarted):
         train(tmp_path / 'run', env=Unreliable(world(), 1, rate=1.0))
 
@@ -244,7 +244,7 @@ def learnt(told: list[Status], iteration: int) -> bool:
 
 
 @pytest.mark.parametrize('error', [TimeoutError, RuntimeError, ValueError])
-def test_what_was_learnt_before_the_simulator_went_away_is_kept(
+def test_progress_before_the_loss_of_the_simulator_is_kept(
         straight: Path, tmp_path: Path, error: type[Exception]) -> None:
     path = copy_name(tmp_path)
 
@@ -263,7 +263,7 @@ def test_what_was_learnt_before_the_simulator_went_away_is_kept(
     assert left_by(straight) == left_by(path)
 
 
-def test_a_run_from_before_there_was_a_setting_goes_on_with_its_default(
+def test_an_older_run_continues_with_the_default_of_a_new_setting(
         straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = copy_name(tmp_path)
     with monkeypatch.context() as patch:
@@ -283,7 +283,7 @@ def test_a_run_from_before_there_was_a_setting_goes_on_with_its_default(
     assert left_by(straight) == left_by(path)
 
 
-def test_a_run_from_before_its_world_had_a_setting_is_refused(
+def test_an_older_run_without_a_setting_of_its_world_is_refused(
         straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = copy_name(tmp_path)
     shutil.copytree(straight, path)
@@ -342,7 +342,7 @@ def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize('threads', [1, 2])
-def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
+def test_free_memory_is_returned_while_learning_and_not_in_flight(
     threads: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     given: list[tuple[str, int]] = []
@@ -371,7 +371,7 @@ def test_free_memory_is_given_back_while_it_learns_and_not_while_it_flies(
     assert iterations == set(range(GENTLE['iterations']))
 
 
-def test_without_demonstrations_it_starts_from_scratch(tmp_path: Path) -> None:
+def test_without_demonstrations_training_starts_from_scratch(tmp_path: Path) -> None:
     told: list[Status] = []
     config = small(demonstration_episodes=0, iterations=1)
     assert train(tmp_path / 'run', config, told=told).finished
