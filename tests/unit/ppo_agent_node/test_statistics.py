@@ -31,7 +31,7 @@ def test_wilson_at_the_ends_is_exact_and_symmetric() -> None:
 
 
 @pytest.mark.parametrize(('successes', 'trials'), [(-1, 5), (6, 5), (0, 0)])
-def test_wilson_refuses_what_is_no_proportion(successes: int, trials: int) -> None:
+def test_wilson_refuses_invalid_proportions(successes: int, trials: int) -> None:
     with pytest.raises(ValueError, match='successes'):
         wilson(successes, trials)
     with pytest.raises(ValueError, match='confidence'):
@@ -46,7 +46,7 @@ def test_bootstrap_agrees_with_the_normal_interval_where_that_holds() -> None:
     assert high == pytest.approx(values.mean() + half, abs=0.05 * half * 2)
 
 
-def test_bootstrap_covers_the_mean_as_often_as_it_says() -> None:
+def test_bootstrap_covers_the_mean_as_often_as_it_claims() -> None:
     generator = np.random.default_rng(2)
     covered = 0
     for trial in range(300):

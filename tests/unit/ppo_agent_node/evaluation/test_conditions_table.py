@@ -97,7 +97,7 @@ def test_progress_counts_all_cells() -> None:
         Cell('me', label, level) for level in (1, 2) for label in ROWS]
 
 
-def test_what_cannot_be_flown_is_refused() -> None:
+def test_tables_that_cannot_be_flown_are_refused() -> None:
     lander, rocket = worlds.make('lunar_lander'), worlds.make('rocket')
     with pytest.raises(ValueError, match="got 'all', expected none, as world 'lunar_l"):
         fly_table(lander, {'me': RandomPilot(lander.spec)})
@@ -202,7 +202,7 @@ def test_the_report_shows_the_table(tmp_path: Path) -> None:
     assert 'has not been evaluated' not in page
 
 
-def test_the_command_flies_and_writes_it(
+def test_the_command_flies_and_writes_the_table(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {'nominal': conditions.SINGLE['nominal']}
     flying = fly_and_write_table.__globals__['conditions_table'].fly_table_with
@@ -234,7 +234,7 @@ def test_pilots_are_named() -> None:
     ({'conditions': 'all'}, ['policy', 'expert']),
     ({'conditions': 'all', 'pilot': 'expert'}, ['expert']),
     ({'conditions': 'all', 'pilots': 'robust, default,'}, ['robust', 'default'])])
-def test_who_flies_when_nobody_says(given: dict[str, str], names: list[str]) -> None:
+def test_the_arguments_decide_which_pilots_fly(given: dict[str, str], names: list[str]) -> None:
     options = EvaluationParameters(**given)
     node._check(options)
     assert node._names(options) == names

@@ -25,7 +25,7 @@ def written(path: Path, world: str, pilot: str, **settings: float) -> EpisodeTab
 @pytest.mark.parametrize(('world', 'pilot'), [
     ('rocket', 'expert'), ('rocket', 'random'), ('rocket_planar', 'random'),
     ('lunar_lander', 'expert')])
-def test_a_table_comes_back(tmp_path: Path, world: str, pilot: str) -> None:
+def test_a_table_can_be_read_back(tmp_path: Path, world: str, pilot: str) -> None:
     result = flown(world, pilot)
     table, path = episode_table.from_result(result), tmp_path / 'episodes.csv'
     episode_table.write(path, table)
@@ -66,7 +66,7 @@ def test_the_push_of_a_lander_is_in_metres_per_second() -> None:
     assert start['start_speed_m_s'] == pytest.approx(np.hypot(told[:, 0], told[:, 1]), abs=1e-5)
 
 
-def test_what_a_world_does_not_have_is_left_empty(tmp_path: Path) -> None:
+def test_columns_that_a_world_does_not_have_are_empty(tmp_path: Path) -> None:
     lander = written(tmp_path / 'lander.csv', 'lunar_lander', 'expert')
     for name in ('fuel_used_kg', 'fuel_bound_kg', 'standing'):
         assert np.isnan(lander.numbers[name]).all(), name
@@ -109,7 +109,7 @@ def test_damage_is_named(tmp_path: Path, damage: object, words: str) -> None:
         episode_table.read(path)
 
 
-def test_bytes_that_are_no_text_are_named(tmp_path: Path) -> None:
+def test_a_table_that_is_not_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / 'episodes.csv'
     path.write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match=r'episodes\.csv: damaged'):

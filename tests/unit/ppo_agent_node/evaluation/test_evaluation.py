@@ -135,7 +135,7 @@ def test_equal_seeds_give_equal_results_and_others_differ() -> None:
     assert not _same(result, _expert(6, level=8))
 
 
-def test_a_pilot_flies_as_it_was_given_each_time() -> None:
+def test_each_evaluation_starts_with_the_pilot_as_given() -> None:
     """Else an evaluation that begins anew, after a restart, would be another one."""
     env = worlds.make('rocket', 10)
     pilot = RandomPilot(env.spec, 3)
@@ -143,7 +143,7 @@ def test_a_pilot_flies_as_it_was_given_each_time() -> None:
 
 
 @pytest.mark.slow
-def test_an_episode_is_known_by_its_row_and_number_alone() -> None:
+def test_an_episode_depends_only_on_its_row_and_number() -> None:
     # The streams of a world are counter-based: more rockets must not change those there were.
     few, many = _expert(5, num_envs=30, level=7), _expert(5, num_envs=60, level=7)
     first = few.episodes.episode == 0
@@ -167,7 +167,7 @@ def test_the_bound_uses_the_first_velocity_of_each_episode() -> None:
     assert (low.fuel_bound < 600).all()
 
 
-def test_the_summary_says_what_was_flown_and_is_json() -> None:
+def test_the_summary_describes_the_evaluation_and_is_json() -> None:
     result = _expert(5, level=7)
     summary = summarise(result, policy_hash='abc')
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary

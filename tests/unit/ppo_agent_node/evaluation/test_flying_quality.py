@@ -60,7 +60,7 @@ def test_rates_and_spreads_are_those_of_the_episodes() -> None:
     assert found['control_effort'] == {'mean': 0.25, 'p95': 0.25}
 
 
-def test_beside_each_rate_stands_the_return_of_those_it_counts() -> None:
+def test_each_rate_has_the_mean_return_of_its_episodes() -> None:
     summary = summarise(made())
     assert summary['landing_rate'] == 40 / 60
     landed = [number for number in range(60) if number % 3 != 2]
@@ -116,7 +116,7 @@ def test_conditions_are_named() -> None:
         assert ('conditions' in table(summary)) == (name != 'nominal')
 
 
-def test_noisy_sensors_say_nothing_of_how_a_rocket_stands() -> None:
+def test_noisy_sensors_give_no_standing_rate() -> None:
     world = worlds.make('rocket', 4, spawn_height=20.0)
     result = evaluate(world, Steady(-1.0, 0.0, 0.0), 4, 1, level=7, sensor_noise=0.25)
     summary = summarise(result)
@@ -140,7 +140,7 @@ def test_failed_starts_take_the_outcomes_in_turn() -> None:
     assert failures.failed_starts(flown()) == []
 
 
-def test_hovering_is_slow_flight_with_the_engine_on_however_low() -> None:
+def test_hovering_is_slow_powered_flight_above_touchdown_height() -> None:
     log = EpisodeCounters(5)
     speed, height = np.array((1.9, 2.1, 0.1, 0.1, 0.1)), np.array((50.0, 50.0, 5.01, 5.0, 50.0))
     for _ in range(3):

@@ -70,7 +70,7 @@ def test_grows_with_the_speed_and_the_height() -> None:
     assert (higher.fuel(-np.linspace(0, 60, 200)) > fuel).all()
 
 
-def test_without_drag_and_mass_loss_it_is_the_textbook_formula() -> None:
+def test_without_drag_and_mass_loss_the_bound_is_the_textbook_formula() -> None:
     # Free fall to the speed V and braking at T/m - g over heights that add up to H:
     # V^2 / (2 g) + V^2 / (2 (T/m - g)) = H, burn time V / (T/m - g).
     settings = {**SETTINGS, 'air_density': 0.0, 'specific_impulse': 1e7}

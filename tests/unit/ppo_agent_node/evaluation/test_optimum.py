@@ -45,14 +45,14 @@ def test_a_straight_drop_is_the_closed_form_but_for_whole_steps() -> None:
         bound.flight_time(speeds) / DT + 0.5, abs=1.0)
 
 
-def test_with_finer_steps_it_goes_to_the_closed_form() -> None:
+def test_finer_steps_approach_the_closed_form() -> None:
     bound = StraightDropBound(SETTINGS)
     fine = solved(velocity=(0.0, -15.0, 0.0), blocks=120, dt=0.0025)
     least = bound.flow * bound.burn_time(np.array([15.0]))[0]
     assert fine.least_fuel.fuel == pytest.approx(least, abs=0.3)
 
 
-def test_without_drag_and_mass_loss_it_is_the_textbook_formula() -> None:
+def test_without_drag_and_mass_loss_the_optimum_is_the_textbook_formula() -> None:
     # Free fall to the speed V and braking at T/m - g over heights that add up to H, see
     # test_bounds; the whole flight takes V / g + V / (T/m - g).
     g, height = SETTINGS['gravity'], SETTINGS['spawn_height'] - SETTINGS['touchdown_height']
@@ -64,7 +64,7 @@ def test_without_drag_and_mass_loss_it_is_the_textbook_formula() -> None:
     assert best.least_fuel.fuel == pytest.approx(flow * speed / net, rel=3e-3)
 
 
-def test_fuel_and_time_grow_with_the_way_sideways_and_know_no_heading() -> None:
+def test_fuel_and_time_grow_with_distance_and_ignore_its_direction() -> None:
     ways = [solved(x) for x in (0.0, 3.0, 10.0, 30.0)]
     for values in ([one.least_fuel.fuel for one in ways], [one.least_time.steps for one in ways]):
         assert values == sorted(values)
@@ -108,7 +108,7 @@ def fly(landing: Landing) -> Episodes:
 @pytest.mark.parametrize(('x', 'z', 'velocity'), [
     (0.0, 0.0, (0.0, 0.0, 0.0)), (2.18, -1.46, (1.22, -0.33, -0.99)),
     (-12.4, -31.4, (11.2, -6.9, -0.5)), (30.0, 40.0, (0.0, -5.0, 0.0))])
-def test_the_world_flies_it_to_rest_on_the_pad(
+def test_the_world_flies_the_optimum_to_rest_on_the_pad(
         x: float, z: float, velocity: tuple[float, float, float]) -> None:
     """No plan of a model of its own: the world's dynamics bring it down as said."""
     optimum = solved(x, z, velocity)
@@ -122,7 +122,7 @@ def test_the_world_flies_it_to_rest_on_the_pad(
         assert fuel == pytest.approx(landing.fuel, abs=1e-3)
 
 
-def test_a_landing_keeps_to_the_vehicle_and_says_where_it_goes() -> None:
+def test_a_landing_respects_the_vehicle_and_has_a_trajectory() -> None:
     optimum = solved(30.0, 40.0, (0.0, -5.0, 0.0))
     assert optimum.least_time.steps < optimum.least_fuel.steps
     assert optimum.least_time.fuel > optimum.least_fuel.fuel
@@ -140,7 +140,7 @@ def test_a_landing_keeps_to_the_vehicle_and_says_where_it_goes() -> None:
         assert (landing.position[:-1, 1] > SETTINGS['touchdown_height']).all()
 
 
-def test_it_burns_at_full_throttle_or_not_at_all() -> None:
+def test_the_optimum_burns_at_full_throttle_or_not_at_all() -> None:
     """The maximum principle: of 60 blocks only those with a switch are in between."""
     landing = solved(2.18, -1.46, (1.22, -0.33, -0.99)).least_fuel
     throttle = np.linalg.norm(landing.thrust, axis=1) / FULL
@@ -183,6 +183,6 @@ def test_conditions_that_are_not_nominal_are_refused(change: dict[str, float]) -
 
 @pytest.mark.parametrize(('height', 'speed', 'message'), [
     (5.2, 0.0, 'expected more than 5.2 m'), (200.0, np.nan, 'expected finite')])
-def test_starts_that_are_none_are_refused(height: float, speed: float, message: str) -> None:
+def test_invalid_starts_are_refused(height: float, speed: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         LandingOptimiser(SETTINGS).solve(np.array([0.0, height, 0.0]), np.array([0.0, speed, 0.0]))

@@ -90,7 +90,7 @@ def test_only_landings_have_a_ratio(result: EvaluationResult, sample: OptimumSam
         (result.episodes.fuel_used[2:SIZE] / sample.fuel[2:]).mean())
 
 
-def test_table_page_and_picture_show_it(
+def test_table_page_and_picture_show_the_optimum(
         result: EvaluationResult, sample: OptimumSample, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch) -> None:
     # Other pictures are tested elsewhere, and turning them into pixels takes its time.
@@ -160,7 +160,7 @@ def none_because(sample: OptimumSample, result: EvaluationResult) -> str:
     return reason
 
 
-def test_what_cannot_be_solved_says_why(
+def test_a_sample_without_an_optimum_gives_the_reason(
         result: EvaluationResult, monkeypatch: pytest.MonkeyPatch) -> None:
     assert none_because(solve_sample(result, 0), result) == 'not asked for'
     lander = flown('lunar_lander')
@@ -175,7 +175,7 @@ def test_what_cannot_be_solved_says_why(
     assert reason in table(summarise(result, **solve_sample(result).figures(result)))
 
 
-def test_a_clipped_observation_tells_no_start(result: EvaluationResult) -> None:
+def test_a_clipped_first_observation_has_no_optimum(result: EvaluationResult) -> None:
     first = result.first_observation.copy()
     first[0, result.spec.observation_names.index('velocity_x')] = (
         result.settings['observation_limit'])

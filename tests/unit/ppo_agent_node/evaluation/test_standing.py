@@ -59,7 +59,8 @@ def test_gentle_touchdowns_stand_and_fast_ones_do_not() -> None:
     assert found.rest_distance == pytest.approx([3.0], abs=0.01)
 
 
-def test_many_are_followed_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_landings_followed_in_parts_give_the_same_verdicts(
+        monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     last = ends(*rng.uniform((-20, -4, -30, -1), (20, 4, 30, 1), (23, 4)).tolist())
     arguments = last, rng.uniform(500, 1500, 23), rng.random(23) < 0.8, SETTINGS, *np.ones((2, 23))
@@ -74,7 +75,7 @@ def test_many_are_followed_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
-def test_an_evaluation_tells_how_many_stand(world: str) -> None:
+def test_an_evaluation_reports_the_standing_rate(world: str) -> None:
     env = worlds.make(world, num_envs=20)
     summary = metrics.summarise(evaluate(env, scripted_pilot(env.spec), 20, 1))
     assert summary['standing_rate'] == 1.0
@@ -96,7 +97,7 @@ class Falling:
         return np.tile(np.array([-1, 0, 0], np.float32), (len(observation), 1))
 
 
-def test_what_was_drawn_is_what_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settling_uses_the_drawn_mass_and_gravity(monkeypatch: pytest.MonkeyPatch) -> None:
     """Mass and gravity of each episode are those that the world's telemetry has of it."""
     asked: list[tuple[np.ndarray, np.ndarray]] = []
     real = standing.settle
@@ -134,7 +135,7 @@ def test_what_was_drawn_is_what_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(gravity, 9.81 * expected[:, 1])
 
 
-def test_who_does_not_come_down_does_not_stand() -> None:
+def test_random_flights_have_a_standing_rate_of_zero() -> None:
     env = worlds.make('rocket', num_envs=20)
     summary = metrics.summarise(evaluate(env, RandomPilot(env.spec), 20, 1, level=1))
     assert summary['standing_rate'] == 0.0

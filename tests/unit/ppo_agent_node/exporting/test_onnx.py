@@ -69,7 +69,7 @@ def test_actions_are_those_of_pytorch_in_any_batch(files: dict[str, Path], name:
             assert (found == wanted[:size]).mean() > 0.99
 
 
-def test_a_file_says_what_it_is(files: dict[str, Path]) -> None:
+def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     world = worlds.make('rocket', 1, observation='extended')
     told = PolicyPilot(files['robust'], world.spec).description
     names, units = told['observation_names'], told['observation_units']
@@ -101,7 +101,7 @@ def test_the_same_export_is_the_same_file_and_names_no_paths(
 
 
 @pytest.mark.parametrize('name', ['rocket', 'lunar_lander'])
-def test_it_lands_as_the_policy_does(files: dict[str, Path], name: str) -> None:
+def test_an_exported_policy_lands_as_the_original_does(files: dict[str, Path], name: str) -> None:
     world = worlds.make(name, 32)
     results = [
         evaluate(world, PolicyPilot(path, world.spec), 32, 7) for path in
@@ -112,7 +112,7 @@ def test_it_lands_as_the_policy_does(files: dict[str, Path], name: str) -> None:
     assert mean[0] == pytest.approx(mean[1], abs=0.01 if name == 'rocket' else 5.0)
 
 
-def test_it_flies_where_pytorch_cannot_be_imported(files: dict[str, Path]) -> None:
+def test_an_exported_policy_flies_without_pytorch(files: dict[str, Path]) -> None:
     code = f"""
 import sys
 sys.modules['torch'] = sys.modules['safetensors'] = None
@@ -178,7 +178,7 @@ def test_a_file_for_another_world_is_refused(
         PolicyPilot(files[name], worlds.make(world, 1).spec)
 
 
-def test_it_is_shown_its_own_columns(files: dict[str, Path]) -> None:
+def test_an_exported_policy_gets_only_its_own_columns(files: dict[str, Path]) -> None:
     plain, rich = worlds.make('rocket', 4), worlds.make('rocket', 4, observation='extended')
     seen = rich.reset(seed=1)
     assert np.array_equal(
@@ -191,7 +191,7 @@ def test_it_is_shown_its_own_columns(files: dict[str, Path]) -> None:
     (['policy:=rocket'], "output: got '', expected a name that ends with .onnx"),
     (['policy:=rocket', 'output:=missing/x.onnx'], 'expected a file in a folder that exists'),
     (['policy:=rockt', 'output:=x.onnx'], "policy: got 'rockt', expected a file or the name")])
-def test_the_command_refuses_in_one_line(
+def test_the_command_refuses_bad_arguments_in_one_line(
         arguments: list[str], reason: str, capsys: pytest.CaptureFixture[str],
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, 'argv', ['export', *arguments])

@@ -86,7 +86,7 @@ def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, 'save', lambda figure, path: path.write_bytes(b'-') and path)
 
 
-def test_all_pictures_are_there_and_show_something(run: Path) -> None:
+def test_all_pictures_exist_and_are_not_blank(run: Path) -> None:
     paths = list((run / 'plots').iterdir())
     assert {path.name for path in paths} == OF_ROCKET | OF_TRAINING
     for path in paths:
@@ -156,7 +156,7 @@ def test_an_evaluation_alone_has_its_report(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('unpainted')
-def test_who_never_lands_has_no_touchdowns_and_old_pictures_go(tmp_path: Path) -> None:
+def test_a_report_without_landings_removes_touchdown_pictures(tmp_path: Path) -> None:
     folder = write_evaluation(tmp_path / 'figures', flown())
     report.write_report(folder)
     write_evaluation(folder, flown(pilot='random'))
@@ -166,7 +166,7 @@ def test_who_never_lands_has_no_touchdowns_and_old_pictures_go(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures('unpainted')
-def test_an_unfinished_run_shows_how_it_learns(tmp_path: Path) -> None:
+def test_the_report_of_an_unfinished_run_has_learning_curves(tmp_path: Path) -> None:
     folder = write_training(tmp_path / 'run', scores=True)
     page = Page(report.write_report(folder).read_text())
     assert {path.name for path in (folder / 'plots').iterdir()} == OF_TRAINING | {'score.png'}
@@ -179,7 +179,7 @@ def test_an_unfinished_run_shows_how_it_learns(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('unpainted')
-def test_an_older_run_without_episodes_says_so(tmp_path: Path) -> None:
+def test_the_report_of_an_older_run_names_the_missing_episodes(tmp_path: Path) -> None:
     folder = write_evaluation(tmp_path / 'run', flown())
     (folder / 'episodes.csv').unlink()
     figures = json.loads((folder / 'evaluation.json').read_text())
@@ -208,7 +208,7 @@ def test_the_pie_has_the_shares_and_the_bars_the_counts() -> None:
     assert [text.get_text() for text in alone.texts if text.get_text()] == ['timeout\n100 %']
 
 
-def test_smoothing_leaves_out_what_is_missing() -> None:
+def test_smoothing_skips_missing_values() -> None:
     values = np.array([np.nan, 1.0, np.nan, 2.0])
     assert smooth(values) == pytest.approx([np.nan, 1.0, 1.0, 1.2], nan_ok=True)
 
@@ -311,7 +311,7 @@ def test_figures_of_another_kind_are_named(tmp_path: Path, name: str, value: obj
         load(tmp_path)
 
 
-def test_a_folder_that_is_no_run_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='nowhere: no such folder'):
         load(tmp_path / 'nowhere')
     (tmp_path / 'plots').mkdir()
@@ -354,7 +354,7 @@ def test_the_command_shows_no_escape_sequences(
     assert capsys.readouterr().err.removesuffix('\n').isprintable()
 
 
-def test_the_command_refuses_in_one_line(
+def test_the_command_refuses_bad_arguments_in_one_line(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
     run = str(write_training(tmp_path / 'run'))

@@ -69,7 +69,7 @@ def test_only_conditions_that_vary_are_drawn() -> None:
     assert conditions_figure({}, still) is None
 
 
-def test_runs_are_grouped_by_all_but_the_seed_and_told_apart(tmp_path: Path) -> None:
+def test_runs_are_grouped_by_all_settings_but_the_seed(tmp_path: Path) -> None:
     runs = [load(write_training(tmp_path / f'{number}', seed, clip_range=clip, gamma=gamma))
             for number, (seed, clip, gamma) in enumerate((
                 (1, 0.1, 0.99), (2, 0.1, 0.99), (1, 0.3, 0.99), (3, 0.3, 0.9)))]
@@ -82,7 +82,7 @@ def test_runs_are_grouped_by_all_but_the_seed_and_told_apart(tmp_path: Path) -> 
     assert [(group.title, len(group.runs)) for group in alone] == [('rocket', 2)]
 
 
-def test_evaluations_alone_are_told_apart_by_pilot_and_level(tmp_path: Path) -> None:
+def test_evaluations_without_a_run_are_named_by_pilot_and_level(tmp_path: Path) -> None:
     runs = [
         load(write_evaluation(tmp_path / 'expert', flown(level=8))),
         load(write_evaluation(tmp_path / 'random', flown(pilot='random'))),
