@@ -121,7 +121,7 @@ def run(seed: int = 1, **settings: Any) -> tuple[GaussianPolicy, list[CloneEpoch
     return policy, epochs, least
 
 
-def test_it_learns_and_keeps_its_best_epoch() -> None:
+def test_cloning_learns_and_keeps_the_best_epoch() -> None:
     policy, epochs, least = run()
     assert [e.epoch for e in epochs] == [1, 2, 3, 4, 5]
     assert epochs[-1].clone_loss < 0.15 * epochs[0].clone_loss
@@ -135,7 +135,7 @@ def test_it_learns_and_keeps_its_best_epoch() -> None:
     assert float(policy.log_std.detach().mean()) == pytest.approx(-2.4)
 
 
-def test_it_stops_when_it_gets_no_better_and_goes_back() -> None:
+def test_cloning_stops_early_and_returns_to_the_best_epoch() -> None:
     _, epochs, least = run(
         clone_epochs=40, clone_learning_rate=0.3, clone_patience=2)  # far too large a step
     assert len(epochs) < 40
@@ -150,7 +150,7 @@ def test_equal_seeds_are_equal_and_others_differ() -> None:
     assert not torch.equal(first, other)
 
 
-def test_nothing_landed() -> None:
+def test_demonstrations_without_a_landing_are_refused() -> None:
     none = Demonstrations(torch.zeros(0, 15), torch.zeros(0, 3), torch.zeros(0, dtype=torch.long))
     policy = GaussianPolicy(15, 3, (4,), random_streams.generator(1, 'policy'))
     with pytest.raises(ValueError, match='none landed'):
@@ -184,7 +184,7 @@ def test_scattered_rockets_are_in_all_phases_of_their_episodes() -> None:
     assert (fly(world, scatter(world.spec, unmoved, expert, 0, rng)) == unmoved).all()
 
 
-def test_what_is_said_after_touchdown_is_not_learnt() -> None:
+def test_actions_after_touchdown_are_not_learnt() -> None:
     """In `rocket_planar` the contact switch cuts the engine; in `rocket` all is flown."""
     world = worlds.make('rocket_planar', 12, seed=1)
     pilot = ExpertPilot(world.spec)
@@ -219,7 +219,7 @@ def test_the_gradient_of_imitation_is_autograds(kind: str) -> None:
     torch.testing.assert_close(found.detach(), output.grad)
 
 
-def test_it_is_what_torchs_adam_makes_of_it() -> None:
+def test_cloning_matches_the_adam_optimiser_of_torch() -> None:
     """The same minibatches by autograd, Adam and its cosine."""
     task, seed = linear_task(), 1
     found, _, _ = run(seed, clone_epochs=2, clone_validation_fraction=0.0)

@@ -68,7 +68,7 @@ def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
     np.testing.assert_array_equal(samples.action, expert(samples.observation.numpy()))
 
 
-def test_a_teacher_that_remembers_is_told_what_was_flown() -> None:
+def test_a_stateful_teacher_receives_the_flown_actions() -> None:
     """The clone, not the teacher, lights the engine: the teacher knows that it burns."""
     env = worlds.make('rocket', num_envs=4, seed=0, level=1, conditions='hoverslam')
     teacher = HoverslamPilot(env.spec)
@@ -84,7 +84,7 @@ def test_a_teacher_that_remembers_is_told_what_was_flown() -> None:
     assert (throttle[first + 1] >= 0.2 - 1e-6).all()
 
 
-def test_what_is_said_about_a_spent_engine_is_not_learnt() -> None:
+def test_labels_after_the_last_ignition_are_not_learnt() -> None:
     """The clone lights the engine and shuts it down: there is no second ignition to speak of."""
     env = worlds.make('rocket', num_envs=2, seed=0, level=1)
     floored = conditions.settings('hoverslam')
@@ -127,7 +127,7 @@ class Remembering:
         self.told.append(action.copy())
 
 
-def test_noise_is_told_to_a_teacher_that_remembers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stateful_teacher_receives_the_noisy_actions(monkeypatch: pytest.MonkeyPatch) -> None:
     env, flown = world(4), []
     step = env.step
     monkeypatch.setattr(env, 'step', lambda action: (flown.append(action.copy()), step(action))[1])
@@ -193,7 +193,8 @@ def test_hubers_loss_is_squared_near_and_linear_far(
 
 @pytest.mark.parametrize(('wanted', 'output', 'error'), [
     (-1.0, -1.1, 0.1), (-1.0, -1.3, 0.0), (1.0, 1.1, -0.1), (1.0, 1.3, 0.0), (0.5, 0.6, 0.1)])
-def test_a_bound_is_aimed_at_from_beyond(wanted: float, output: float, error: float) -> None:
+def test_the_margin_moves_targets_at_a_bound_beyond_it(
+        wanted: float, output: float, error: float) -> None:
     policy = GaussianPolicy(2, 1, (4,), torch.Generator())
     loss, gradient = policy.imitation(
         torch.tensor([[output]]), torch.tensor([[wanted]]), margin=0.2)

@@ -50,7 +50,7 @@ def test_arguments_that_contradict_the_goal(given: list[str], complaint: str) ->
 
 
 @pytest.mark.parametrize('name', list(KINDS))
-def test_settings_of_the_world_lie_on_top_of_the_installed_parameters(
+def test_settings_of_the_world_override_the_installed_parameters(
         name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     goal = KINDS[name].Goal(arguments=['max_thrust:=500000'])
@@ -62,7 +62,7 @@ def test_settings_of_the_world_lie_on_top_of_the_installed_parameters(
 
 
 @pytest.mark.parametrize('name', list(KINDS))
-def test_a_field_at_its_default_means_that_of_the_command(name: str) -> None:
+def test_a_field_at_its_default_keeps_that_of_the_command(name: str) -> None:
     """A field at its default is not passed on."""
     declared = read_launch_file(ROOT / 'ppo_agent_node' / 'launch' / f'{name}.launch.yaml')
     usual = KINDS[name].Goal()
@@ -101,7 +101,7 @@ def test_figures_of_flights() -> None:
     ('[ppo_agent-3] [FATAL] [12.5] [train.ppo_agent]: policy: no file\nlater', 'policy: no file',
      True),
     ('[INFO] [launch]: all is well\nno such thing', 'no such thing', False)])
-def test_the_reason_of_a_failure_is_what_a_node_complained_of(
+def test_the_reason_of_a_failure_is_taken_from_the_log(
     tmp_path: Path, said: str, reason: str, failed: bool,
 ) -> None:
     job = Job(['printf', '%s', said], tmp_path / 'log')

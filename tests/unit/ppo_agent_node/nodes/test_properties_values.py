@@ -85,7 +85,7 @@ def test_any_array_is_clipped_or_refused(action: np.ndarray[Any, Any]) -> None:
 
 
 @given(hnp.arrays(np.float64, (2, 3), elements=st.floats(allow_nan=False, allow_infinity=False)))
-def test_what_travels_is_flown_as_in_process(action: np.ndarray[Any, Any]) -> None:
+def test_actions_sent_over_dds_fly_as_in_process(action: np.ndarray[Any, Any]) -> None:
     """A float64 travels as the nearest float32; beyond the largest of those it stays beyond."""
     sent = commanded(SPEC, action)
     assert sent.dtype == np.float32
@@ -98,7 +98,7 @@ def test_what_travels_is_flown_as_in_process(action: np.ndarray[Any, Any]) -> No
 
 @given(st.lists(hnp.arrays(
     np.float32, (2, 3), elements=st.floats(-9, 9, width=32)), max_size=5))
-def test_what_is_clipped_is_counted_by_axis(actions: list[np.ndarray[Any, Any]]) -> None:
+def test_clipped_values_are_counted_by_axis(actions: list[np.ndarray[Any, Any]]) -> None:
     clipped, expected = Clipped(SPEC), np.zeros(3, int)
     for action in actions:
         beyond = (action < LOW) | (action > HIGH)
@@ -155,7 +155,7 @@ def test_damaged_messages_hold_no_more_than_their_bytes(kind: Any, data: st.Data
 
 
 @given(st.lists(ANY_F32, min_size=1, max_size=8), ANY_U64)
-def test_both_byte_orders_say_the_same(values: list[float], number: int) -> None:
+def test_both_byte_orders_decode_to_the_same_message(values: list[float], number: int) -> None:
     data = np.array(values, '<f4')
     head = [b'\0\0\0\0', number.to_bytes(8, 'big'), number.to_bytes(8, 'big'),
             len(values).to_bytes(4, 'big'), data.astype('>f4').tobytes()]

@@ -41,7 +41,7 @@ def _fly(rows: int, pilot: type[ExpertPilot] = ExpertEstimator, level: int = 7,
     ({'sensor_noise': 1.0}, 0.98, 276.0),
     ({'conditions': 'mix'}, 0.98, 289.0),
 ], ids=str)
-def test_lands_vehicles_that_are_not_by_the_book(
+def test_lands_vehicles_that_differ_from_their_settings(
     conditions: dict[str, Any], landed: float, mean_return: float,
 ) -> None:
     summary = _fly(100, **conditions)
@@ -53,7 +53,7 @@ def test_lands_in_the_plane() -> None:
     assert _fly(60, world='rocket_planar', conditions='mix')['landed'] >= 59
 
 
-def test_the_book_alone_does_not_land_them() -> None:
+def test_the_plain_expert_loses_many_vehicles_of_the_mix() -> None:
     assert _fly(100, ExpertPilot, conditions='mix')['landed'] < 60
 
 
@@ -83,7 +83,7 @@ class Foreseeing(ExpertEstimator):
         return self.foreseen
 
 
-def test_foresees_the_state_in_which_its_command_arrives() -> None:
+def test_predicts_the_state_in_which_its_command_arrives() -> None:
     world = worlds.make('rocket', 10, seed=5, level=7, action_delay=3, engine_lag=0.1,
                         side_acceleration=0.5, thrust_factor=0.97)
     pilot, observation, foreseen = Foreseeing(world.spec), world.observe(), []
@@ -98,7 +98,7 @@ def test_foresees_the_state_in_which_its_command_arrives() -> None:
     assert then.spin == pytest.approx(seen.spin, abs=1e-4)
 
 
-def test_flights_are_forgotten_with_their_rows() -> None:
+def test_a_reset_discards_the_estimates_of_past_flights() -> None:
     world = worlds.make('rocket', 12, seed=5, level=7, conditions='mix')
     pilot, observation = ExpertEstimator(world.spec), world.observe()
     for _ in range(250):
@@ -132,7 +132,7 @@ def test_an_axis_turns_as_that_of_the_world() -> None:
     assert turn(rotation.up_vector(attitude), spin, DT) == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_constant_acceleration_is_learnt_as_well_as_it_can_be() -> None:
+def test_the_filter_has_the_error_variance_that_it_claims() -> None:
     """Sample errors of 4 000 flights have the variance that the filter claims, to 10 %."""
     count, steps, truth = 4000, 100, 0.3
     generator, noise = np.random.default_rng(2), np.full(4000, 0.5)

@@ -31,7 +31,7 @@ def test_lands_every_rocket_softly(level: int) -> None:
     assert summary['fuel_ratio'] < 1.1
 
 
-def test_lands_from_far_off_the_axis_and_never_hangs_above_the_ground() -> None:
+def test_lands_from_far_off_the_axis_without_hovering() -> None:
     env = worlds.make('rocket', ROWS)
     result = evaluate(env, ExpertPilot(env.spec), ROWS, seed=11, level=8)
     summary = summarise(result)
@@ -57,7 +57,7 @@ def test_flies_a_rocket_that_cannot_turn() -> None:
     assert np.isfinite(_fly(1, rows=20, rcs_torque=0.0)['mean_return'])
 
 
-def test_rows_do_not_influence_one_another_and_nothing_is_remembered() -> None:
+def test_rows_are_independent_and_the_pilot_has_no_memory() -> None:
     env = worlds.make('rocket', 64, seed=4, level=8)
     pilot = ExpertPilot(env.spec)
     observation = env.reset()
@@ -95,7 +95,7 @@ def test_any_observation_gets_an_action() -> None:
     assert np.abs(action).max() <= 1
 
 
-def test_refuses_what_it_cannot_fly() -> None:
+def test_refuses_invalid_gains_and_too_little_thrust() -> None:
     spec = worlds.make('rocket').spec
     with pytest.raises(ValueError, match='unknown setting'):
         ExpertPilot(spec, courage=1.0)
@@ -148,7 +148,7 @@ def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
 
 
 @pytest.mark.parametrize(('level', 'mean_return'), [(7, 295.2), (8, 294.2)])
-def test_nothing_is_given_away_that_can_be_had(level: int, mean_return: float) -> None:
+def test_returns_are_close_to_the_ceiling(level: int, mean_return: float) -> None:
     """The ceiling of level 7 is 295.65; tilt, speed and time at touchdown cost the rest."""
     summary = _fly(level, seed=12)
     assert summary['landed'] == ROWS, summary['outcomes']

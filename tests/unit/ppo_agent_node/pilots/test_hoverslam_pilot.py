@@ -46,7 +46,7 @@ def test_lands_from_far_off_the_axis() -> None:
     assert summary['landed'] > 0.94 * ROWS, summary['outcomes']
 
 
-def test_lands_with_errors_in_mass_and_thrust_that_it_is_not_told_of() -> None:
+def test_lands_with_unknown_errors_in_mass_and_thrust() -> None:
     summary = _fly(7, dry_mass_factor=(0.97, 1.03), thrust_factor=(0.97, 1.03))
     assert summary['landed'] == ROWS, summary['outcomes']
     assert summary['mean_return'] > 292.5
@@ -58,7 +58,7 @@ def test_lands_in_the_plane() -> None:
     assert summarise(flown)['landed'] == 100
 
 
-def test_it_is_chosen_where_engines_have_a_floor() -> None:
+def test_the_pilot_is_chosen_for_engines_with_a_floor() -> None:
     floored = worlds.make('rocket', conditions='hoverslam').spec
     nominal = worlds.make('rocket').spec
     config = DemonstrationConfig()
@@ -68,7 +68,7 @@ def test_it_is_chosen_where_engines_have_a_floor() -> None:
         assert type(pilot) is ExpertPilot
 
 
-def test_it_lights_once_and_burns_until_touchdown_with_no_less_than_the_floor() -> None:
+def test_the_engine_lights_once_and_burns_at_the_floor_or_more() -> None:
     world = worlds.make('rocket', 50, seed=3, conditions='hoverslam', level=7)
     pilot = scripted_pilot(world.spec)
     observation, burning = world.observe(), []
@@ -84,7 +84,7 @@ def test_it_lights_once_and_burns_until_touchdown_with_no_less_than_the_floor() 
     assert throttle[on].min() >= 0.6 - 1e-6
 
 
-def test_whether_it_burns_is_seen_by_a_pilot_who_did_not_light_it() -> None:
+def test_a_new_pilot_detects_whether_the_engine_burns() -> None:
     """Also where the pilot looks at the flight for the first time: the rocket has braked."""
     world = worlds.make('rocket', 20, seed=3, conditions='hoverslam', level=4)
     pilot, observation = scripted_pilot(world.spec), world.observe()
@@ -150,7 +150,7 @@ def test_two_steps_are_the_closed_form() -> None:
     assert first == pytest.approx(height / dt - 0.01)
 
 
-def test_it_flies_in_place_of_the_expert_where_engines_have_a_floor() -> None:
+def test_the_pilot_replaces_the_expert_for_engines_with_a_floor() -> None:
     spec = worlds.make('rocket').spec
     floor = spec.after_reset(conditions.settings('hoverslam'))
     expert, estimator = ExpertPilot(spec), ExpertEstimator(spec)

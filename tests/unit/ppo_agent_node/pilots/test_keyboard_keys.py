@@ -107,7 +107,7 @@ def test_key_that_was_let_go_before_stays_up() -> None:
     assert not keys.held('left', 1.6)
 
 
-def test_told_releases_are_exact() -> None:
+def test_reported_releases_are_exact() -> None:
     keys = HeldKeys(delay=0.6, gap=0.12)
     keys.know_releases()
     keys.move(SPACE, 0.0)

@@ -25,7 +25,7 @@ def _state(time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('time', [0.3, 1.0, 4.0])
-def test_a_power_of_the_time_to_go_solves_it(time: float) -> None:
+def test_a_power_of_the_time_to_go_solves_the_law(time: float) -> None:
     x, drift, push = _state(time)
     pull = LAW.pull(x, drift, push, _to_go(time))
     assert pull.acceleration == pytest.approx(push, rel=1e-9)

@@ -37,14 +37,14 @@ def test_columns_are_found_by_name(wanted: str, given: str, found: object) -> No
     assert columns(tuple(wanted), tuple(given)) == found
 
 
-def test_a_name_that_is_not_there_has_no_column() -> None:
+def test_a_missing_column_is_refused() -> None:
     with pytest.raises(ValueError, match='not in'):
         columns(('a', 'x'), ('a', 'b'))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
-def test_policy_and_expert_fly_alike_in_both(world: str) -> None:
+def test_policy_and_expert_fly_the_same_with_more_columns(world: str) -> None:
     short = {'spawn_height': 30.0, 'time_limit': 3.0}
     plain = worlds.make(world, 5, 3, **short)
     rich = worlds.make(world, 5, 3, **short, observation='extended')
@@ -67,7 +67,7 @@ def test_columns_in_another_order_are_taken_in_the_policys_order(tmp_path: Path)
     assert np.array_equal(PolicyPilot(path, spec)(seen), PolicyPilot(path, shuffled)(turned))
 
 
-def test_a_policy_that_sees_more_says_what_to_set(tmp_path: Path) -> None:
+def test_a_policy_that_needs_more_columns_names_the_setting(tmp_path: Path) -> None:
     rich = worlds.make('rocket', observation='extended').spec
     path = saved(tmp_path / 'policy.safetensors', rich)
     assert load_policy(path, rich)[1]['observation_names'] == list(rich.observation_names)
@@ -77,7 +77,7 @@ def test_a_policy_that_sees_more_says_what_to_set(tmp_path: Path) -> None:
         PolicyPilot(path, worlds.make('rocket').spec)
 
 
-def test_the_observation_of_the_world_is_nothing_unfamiliar(tmp_path: Path) -> None:
+def test_observation_and_conditions_do_not_count_as_unfamiliar(tmp_path: Path) -> None:
     path = saved(tmp_path / 'policy.safetensors', worlds.make('rocket').spec)
     assert not PolicyPilot(path, worlds.make('rocket', observation='extended').spec).unfamiliar
     assert not PolicyPilot(path, worlds.make('rocket', conditions='harsh').spec).unfamiliar

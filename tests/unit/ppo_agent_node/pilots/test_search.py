@@ -23,7 +23,7 @@ def run(runs: Path, name: str, world: str, time: int) -> Path:
     return policy
 
 
-def test_the_newest_of_the_right_world(tmp_path: Path) -> None:
+def test_the_newest_policy_of_the_world_is_taken(tmp_path: Path) -> None:
     run(tmp_path, 'a', 'rocket', 100)
     newest = run(tmp_path, 'b', 'rocket', 300)
     run(tmp_path, 'c', 'rocket', 200)
@@ -32,7 +32,7 @@ def test_the_newest_of_the_right_world(tmp_path: Path) -> None:
     assert find_policy('', 'rocket', tmp_path) == newest
 
 
-def test_a_run_that_is_not_whole_is_passed_over(tmp_path: Path) -> None:
+def test_damaged_and_unfinished_runs_are_skipped(tmp_path: Path) -> None:
     whole = run(tmp_path, 'a', 'rocket', 100)
     damaged = run(tmp_path, 'b', 'rocket', 200)
     damaged.write_bytes(damaged.read_bytes()[:-1])
@@ -43,7 +43,7 @@ def test_a_run_that_is_not_whole_is_passed_over(tmp_path: Path) -> None:
     assert find_policy('', 'rocket', tmp_path) == under_way
 
 
-def test_else_the_one_that_ships(tmp_path: Path) -> None:
+def test_the_shipped_policy_is_the_fallback(tmp_path: Path) -> None:
     shipped = find_policy('', 'rocket', tmp_path)
     assert shipped.name == 'rocket.safetensors'
     assert shipped.stat().st_size < 1 << 20

@@ -22,7 +22,7 @@ from rocket_sim_node.worlds.jobs import fly
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 
 
-def test_fuel_is_counted_exactly_while_the_engine_does_as_it_is_told() -> None:
+def test_fuel_is_counted_exactly_while_the_engine_follows_commands() -> None:
     world = worlds.make('rocket', 5, seed=2, level=7)
     memory, throttle = FlightMemory(RocketSettings()), np.array([0.0, 0.3, 0.5, 0.8, 1.0])
     observation = world.observe()
@@ -37,7 +37,7 @@ def test_fuel_is_counted_exactly_while_the_engine_does_as_it_is_told() -> None:
     assert 2000 - memory.burnt == pytest.approx(world.telemetry(slice(None)).fuel, rel=1e-6)
 
 
-def test_a_row_is_forgotten_when_its_flight_does_not_go_on() -> None:
+def test_the_memory_of_a_row_is_reset_when_its_flight_ends() -> None:
     world = worlds.make('rocket', 3, seed=2, level=7)
     settings, memory = world.spec.settings, FlightMemory(RocketSettings())
     memory.look(look(world.observe(), settings))
@@ -62,7 +62,7 @@ TIPPING: dict[str, Any] = {
 """Starts most of which tip over within a second, after a fall of less than 5 m."""
 
 
-def test_heights_do_not_tell_of_an_episode_that_begins_as_high() -> None:
+def test_heights_alone_miss_an_episode_that_begins_at_the_last_height() -> None:
     """Why those who fly tell: rockets that tip over at once begin anew where they ended."""
     world = worlds.make('rocket', 8, **TIPPING)
     settings = world.spec.settings
@@ -85,7 +85,7 @@ def test_heights_do_not_tell_of_an_episode_that_begins_as_high() -> None:
     assert missed > 8
 
 
-def test_noise_of_any_size_does_not_end_a_flight_that_is_told_of() -> None:
+def test_sensor_noise_does_not_reset_the_memory_of_a_flight() -> None:
     """Of 50 m here: heights jump, and yet the fuel is counted on."""
     world = worlds.make(
         'rocket', 4, seed=1, level=7, sensor_noise_low=100.0, sensor_noise_high=100.0)
@@ -119,7 +119,8 @@ class Listening:
         self.told.append([] if rows is None else rows.tolist())
 
 
-def test_all_who_fly_tell_when_episodes_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pilots_are_informed_of_new_episodes_in_all_flights(
+        monkeypatch: pytest.MonkeyPatch) -> None:
     """First of all rows, then of each that finished, in the order of the steps."""
     world = worlds.make('rocket', 6, seed=0, level=7, spawn_height=30.0, spawn_angle=80.0)
     finished: list[list[int]] = []
