@@ -95,7 +95,7 @@ def test_the_mode_is_the_likeliest_and_of_equals_the_first() -> None:
 
 
 @pytest.mark.parametrize('poison', [float('nan'), float('inf')])
-def test_no_action_comes_of_weights_that_are_not_finite(poison: float) -> None:
+def test_weights_that_are_not_finite_are_refused(poison: float) -> None:
     one = policy()
     with torch.no_grad():
         one.logits[-1].bias[2] = poison

@@ -36,7 +36,7 @@ def test_an_advantage_is_the_return_less_the_mean_of_the_other_copies() -> None:
     assert advantage[:3] / advantage[0] == pytest.approx(expected / expected[0])
 
 
-def test_a_start_that_nobody_can_mend_says_nothing() -> None:
+def test_a_start_that_always_fails_gives_no_advantage() -> None:
     lost, easy = np.full(4, -104.0), np.array([295.0, 295.1, 295.2, 295.3])
     advantage = relative_advantages(np.concatenate((lost, easy)), 4)
     assert not advantage[:4].any()
@@ -49,7 +49,7 @@ def test_one_crash_among_many_landings_is_limited() -> None:
     assert relative_advantages(returns, 4).min() >= -4.0
 
 
-def test_all_equal_returns_are_no_advantage() -> None:
+def test_equal_returns_give_no_advantage() -> None:
     assert not relative_advantages(np.full(8, 3.0), 4).any()
 
 

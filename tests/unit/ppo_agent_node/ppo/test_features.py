@@ -62,20 +62,20 @@ def test_distance_weighs_with_the_square_of_the_time_to_go_and_drift_with_it() -
     assert found[14] == found[15] == 0.0
 
 
-def test_they_are_finite_at_and_below_the_ground_and_in_a_climb() -> None:
+def test_features_are_finite_at_and_below_the_ground_and_in_a_climb() -> None:
     for height in (0.0, -3.0):
         for speed in (0.0, -30.0, 30.0):
             assert features()(observe(pad_y=-height, velocity_y=speed)).isfinite().all()
 
 
-def test_a_world_without_rockets_has_none() -> None:
+def test_a_world_without_rockets_has_no_features() -> None:
     spec = worlds.make('lunar_lander').spec
     with pytest.raises(ValueError, match=r"features: got 'descent', expected 'none' .* pad_y"):
         make_features('descent', spec.observation_names, spec.settings)
     assert make_features('none', spec.observation_names, spec.settings) is None
 
 
-def test_the_quick_way_normalises_as_the_module_does() -> None:
+def test_the_fast_path_normalises_as_the_module_does() -> None:
     observation = torch.tensor(WORLD.observe())
     normaliser = Normaliser(15, features())
     normaliser.width[13] = 0.02
@@ -88,7 +88,7 @@ def test_the_quick_way_normalises_as_the_module_does() -> None:
     assert normaliser(observation).shape == (4, 15 + features().count)
 
 
-def test_a_policy_file_flies_alike_and_older_files_have_no_features(tmp_path: Path) -> None:
+def test_a_policy_file_keeps_its_features_and_older_files_have_none(tmp_path: Path) -> None:
     config = load_preset('default', features='descent', hidden_sizes=(16,))
     policy = Learner(SPEC, config).policy
     policy.normaliser.fit(torch.tensor(WORLD.observe()))

@@ -27,7 +27,7 @@ def test_the_miss_is_the_offset_plus_drift_times_the_time_to_go() -> None:
     assert found[:-4] == pytest.approx(plain(torch.from_numpy(env.observe()))[0].numpy())
 
 
-def test_what_nothing_has_fitted_is_of_the_order_of_one() -> None:
+def test_features_are_of_order_one_before_the_normaliser_is_fitted() -> None:
     """Of starts of the whole task, no feature is beyond 5 and those of guidance are no dust."""
     env = worlds.make('rocket', num_envs=500, level=7)
     normaliser = Normaliser(15, make_features(

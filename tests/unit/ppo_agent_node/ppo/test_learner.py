@@ -121,7 +121,7 @@ def batch(one: Learner) -> Batch:
 
 
 @pytest.mark.parametrize('field', ['advantage', 'target'])
-def test_an_update_that_diverges_is_told(field: str) -> None:
+def test_an_update_that_diverges_is_reported(field: str) -> None:
     one = learner()
     samples = batch(one)
     poisoned = samples._replace(**{field: torch.full((256,), torch.inf)})
@@ -139,7 +139,7 @@ def improved(one: Learner, iterations: int = 2) -> dict[str, torch.Tensor]:
 
 
 @pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
-def test_networks_that_lie_elsewhere_are_brought_back(
+def test_networks_on_another_device_are_copied_back(
     world: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The first processor by its number is no other one, but torch tells the two apart."""
@@ -186,7 +186,7 @@ def test_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_device('cpu') == torch.device('cpu')
 
 
-def test_a_run_may_go_on_elsewhere() -> None:
+def test_a_run_may_continue_on_another_device() -> None:
     spec = worlds.make('rocket', num_envs=4).spec
     found, other = (
         json.loads(json.dumps(description(spec, load_preset('default', device=name))))
@@ -195,7 +195,7 @@ def test_a_run_may_go_on_elsewhere() -> None:
     _same(Path('checkpoint'), found, other)
 
 
-def test_what_is_saved_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> None:
+def test_a_loaded_learner_continues_bit_for_bit(tmp_path: Path) -> None:
     one, other = learner(), learner()
     saved = improved(one)
     assert int(saved['policy_optimiser.steps']) == 16
@@ -219,7 +219,7 @@ def test_what_is_saved_goes_on_as_if_nothing_had_happened(tmp_path: Path) -> Non
      r"x: tensor 'critic_optimiser\.0\.exp_avg' is .*\(3,\), expected .*\(16, 32\)"),
     ({'policy.log_std': torch.full((3,), torch.nan)}, r"x: tensor 'policy\.log_std' has a value"),
 ])
-def test_what_does_not_fit_is_refused_and_changes_nothing(
+def test_tensors_that_do_not_fit_are_refused_and_change_nothing(
     damage: dict[str, Any], message: str,
 ) -> None:
     one = learner()
@@ -231,7 +231,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(
     assert all(torch.equal(tensor, before[name]) for name, tensor in one.tensors().items())
 
 
-def test_a_seed_decides_what_is_learnt() -> None:
+def test_equal_seeds_learn_the_same() -> None:
     first, again = improved(learner()), improved(learner())
     assert all(torch.equal(tensor, again[name]) for name, tensor in first.items())
 
@@ -261,7 +261,7 @@ def test_the_entropy_bonus_goes_from_the_first_iteration_to_the_end_linearly() -
     assert weights(entropy_coefficient=0.01) == [0.01] * 4
 
 
-def test_the_entropy_bonus_of_the_iteration_is_what_counts() -> None:
+def test_an_update_uses_the_entropy_bonus_of_its_iteration() -> None:
     def learnt(first: float, final: float) -> list[torch.Tensor]:
         one = learner(
             world='lunar_lander', iterations=2, entropy_coefficient=first,
@@ -274,7 +274,7 @@ def test_the_entropy_bonus_of_the_iteration_is_what_counts() -> None:
     assert not all(map(torch.equal, falling, whole))
 
 
-def test_the_policy_does_not_see_what_is_hidden_and_the_critic_does() -> None:
+def test_hidden_observations_reach_the_critic_and_not_the_policy() -> None:
     one = learner(world='lunar_lander', hidden_observations='left_contact angle of_no_world')
     names = worlds.make('lunar_lander').spec.observation_names
     observation = torch.zeros(len(names), len(names))
@@ -288,7 +288,7 @@ def test_the_policy_does_not_see_what_is_hidden_and_the_critic_does() -> None:
         assert set(names) - set(told) == hidden
 
 
-def test_a_policy_that_does_not_see_all_is_saved_as_such(tmp_path: Path) -> None:
+def test_a_saved_policy_keeps_its_hidden_observations(tmp_path: Path) -> None:
     one = learner(world='lunar_lander', hidden_observations='left_contact')
     spec = worlds.make('lunar_lander', num_envs=4).spec
     config = load_preset('default', 'lunar_lander', hidden_sizes=(16, 16))

@@ -129,7 +129,7 @@ def test_normaliser() -> None:
     assert float(normal[:, 1].std()) < 0.01  # a constant is not blown up into noise
 
 
-def test_entries_with_a_width_are_seen_logarithmically() -> None:
+def test_entries_with_a_width_are_scaled_logarithmically() -> None:
     normaliser = Normaliser(2)
     normaliser.width[0] = 0.01
     seen = normaliser(torch.tensor([[1e-5, 3.0], [1.0, 3.0], [10.0, -3.0]]))
@@ -141,7 +141,7 @@ def test_entries_with_a_width_are_seen_logarithmically() -> None:
     assert torch.equal(copied.width, normaliser.width)
 
 
-def test_what_is_hidden_counts_as_0_whatever_is_fitted_and_is_shown_to_others() -> None:
+def test_hidden_entries_are_0_and_copies_do_not_hide_them() -> None:
     normaliser, other = Normaliser(2), Normaliser(2)
     normaliser.hide(1)
     samples = torch.randn(500, 2) * 3 + 5
@@ -175,7 +175,7 @@ def test_dense_layers_in_float32(rows: int, inputs: int, outputs: int, activatio
 
 @pytest.mark.parametrize('rows', [1, 64])
 @pytest.mark.parametrize('activation', ['tanh', 'relu'])
-def test_dense_layers_keep_what_is_not_a_number(rows: int, activation: str) -> None:
+def test_dense_layers_propagate_nan(rows: int, activation: str) -> None:
     x = torch.zeros(rows, 4)
     x[-1, 0] = math.nan
     y = dense(x, torch.ones(64, 4), torch.zeros(64), activation)
@@ -209,7 +209,7 @@ def test_in_flight_a_network_is_the_same_bit_for_bit(rows: int, activation: str)
         assert torch.equal(output(x), network(normaliser(x)))
 
 
-def test_networks_say_the_same_with_gradients_and_without() -> None:
+def test_networks_give_equal_outputs_with_and_without_gradients() -> None:
     for activation in ('tanh', 'relu'):
         network = mlp((15, 64, 48, 3), 1.0, random_streams.generator(1, 'x'), activation)
         x = torch.randn(100, 15, generator=random_streams.generator(1, 'y'))

@@ -86,7 +86,7 @@ def test_networks_are_equivariant_before_and_after_an_update(
     assert_equivariant(learner, symmetry, size)
 
 
-def test_a_clone_is_equivariant_and_its_normaliser_too() -> None:
+def test_a_clone_and_its_normaliser_are_equivariant() -> None:
     """All demonstrations come from one side."""
     config, learner, symmetry, size = made('rocket', 'default', 'turns', 'standard')
     noise = random_streams.generator(3, 'demonstrations')
@@ -106,7 +106,7 @@ def _mirrored(vector: NDArray[np.float64], plane: str, axial: bool) -> NDArray[n
     return (-matrix if axial else matrix) @ vector
 
 
-def test_rockets_fly_as_the_symmetries_say() -> None:
+def test_mirrored_rockets_fly_mirrored_paths() -> None:
     """Mirror images in position, velocity, attitude and spin stay mirror images in flight."""
     world = worlds.make('rocket', 4, level=8, tilt_limit=180.0)
     assert isinstance(world, RocketWorld)

@@ -98,7 +98,7 @@ def run(
     return policy, critic, diagnostics, batch
 
 
-def test_an_update_goes_uphill_and_reports_itself() -> None:
+def test_an_update_improves_both_networks_and_returns_figures() -> None:
     policy, critic, told, batch = run()
     start = setup()[0]
     assert policy.mode(batch.observation)[:, 0].mean() > start.mode(batch.observation)[:, 0].mean()

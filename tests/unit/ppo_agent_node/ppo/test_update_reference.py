@@ -141,7 +141,7 @@ def test_objective_and_error_gradients_are_those_of_autograd() -> None:
             2 * losses.error_gradient(value, old, target, clip_range), v.grad)
 
 
-def test_what_is_not_a_number_is_not_hidden() -> None:
+def test_nan_in_the_samples_is_not_hidden() -> None:
     """A clipped sample counts nothing; one that is no number must not pass for one."""
     gradient = losses.objective_gradient(torch.tensor([math.nan, 1.0]), torch.ones(2), 0.2)
     assert math.isnan(gradient[0])
