@@ -123,7 +123,7 @@ def test_metadata_is_that_of_rosbag2(make_bag: Callable[..., BagFile], tmp_path:
 
 
 @pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
-def test_flights_come_back_bit_for_bit(
+def test_flights_are_read_back_bit_for_bit(
     make_bag: Callable[..., BagFile], tmp_path: Path, world: str,
 ) -> None:
     said = flight_messages(world, 2, STEPS)
@@ -148,7 +148,8 @@ def test_flights_come_back_bit_for_bit(
     assert read(tmp_path / 'bag', topic='/sim_1/state') == []
 
 
-def test_two_simulators_need_a_name(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+def test_a_bag_of_two_simulators_needs_a_topic(
+        make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
     bag = make_bag()
     for space in ('/sim_0', '/sim_1'):
         write(bag, flight_messages('rocket', 1, 24), space)
@@ -157,7 +158,8 @@ def test_two_simulators_need_a_name(make_bag: Callable[..., BagFile], tmp_path: 
         read(tmp_path / 'bag')
 
 
-def test_steps_that_lack_end_a_flight(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+def test_a_flight_with_missing_steps_is_left_out(
+        make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
     said = flight_messages('rocket', 1, 699)
     bag = make_bag()
     write(bag, said[:5] + said[6:])
@@ -210,7 +212,7 @@ def test_rerun_shows_transforms_of_a_bag(
 
 
 @pytest.mark.parametrize('what', ['nothing', 'a text', 'a folder'])
-def test_what_is_no_bag_is_named(
+def test_error_names_a_file_that_is_not_a_bag(
     tmp_path: Path, what: str, capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = tmp_path / 'it.mcap'
@@ -236,7 +238,7 @@ BOMB = 'a0: &a0 [lol, lol]\n' + ''.join(
     ('nanoseconds_since_epoch: ', 'nanoseconds_since_epoch: 9999999999'),
     ('nanoseconds_since_epoch: ', 'nanoseconds_since_epoch: -'),
     ('message_count: ', 'message_count: many '), ('topics_with_message_count:', 'topics:')])
-def test_metadata_of_strangers_is_refused_by_name(
+def test_invalid_metadata_is_refused_by_name(
     make_bag: Callable[..., BagFile], tmp_path: Path, old: str, new: str,
 ) -> None:
     bag = make_bag()
@@ -314,7 +316,7 @@ def test_a_killed_recorders_bag_is_repaired(
     assert not list(tmp_path.glob('*.partial'))
 
 
-def test_killed_while_it_repaired(
+def test_an_interrupted_repair_is_done_again(
     make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
 ) -> None:
     said = flight_messages('rocket', 1, STEPS)
@@ -333,7 +335,7 @@ def test_killed_while_it_repaired(
         'bag_0.mcap', 'metadata.yaml']
 
 
-def test_killed_before_it_got_its_name(
+def test_a_complete_bag_without_its_name_is_renamed(
     make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
 ) -> None:
     bag = make_bag()
@@ -345,7 +347,7 @@ def test_killed_before_it_got_its_name(
     assert len(read(tmp_path / 'bag')) == 1
 
 
-def test_killed_before_the_first_message(
+def test_an_empty_bag_of_a_killed_recorder_is_removed(
     make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
 ) -> None:
     bag = make_bag()
@@ -356,7 +358,7 @@ def test_killed_before_the_first_message(
     assert not list(tmp_path.iterdir())
 
 
-def test_two_recorders_of_one_bag(make_bag: Callable[..., BagFile]) -> None:
+def test_two_recorders_cannot_write_one_bag(make_bag: Callable[..., BagFile]) -> None:
     bag = make_bag()
     with pytest.raises(OSError, match='another recorder writes this bag'):
         make_bag()
@@ -384,7 +386,7 @@ def test_a_full_disk_ends_a_whole_bag(
         assert found.message_count == 10
 
 
-def test_a_quota_that_no_figure_shows_leaves_a_bag_to_repair(
+def test_an_exceeded_quota_leaves_a_bag_to_repair(
     make_bag: Callable[..., BagFile], tmp_path: Path, notes: Notes,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -57,7 +57,7 @@ HUGE_FRAME = b'\x28\xb5\x2f\xfd\xe0' + struct.pack('<Q', 2**50) + b'\x03\x00\x00
     ('', 2**40, 'a chunk: got 1099511627776 bytes'),
     ('', 5, 'a chunk claims 5 bytes, and holds more'),
     ('bzip2', 5, 'unsupported compression type bzip2')])
-def test_a_bomb_is_refused_in_one_line_and_takes_no_memory(
+def test_a_decompression_bomb_is_refused_and_takes_no_memory(
         tmp_path: Path, compression: str, claims: int, words: str) -> None:
     data = {
         'zstd': lambda: zstd_zeros(GIBIBYTE, told=True),
@@ -94,7 +94,7 @@ def test_many_chunks_are_limited_together(
             list(mcap_file.messages(stream))
 
 
-def test_a_file_without_chunks_takes_little_memory_for_its_list(
+def test_the_message_list_of_a_file_without_chunks_is_limited(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_records(tmp_path / 'it.mcap', [SCHEMA, CHANNEL, *(
         Message(1, 1000 - number, b'x', 0, number) for number in range(100))])
@@ -109,7 +109,7 @@ def test_a_file_without_chunks_takes_little_memory_for_its_list(
 @pytest.mark.parametrize('compression', list(CompressionType))
 @pytest.mark.parametrize('topics', [None, ['/b']])
 @pytest.mark.parametrize('summary', [True, False])
-def test_messages_come_as_from_the_library(
+def test_messages_have_the_order_of_the_library(
         tmp_path: Path, compression: CompressionType, topics: list[str] | None, summary: bool,
 ) -> None:
     path = tmp_path / 'it.mcap'

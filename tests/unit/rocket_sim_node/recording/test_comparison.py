@@ -69,7 +69,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_all_fly_the_same_starts_at_the_same_time(run: Path) -> None:
+def test_all_pilots_fly_the_same_starts_at_the_same_time(run: Path) -> None:
     path = run / 'comparison.rrd'
     rerun_program.verify(path)
     flights = reader.trajectories(path)
@@ -137,7 +137,7 @@ def test_size_and_layout(run: Path) -> None:
     assert [item.name for item in run.glob('.*')] == [], 'nothing is left behind'
 
 
-def test_the_plots_hold_what_was_flown(run: Path) -> None:
+def test_the_plots_hold_the_flights(run: Path) -> None:
     path = run / 'comparison.rrd'
     flight = reader.trajectories(path)[1]
     assert flight.pilot == '2_cloned'
@@ -151,7 +151,7 @@ def test_the_plots_hold_what_was_flown(run: Path) -> None:
             [value[0] for _, value in rows], expected, atol=2e-3, err_msg=name)
 
 
-def test_results_are_said(run: Path) -> None:
+def test_results_are_printed_and_recorded(run: Path) -> None:
     said = (run / 'said').read_text()
     assert 'Run **seven**, world **rocket, level 5**: 10 equal starts, seed 20000000.' in said
     shown = [f for f in reader.trajectories(run / 'comparison.rrd') if f.pilot == '1_expert']
@@ -169,7 +169,7 @@ def test_results_are_said(run: Path) -> None:
     assert said.startswith(document)
 
 
-def test_a_world_without_a_teacher(tmp_path: Path) -> None:
+def test_a_run_without_demonstrations_is_compared_without_a_clone(tmp_path: Path) -> None:
     run = make_run(tmp_path / 'moon', 'lunar_lander', 0, clone=False)
     said = compare.make(Comparison(run_dir=str(run), episodes=2, output=str(tmp_path / 'a.rrd')))
     assert 'without demonstrations: there is no clone' in said
@@ -180,7 +180,7 @@ def test_a_world_without_a_teacher(tmp_path: Path) -> None:
     assert total == pytest.approx(flights[0].summary['return'], abs=1e-2)
 
 
-def test_a_run_of_before_clones_were_kept(tmp_path: Path) -> None:
+def test_an_older_run_is_compared_without_its_clone(tmp_path: Path) -> None:
     run = make_run(tmp_path / 'old', 'rocket_planar', 512, clone=False)
     said = compare.make(Comparison(run_dir=str(run), episodes=1, level=2, seed=4))
     assert 'the version that made it kept no clone' in said
@@ -249,7 +249,7 @@ def test_a_moment_is_a_number(at: str) -> None:
         replace(fall(1.0), values=fall(1.0).values + 1.0),))],
      'flight 1 of b began at another position than that of a'),
 ])
-def test_what_cannot_be_compared_is_named(
+def test_flights_that_cannot_be_compared_are_refused(
     tmp_path: Path, sides: list[Side], complaint: str,
 ) -> None:
     with pytest.raises(ValueError, match=complaint):
@@ -329,7 +329,7 @@ def test_two_worlds_in_one_file_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(rocket.fuel, parts[0].end.fuel, atol=1e-2)
 
 
-def test_the_command_says_how_it_is_called(
+def test_the_command_prints_its_usage(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(sys, 'argv', ['compare', '--help'])

@@ -128,7 +128,7 @@ def record(
     return recorder, notes
 
 
-def test_what_is_recorded_can_be_read_back(tmp_path: Path, flown: Samples) -> None:
+def test_recorded_flights_can_be_read_back(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'flights.rrd'
     recorder, _ = record(path, flown)
     rerun_program.verify(path)
@@ -223,7 +223,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['FIFO', 'symbolic link'])
-def test_what_is_no_file_is_neither_waited_for_nor_followed(tmp_path: Path, kind: str) -> None:
+def test_a_fifo_or_symbolic_link_as_partial_file_is_refused(tmp_path: Path, kind: str) -> None:
     theirs, partial = tmp_path / 'theirs', tmp_path / 'run.partial.rrd'
     theirs.write_text('precious')
     if kind == 'FIFO':
@@ -254,7 +254,7 @@ def test_the_file_of_a_killed_recorder_is_repaired(tmp_path: Path, flown: Sample
     assert [p.name for p in tmp_path.iterdir()] == ['run.rrd']
 
 
-def test_nothing_is_published_of_a_recorder_that_was_killed_before_it_heard_anything(
+def test_an_empty_file_of_a_killed_recorder_is_removed(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -271,7 +271,7 @@ def test_nothing_is_published_of_a_recorder_that_was_killed_before_it_heard_anyt
     assert not list(tmp_path.iterdir())
 
 
-def test_a_repair_that_was_ended_is_made_another_time(
+def test_a_terminated_repair_is_done_again_later(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As when a job is told to end, with all that it started."""
     path, whole = tmp_path / 'run.rrd', tmp_path / 'whole.rrd'
@@ -292,7 +292,7 @@ def test_a_repair_that_was_ended_is_made_another_time(
     assert path.exists() and not partial_path(path).exists()
 
 
-def test_what_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
     partial_path(tmp_path / 'run.rrd').write_bytes(b'no recording' * 100)
     notes: Notes = []
     FileSink(tmp_path / 'run.rrd', lambda *note: notes.append(note)).close()
@@ -324,7 +324,7 @@ def test_a_full_disk_ends_the_recording_whole(
     assert 0 < recorder.flights == len(reader.trajectories(path))
 
 
-def test_where_there_is_no_room_for_a_copy_none_is_made(
+def test_without_room_for_a_copy_there_is_no_table_of_contents(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -359,7 +359,7 @@ def test_a_quota_that_is_used_up_is_named_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('part', [0.3, 0.6, 0.9])
-def test_what_could_not_be_written_to_its_end_is_left_to_the_next_recorder(
+def test_a_recording_cut_short_is_repaired_by_the_next_recorder(
     tmp_path: Path, flown: Samples, part: float,
 ) -> None:
     whole, path = tmp_path / 'whole.rrd', tmp_path / 'run.rrd'
@@ -409,7 +409,7 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run.rrd', 'whole.rrd']
 
 
-def test_a_writer_that_died_is_noticed_while_recording(
+def test_a_failed_writer_is_noticed_while_recording(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The disk has room again, or a quota says otherwise."""
@@ -429,7 +429,7 @@ def test_a_writer_that_died_is_noticed_while_recording(
     assert len(notes) == 1
 
 
-def test_a_disk_may_stand_still_for_a_while_but_not_for_two(
+def test_one_stalled_flush_is_tolerated_and_two_end_the_recording(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     stands = [True, False, True, True]
@@ -459,7 +459,7 @@ def test_a_disk_may_stand_still_for_a_while_but_not_for_two(
     assert before <= len(reader.trajectories(tmp_path / 'run.rrd')) <= before + 1
 
 
-def test_a_recorder_without_room_lets_go_of_the_file(
+def test_a_recorder_without_disk_space_releases_the_file(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     path = tmp_path / 'run.rrd'
@@ -486,7 +486,7 @@ def record_to_partial(path: Path, samples: Samples) -> None:
     other.replace(partial_path(path))
 
 
-def test_what_was_published_by_one_who_was_killed_then_is_not_touched(
+def test_a_file_published_by_a_killed_recorder_is_not_changed(
     tmp_path: Path, flown: Samples,
 ) -> None:
     """It has both names for a moment."""
@@ -500,7 +500,7 @@ def test_what_was_published_by_one_who_was_killed_then_is_not_touched(
     assert sorted(p.name for p in tmp_path.iterdir()) == ['run-2.rrd', 'run.rrd']
 
 
-def test_what_cannot_get_its_name_stays(
+def test_a_file_that_cannot_be_renamed_is_kept(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refuse(source: Path, path: Path) -> Path:
@@ -514,7 +514,7 @@ def test_what_cannot_get_its_name_stays(
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_partial_file_that_was_removed_is_told(tmp_path: Path, flown: Samples) -> None:
+def test_a_removed_partial_file_is_reported(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
     notes: Notes = []
     sink = FileSink(path, lambda *note: notes.append(note))
@@ -577,7 +577,7 @@ def test_a_flight_with_a_gap_is_dropped(flown: Samples) -> None:
     assert not buffer.extend(twice)
 
 
-def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) -> None:
+def test_a_new_session_drops_unfinished_flights(tmp_path: Path, flown: Samples) -> None:
     recorder = Recorder(RecordingFilter(rows=(0,)), [], lambda *note: None)
     first_end = int(np.flatnonzero((flown.row == 0) & (flown.outcome != NO_OUTCOME))[0])
     feed(recorder, flown.take(slice(0, first_end - 20)), session=1)
@@ -589,7 +589,7 @@ def test_a_new_session_drops_what_was_under_way(tmp_path: Path, flown: Samples) 
     assert recorder.flights > 0
 
 
-def test_samples_may_overtake_their_world(flown: Samples) -> None:
+def test_samples_may_arrive_before_their_world(flown: Samples) -> None:
     recorder = Recorder(RecordingFilter(), [], lambda *note: None)
     recorder.states(1, flown)
     assert recorder.flights == 0
@@ -597,7 +597,7 @@ def test_samples_may_overtake_their_world(flown: Samples) -> None:
     assert recorder.flights == sum(len(flights_of(flown, row)) for row in range(4))
 
 
-def test_gaps_are_told_also_of_samples_that_overtook_their_world(flown: Samples) -> None:
+def test_gaps_in_samples_that_arrived_before_their_world_are_reported(flown: Samples) -> None:
     told: list[tuple[str, str]] = []
     recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
     recorder.states(1, flown.take(flown.step <= 10))
@@ -609,7 +609,7 @@ def test_gaps_are_told_also_of_samples_that_overtook_their_world(flown: Samples)
     assert recorder.missed == 5
 
 
-def test_samples_left_out_for_want_of_their_world_are_told(flown: Samples) -> None:
+def test_samples_dropped_without_their_world_are_reported(flown: Samples) -> None:
     told: list[tuple[str, str]] = []
     recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
     for _ in range(EARLY + 1):
@@ -625,7 +625,7 @@ def test_samples_left_out_for_want_of_their_world_are_told(flown: Samples) -> No
     (RecordingFilter(rows=(1,), every_nth_episode=2), False, [(1, 0), (1, 1), (1, 2), (1, 3)]),
     (RecordingFilter(rows=(7,)), False, []),
 ])
-def test_choice(
+def test_the_filter_selects_flights_by_row_episode_and_outcome(
     tmp_path: Path, flown: Samples, choice: RecordingFilter, learning: bool,
     expected: list[tuple[int, int]],
 ) -> None:
@@ -649,7 +649,7 @@ def has_ended(samples: Samples, pair: tuple[int, int]) -> bool:
     return bool(np.any(samples.outcome[mine] != NO_OUTCOME))
 
 
-def test_room(flown: Samples) -> None:
+def test_the_room_is_shared_between_training_and_evaluation(flown: Samples) -> None:
     notes: Notes = []
     recorder = Recorder(RecordingFilter(max_steps=2000), [], lambda *note: notes.append(note))
     recorder.training(Training('finetune', 1, {}))
@@ -663,7 +663,7 @@ def test_room(flown: Samples) -> None:
     assert len(notes) == 2
 
 
-def test_training(tmp_path: Path, flown: Samples) -> None:
+def test_training_reports_are_recorded_by_iteration(tmp_path: Path, flown: Samples) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(
         RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None)
@@ -780,7 +780,7 @@ def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint
         command_line.parse(ScreenshotSettings, arguments)
 
 
-def test_no_recording_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_recording_is_named(tmp_path: Path) -> None:
     with pytest.raises(OSError, match='no such recording'):
         reader.trajectories(tmp_path / 'none.rrd')
     (tmp_path / 'junk.rrd').write_bytes(b'junk' * 100)
@@ -816,7 +816,7 @@ def test_a_long_training_is_logged_in_ever_larger_parts() -> None:
     assert puts == after
 
 
-def test_reports_of_a_fast_training_do_not_wait_in_any_number() -> None:
+def test_the_number_of_waiting_training_reports_is_limited() -> None:
     puts: list[object] = []
     training = TrainingRecorder(puts.append, lambda: 0.0)
     training.add(Training('finetune', 1, {}), 0, 0.02)
@@ -828,7 +828,7 @@ def test_reports_of_a_fast_training_do_not_wait_in_any_number() -> None:
     assert len(puts) == began + 1
 
 
-def test_gathered_reports_are_what_was_reported() -> None:
+def test_gathered_reports_hold_the_reported_values() -> None:
     gathered = training_plots.GatheredReports()
     places, values = gathered.take()
     assert (len(gathered), places, values.shape) == (0, [], (0, len(training_plots.LINES)))

@@ -90,7 +90,7 @@ def test_a_nominal_recording_has_nothing_of_conditions(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
-def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path) -> None:
+def test_drawn_conditions_and_their_effects_are_recorded(world: str, tmp_path: Path) -> None:
     path = tmp_path / 'mix.rrd'
     samples = flight(
         thrust_factor=0.96, action_delay=2, side_acceleration=0.5, side_direction=np.pi / 3)
@@ -126,7 +126,7 @@ def test_what_was_drawn_and_what_it_does_is_recorded(world: str, tmp_path: Path)
         'side_direction': np.pi / 3}
 
 
-def test_nominal_flights_beside_others_stay_as_they_are(tmp_path: Path) -> None:
+def test_nominal_flights_beside_others_record_no_conditions(tmp_path: Path) -> None:
     path = tmp_path / 'both.rrd'
     recorder = record(path, stage(), joined(
         flight(0), flight(1, throttle_floor=0.6), flight(2)))
@@ -155,7 +155,7 @@ def test_the_tab_survives_a_rewriting_and_can_be_in_front(tmp_path: Path) -> Non
     assert 'TextDocument' not in view_classes(again)
 
 
-def test_every_range_that_is_not_nominal_is_told() -> None:
+def test_every_range_that_is_not_nominal_is_detected() -> None:
     for name in RANGES:
         samples = flight(**{name: 2.0})
         assert conditions_log.unusual(samples.values, samples.layout, stage()), name

@@ -158,7 +158,7 @@ def rows(path: Path) -> Rows:
 
 
 @pytest.mark.slow
-def test_what_was_seen_live_is_what_was_recorded(
+def test_the_live_stream_matches_the_recording(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Tape(tmp_path / 'live.rrd')
@@ -188,7 +188,7 @@ def test_what_was_seen_live_is_what_was_recorded(
                 np.testing.assert_equal(live[entity][step][name], value, f'{entity} {step}')
 
 
-def test_a_flight_is_seen_while_it_goes_on(
+def test_a_flight_is_shown_while_it_is_flown(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     stage, samples = flown
@@ -231,7 +231,7 @@ def test_a_flight_that_breaks_off_leaves_room_for_the_next(
     assert any(np.isnan(seen[step]['Flight:sample'][0]['motion'][0]) for step in gap)
 
 
-def test_nothing_is_followed_that_is_not_recorded(
+def test_flights_that_are_not_recorded_are_not_shown_live(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Tape(tmp_path / 'live.rrd')
@@ -288,7 +288,7 @@ def test_viewers_go_on_when_the_file_is_full(
     assert not (tmp_path / 'file.rrd').exists()
 
 
-def test_what_a_learner_flies_ends_with_the_room_for_it(
+def test_training_flights_are_not_shown_once_their_room_is_used_up(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     path = tmp_path / 'file.rrd'
@@ -329,7 +329,7 @@ def test_a_new_session_is_another_flight(tmp_path: Path, flown: tuple[WorldInfo,
     assert steps[whole[0] + 1:whole[0] + 31] == list(range(first, first + 30))
 
 
-def test_closed_in_the_first_flight_it_is_kept_once(
+def test_a_recording_closed_in_its_first_flight_holds_it_once(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     stage, samples = flown
@@ -344,7 +344,7 @@ def test_closed_in_the_first_flight_it_is_kept_once(
     assert sorted(rows(tmp_path / 'live.rrd')[entities.ROCKET]) == list(range(51))
 
 
-def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go_on(
+def test_ended_flights_are_recorded_although_the_followed_one_stalls(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     """Its agent may have died."""
@@ -366,7 +366,7 @@ def test_what_ended_is_recorded_although_the_flight_that_is_followed_does_not_go
 
 
 @pytest.mark.parametrize('reported', [True, False])
-def test_flights_before_and_after_learning_keep_to_their_kind(
+def test_only_flights_during_training_are_filtered_as_training(
     tmp_path: Path, flown: tuple[WorldInfo, Samples], reported: bool,
 ) -> None:
     """Also those that wait beside one that is followed; and if nobody said that it is over."""
@@ -392,7 +392,7 @@ def test_flights_before_and_after_learning_keep_to_their_kind(
     assert recorder.flights > before
 
 
-def test_the_end_of_a_flight_is_seen_before_others_follow(
+def test_the_end_of_a_flight_is_shown_before_others_follow(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
     tape = Blind(tmp_path / 'live.rrd')
@@ -408,7 +408,7 @@ def test_the_end_of_a_flight_is_seen_before_others_follow(
     assert (gaps[gaps > follower.PERIOD] >= follower.DWELL - 2 * follower.PERIOD).all()
 
 
-def test_what_follows_a_landing_is_seen_too(tmp_path: Path) -> None:
+def test_settling_after_a_landing_is_shown_live(tmp_path: Path) -> None:
     world, samples = fly('rocket', ROCKETS, 800, brake, **SETTINGS['rocket'])
     spec = world.spec
     stage = WorldInfo.build(spec.name, spec.dt, spec.outcomes, spec.settings)
@@ -472,7 +472,7 @@ def url(port: int) -> str:
     return f'rerun+http://127.0.0.1:{port}/proxy'
 
 
-def test_a_viewer_that_is_away_holds_up_nobody(
+def test_a_missing_viewer_does_not_block_the_recorder(
     tmp_path: Path, port: int, flown: tuple[WorldInfo, Samples],
 ) -> None:
     notes: Notes = []
@@ -490,7 +490,7 @@ def test_a_viewer_that_is_away_holds_up_nobody(
 
 
 @pytest.mark.slow
-def test_a_viewer_that_comes_late_gets_what_was_before(
+def test_a_late_viewer_gets_the_earlier_flights(
     tmp_path: Path, port: int, flown: tuple[WorldInfo, Samples],
     start: Callable[..., rerun_program.Program],
 ) -> None:
@@ -522,7 +522,7 @@ def test_a_viewer_that_comes_late_gets_what_was_before(
 
 
 @pytest.mark.slow
-def test_a_viewer_may_go_and_come_back(
+def test_a_viewer_may_disconnect_and_reconnect(
     port: int, flown: tuple[WorldInfo, Samples], start: Callable[..., rerun_program.Program],
 ) -> None:
     notes: Notes = []
@@ -543,7 +543,7 @@ def test_a_viewer_may_go_and_come_back(
     assert time.monotonic() - began < 30.0
 
 
-def test_a_viewer_that_stands_still_has_one_stream_at_a_time(
+def test_a_stalled_viewer_has_one_stream_at_a_time(
         port: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rerun lets go of a stream only when the viewer goes on, or is gone."""
     looks: list[tuple[str, int]] = []

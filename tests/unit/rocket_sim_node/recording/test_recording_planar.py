@@ -150,7 +150,7 @@ def test_feet_of_the_rocket_stand_at_its_stance() -> None:
     assert feet[0, 0, 2] < feet[0, 1, 2], 'turned to the left the left foot is the lower one'
 
 
-def test_what_a_lander_did_is_in_the_file(tmp_path: Path) -> None:
+def test_the_file_holds_terrain_legs_and_puffs_of_a_lander(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     record(path, LUNAR, descend(2))
     rerun_program.verify(path)
@@ -198,7 +198,7 @@ def test_no_contact_costs_nothing(tmp_path: Path) -> None:
     assert rows_of(tmp_path / 'run.rrd', entities.CONTACT, 'Points3D:positions') == []
 
 
-def test_a_lander_stands_where_training_is_shown(tmp_path: Path) -> None:
+def test_the_training_timeline_shows_a_lander_on_its_terrain(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(
         RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None)
@@ -249,7 +249,7 @@ def test_each_world_has_its_view(tmp_path: Path) -> None:
         assert plots == len(SCENERIES.get(world, SCENERIES['rocket']).plots)
 
 
-def test_it_settles_when_it_touches() -> None:
+def test_the_phase_is_settling_after_contact() -> None:
     flight = one_flight()
     flight.values[:, FIELDS['throttle']] = 0.0
     assert trajectory_log.phases(flight) == [(0, 'fall'), (50, 'settling'), (59, 'landed')]

@@ -79,7 +79,7 @@ def test_lines_have_names_and_colours(tmp_path: Path, world: str) -> None:
             rr.encodings.Rgba32(colour).rgba for colour in plot.colours]
 
 
-def test_what_was_recorded_with_a_component_for_each_plot_is_read(
+def test_older_recordings_with_a_component_for_each_plot_are_read(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     flown = stage_of('rocket'), landing('rocket')
 

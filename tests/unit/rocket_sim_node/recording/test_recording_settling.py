@@ -89,7 +89,7 @@ def settled(tmp_path: Path) -> Path:
     return path
 
 
-def test_flights_are_what_they_were(settled: Path) -> None:
+def test_settling_does_not_change_the_flights(settled: Path) -> None:
     first, second = reader.trajectories(settled)
     assert len(first.time) == len(second.time) == FLIGHT
     assert first.position[-1, 2] == pytest.approx(5.2)
@@ -100,7 +100,7 @@ def test_flights_are_what_they_were(settled: Path) -> None:
     assert second.start == pytest.approx(0.02 * (FLIGHT + AFTER + pause_steps(STAGE)))
 
 
-def test_the_vehicle_goes_on_moving(settled: Path) -> None:
+def test_the_vehicle_moves_while_it_settles(settled: Path) -> None:
     poses = dict(rows_of(settled, entities.ROCKET, 'Transform3D:translation'))
     settling = toppled(STAGE)
     for k in (0, 50, AFTER - 1):
@@ -163,7 +163,7 @@ def test_without_a_viewer_landings_wait_for_others(tmp_path: Path) -> None:
     assert len(set(order)) == len(order)
 
 
-def test_what_is_reported_comes_after_the_flights_before_it(tmp_path: Path) -> None:
+def test_reports_come_after_the_flights_before_them(tmp_path: Path) -> None:
     path = tmp_path / 'run.rrd'
     recorder = Recorder(
         RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=topple)
@@ -197,7 +197,7 @@ def test_room_that_ends_amid_flights_that_settle_together(tmp_path: Path) -> Non
     assert [flight.summary['settled'] for flight in reader.trajectories(path)] == [AFTER, 0]
 
 
-def test_it_is_said(settled: Path) -> None:
+def test_the_verdict_is_shown_and_logged(settled: Path) -> None:
     states = [
         (step, state[0]) for step, state in rows_of(settled, entities.PHASE, 'StateChange:state')]
     end = FLIGHT + AFTER - 1
@@ -257,7 +257,7 @@ def test_picture(settled: Path) -> None:
     assert rows[1] > rows[0] + 50
 
 
-def test_the_view_holds_what_has_toppled() -> None:
+def test_the_view_holds_a_toppled_vehicle() -> None:
     flight = Trajectory(0, 0, 0, 'landed', two_flights().values[:FLIGHT])
     settling = toppled(STAGE)
     whole = flight.followed_by(settling)
@@ -353,7 +353,7 @@ def test_landings_that_settle_together_do_so_as_each_alone() -> None:
     assert len(lengths) == 3
 
 
-def test_nothing_is_followed_while_an_agent_learns(tmp_path: Path) -> None:
+def test_landings_do_not_settle_during_training(tmp_path: Path) -> None:
     """Training has no use for it, and the recorder should not take its time."""
     asked: list[Trajectory] = []
 

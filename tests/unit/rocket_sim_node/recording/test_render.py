@@ -131,7 +131,7 @@ class Idle:
         return np.tile(np.array((-1, 0, 0), np.float32), (len(observation), 1))
 
 
-def test_what_the_viewer_complains_of_is_told(tmp_path: Path) -> None:
+def test_errors_of_the_viewer_are_reported(tmp_path: Path) -> None:
     """A plot that asks for a part which its component does not have."""
     path = tmp_path / 'bad.rrd'
     lines = rr.SeriesLines().visualizer(mappings=[VisualizerComponentMapping(
@@ -149,7 +149,7 @@ def test_what_the_viewer_complains_of_is_told(tmp_path: Path) -> None:
         rendering.pictures(path, [3.0])
 
 
-def test_a_missing_driver_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_driver_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a machine without one: the test is left out, but fails where CI is set."""
     path = tmp_path / 'run.rrd'
     record(path, *flown('lunar_lander'))

@@ -37,7 +37,7 @@ def test_an_invalid_expression_is_named(pattern: str) -> None:
         entities.rows_named(pattern, 12)
 
 
-def test_an_expression_that_takes_years_is_given_up_and_other_timers_go_on() -> None:
+def test_an_endless_expression_is_aborted_and_other_timers_continue() -> None:
     before = signal.getsignal(signal.SIGALRM)
     left = signal.getitimer(signal.ITIMER_REAL)[0]
     began = time.monotonic()
@@ -59,7 +59,7 @@ def test_states_are_in_the_world_frame_with_z_up() -> None:
     assert (linear[:, 2] < 0.0).all()
 
 
-def test_a_sphere_holds_what_is_within_its_radius() -> None:
+def test_a_sphere_holds_positions_within_its_radius() -> None:
     position = np.array([[0.0, 0.0, 5.0], [3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
     assert entities.within(position, (0.0, 0.0, 0.0), 5.0).tolist() == [True, True, True]
     assert entities.within(position, (0.0, 0.0, 5.0), 1.0).tolist() == [True, False, False]

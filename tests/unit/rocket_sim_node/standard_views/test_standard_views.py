@@ -67,7 +67,7 @@ def test_twists_are_in_the_body_frame() -> None:
     assert checked > 100  # a twist in the world frame would be noticed
 
 
-def test_an_imu_feels_thrust_and_drag_and_no_gravity() -> None:
+def test_an_imu_measures_thrust_and_no_gravity() -> None:
     world, samples, views = views_of(1, 40, level=7, drag_coefficient=0.0)
     moments = views.add(1, samples)
     first, *rest = (view for moment in moments for view in moment.rockets)
@@ -81,7 +81,7 @@ def test_an_imu_feels_thrust_and_drag_and_no_gravity() -> None:
     assert world.spec.settings['gravity'] == 9.81
 
 
-def test_a_lander_in_free_fall_feels_nothing() -> None:
+def test_a_lander_in_free_fall_has_no_specific_force() -> None:
     world, samples = fly(
         'lunar_lander', 1, 20, lambda telemetry, observation: np.zeros(1, np.int32))
     views = MotionViews([0])
@@ -173,7 +173,7 @@ def test_the_rate_is_limited_and_ends_are_kept() -> None:
     assert {m.stamp for m in moments} <= {m.stamp for m in everything.add(1, samples)}
 
 
-def test_missed_steps_are_counted_and_their_force_is_not_known() -> None:
+def test_missed_steps_are_counted_and_their_force_is_unknown() -> None:
     _, samples, views = views_of(1, 30, level=7)
     views.add(1, samples.take(samples.step < 10))
     after = views.add(1, samples.take(samples.step >= 15))
@@ -189,7 +189,7 @@ def test_missed_steps_are_counted_and_their_force_is_not_known() -> None:
     ('world', 'before the description of the world'),
     ('conditions', 'conditions: .* values a sample, expected 1'),
 ])
-def test_what_no_simulator_sends_is_named(spoil: str, complaint: str) -> None:
+def test_invalid_samples_are_refused_by_name(spoil: str, complaint: str) -> None:
     world, samples, views = views_of(1, 3, level=7)
     if spoil == 'orientation':
         samples.values[2, FIELDS['orientation']] *= 2.0
