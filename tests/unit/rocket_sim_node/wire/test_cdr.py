@@ -33,7 +33,7 @@ def random_message(kind: Any, rng: np.random.Generator) -> tuple[Any, list[int],
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_both_ways(kind: Any) -> None:
+def test_messages_are_encoded_and_decoded_as_by_rosidl(kind: Any) -> None:
     codec, rng = Codec(kind), np.random.default_rng(1)
     for _ in range(200):
         message, numbers, arrays = random_message(kind, rng)
@@ -55,7 +55,7 @@ def test_bytes_of_another_order_are_read() -> None:
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_what_is_cut_short_is_refused(kind: Any) -> None:
+def test_truncated_messages_are_refused(kind: Any) -> None:
     codec = Codec(kind)
     _, numbers, arrays = random_message(kind, np.random.default_rng(3))
     whole = codec.encode(numbers, [np.ones(3, a.dtype) for a in arrays])
@@ -72,6 +72,6 @@ def test_lengths_beyond_the_bytes_are_refused() -> None:
         codec.decode(bytes(whole))
 
 
-def test_other_messages_are_refused() -> None:
+def test_messages_with_text_fields_are_refused() -> None:
     with pytest.raises(ValueError, match='World: world is string, expected numbers'):
         Codec(msg.World)

@@ -25,7 +25,7 @@ class Sleeper:
 
 
 @pytest.mark.parametrize('step', [-86_400.0, -1.0, 3_600.0])
-def test_a_step_of_the_clock_wakes_who_waits(
+def test_a_step_of_the_clock_wakes_waiting_objects(
         monkeypatch: pytest.MonkeyPatch, step: float) -> None:
     real, offset = time.time, 0.0
     monkeypatch.setattr(clock_steps.time, 'time', lambda: real() + offset)
@@ -42,7 +42,7 @@ def test_a_step_of_the_clock_wakes_who_waits(
     assert not gone.acquire(blocking=False)
 
 
-def test_an_object_that_fails_keeps_nobody_else_asleep_and_none_is_kept(
+def test_a_failing_object_does_not_stop_others_and_none_is_kept_alive(
         monkeypatch: pytest.MonkeyPatch) -> None:
     class Failing:
         def wake(self) -> None:

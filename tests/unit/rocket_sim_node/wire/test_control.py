@@ -15,7 +15,7 @@ class Clock:
         return self.now
 
 
-def test_one_agent_until_it_is_silent_for_as_long_as_the_lease() -> None:
+def test_one_agent_has_control_until_its_lease_ends() -> None:
     clock = Clock()
     lease = ControlLease(10.0, clock)
     assert lease.owner == NOBODY
@@ -32,7 +32,7 @@ def test_one_agent_until_it_is_silent_for_as_long_as_the_lease() -> None:
     assert not lease.refusal(2)
 
 
-def test_vacant_is_what_nobody_has_or_who_has_it_left_silently() -> None:
+def test_control_is_vacant_without_an_agent_or_after_its_lease() -> None:
     clock = Clock()
     lease = ControlLease(10.0, clock)
     assert lease.vacant
@@ -47,7 +47,7 @@ def test_vacant_is_what_nobody_has_or_who_has_it_left_silently() -> None:
     assert lease.vacant
 
 
-def test_who_lets_go_is_replaced_at_once_and_only_the_owner_can() -> None:
+def test_only_the_owner_can_release_control_and_is_replaced_at_once() -> None:
     lease = ControlLease(10.0, Clock())
     lease.take(1)
     assert not lease.release(2)

@@ -37,12 +37,12 @@ def test_another_definition_is_refused_by_name() -> None:
     assert f'as {THEIRS}, expected {OURS}' in str(error.value)
 
 
-def test_no_name_commands_the_terminal() -> None:
+def test_node_names_in_errors_are_printable() -> None:
     with pytest.raises(DefinitionsDiffer, match=r'/sim_0/si \[2Jm defines'):
         check_definitions(node(end(THEIRS, 'si\x1b[2Jm')), ['observation'])
 
 
-def test_so_is_who_reads_another_one() -> None:
+def test_a_reader_of_another_definition_is_refused() -> None:
     agent = node(end(THEIRS), writes=True)
     with pytest.raises(DefinitionsDiffer, match='action: /sim_0/simulator defines'):
         check_definitions(agent, [], ['action'])
@@ -52,10 +52,10 @@ def test_so_is_who_reads_another_one() -> None:
 @pytest.mark.parametrize('agent', [
     node(end(OURS)), node(end(THEIRS, 'stray'), end(OURS)), node(end(UNTOLD)),
     node(end(None)), node(end(THEIRS), own=UNTOLD)])
-def test_the_same_definition_or_one_that_is_not_told_is_believed(agent: Any) -> None:
+def test_equal_and_unknown_definitions_are_accepted(agent: Any) -> None:
     assert check_definitions(agent, ['observation'])
 
 
-def test_that_nobody_is_there_yet_is_told() -> None:
+def test_the_check_is_false_without_a_peer() -> None:
     assert not check_definitions(node(), ['observation'])
     assert not check_definitions(node(writes=True), [], ['action'])

@@ -18,12 +18,12 @@ from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.messages.cdr import Codec
 
 
-def test_a_world_survives_the_way_there_and_back() -> None:
+def test_a_world_is_unchanged_by_its_message() -> None:
     spec = worlds.make('rocket', num_envs=3, level=2, dt=0.01).spec
     assert conversion.world_from_message(conversion.world_to_message(spec, 1, 0, 0)) == spec
 
 
-def test_episodes_survive_the_way_there_and_back() -> None:
+def test_episodes_are_unchanged_by_their_message() -> None:
     world = worlds.make('rocket', num_envs=64, seed=1)
     for _ in range(400):
         episodes = world.step(np.tile([-1.0, 0.0, 0.0], (64, 1)))[4]['episodes']

@@ -38,21 +38,22 @@ def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize('value', ['', 'false'])
-def test_who_does_not_ask_is_not_asked(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_request_security_stays_off(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(security.ENABLE, value)
     require('simulator', [])
     assert security.STRATEGY not in os.environ
 
 
 @pytest.mark.parametrize('value', ['1', 'True', 'TRUE', 'yes', 'on', ' true'])
-def test_what_ros_takes_for_no_is_refused(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_that_ros_reads_as_false_are_refused(
+        value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(security.ENABLE, value)
     with pytest.raises(SecurityError, match=r'ROS_SECURITY_ENABLE is .*expected true or false'):
         require('simulator', [])
 
 
 @pytest.mark.parametrize('strategy', ['', 'Permissive', 'enforce', 'Enforce'])
-def test_with_keys_it_is_enforced(
+def test_with_keys_security_is_enforced(
         keystore: Path, strategy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(security.STRATEGY, strategy)
     require('simulator', [])
@@ -61,7 +62,7 @@ def test_with_keys_it_is_enforced(
 
 
 @pytest.mark.parametrize('args', [['--ros-args', '-e', '/mine/a'], ['--enclave', '/mine/a']])
-def test_an_enclave_that_is_named_is_taken(keystore: Path, args: list[str]) -> None:
+def test_a_named_enclave_is_used(keystore: Path, args: list[str]) -> None:
     with pytest.raises(SecurityError, match=r'enclaves/mine/a lacks identity_ca\.cert\.pem'):
         require('simulator', args)
     (keystore / 'enclaves' / 'hoverslam').rename(keystore / 'enclaves' / 'mine')
@@ -124,7 +125,7 @@ def test_policy_is_of_the_form_that_sros2_reads() -> None:
     ('pass', False),  # pays no heed to security: made a node from empty keys
     ('raise SystemExit("keys are empty")', True),
     ('raise SystemExit("the context doesn\'t have the security libraries")', False)])
-def test_who_takes_empty_keys_has_no_security(
+def test_a_middleware_that_accepts_empty_keys_has_no_security(
         attempt: str, has_it: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(security, '_ATTEMPT', attempt)
     assert SUPPORTED() == has_it

@@ -28,7 +28,7 @@ def listening() -> Iterator[None]:
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_a_signal_is_a_wish(number: signal.Signals) -> None:
+def test_a_signal_requests_a_stop(number: signal.Signals) -> None:
     assert not stopping.requested()
     signal.raise_signal(number)
     signal.raise_signal(number)
@@ -36,7 +36,7 @@ def test_a_signal_is_a_wish(number: signal.Signals) -> None:
 
 
 @pytest.mark.timeout(20)
-def test_a_signal_may_come_at_any_line_of_the_handler_of_another() -> None:
+def test_a_signal_may_interrupt_the_signal_handler_at_any_line() -> None:
     lines = []
 
     def interrupt(frame: FrameType, event: str, argument: Any) -> Any:
@@ -61,7 +61,7 @@ def test_an_ignored_hang_up_stays_ignored() -> None:
     assert not stopping.requested()
 
 
-def test_work_is_abandoned_where_it_is_and_nothing_else_is() -> None:
+def test_a_signal_interrupts_abandonable_work_and_nothing_else() -> None:
     done = []
 
     def work() -> int:
@@ -82,7 +82,7 @@ def test_work_is_abandoned_where_it_is_and_nothing_else_is() -> None:
     signal.raise_signal(signal.SIGTERM)
 
 
-def test_errors_of_the_work_are_its_own() -> None:
+def test_errors_of_the_work_are_passed_on() -> None:
     with pytest.raises(ZeroDivisionError):
         stopping.abandonable(lambda: 1 // 0)
     signal.raise_signal(signal.SIGTERM)

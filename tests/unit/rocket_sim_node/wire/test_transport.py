@@ -194,7 +194,7 @@ def test_bad_profiles_are_named(
 
 
 @pytest.mark.parametrize('make', [Path.mkdir, None])
-def test_what_is_no_file_is_named(make: object, schema: Path, tmp_path: Path) -> None:
+def test_a_profile_that_is_not_a_file_is_named(make: object, schema: Path, tmp_path: Path) -> None:
     path = tmp_path / 'mine.xml'
     if callable(make):
         make(path)
@@ -219,7 +219,7 @@ def test_this_machine_is_the_default_and_other_transports_are_left_alone() -> No
     (transport.RANGE, 'SYSTEM_DEFAULT', 'network.xml', True),
     ('ROS_STATIC_PEERS', '10.0.0.7', 'network.xml', True),
 ])
-def test_the_range_decides(
+def test_the_discovery_range_selects_the_profile(
         name: str, value: str, profile: str, beyond: bool, schema: Path,
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(name, value)
@@ -230,7 +230,7 @@ def test_the_range_decides(
 
 @pytest.mark.parametrize(('name', 'value'), [
     ('ROS_LOCALHOST_ONLY', '1'), (transport.RANGE, 'OFF')])
-def test_who_wants_nobody_gets_nobody_by_name_either(
+def test_static_peers_are_ignored_without_discovery_of_others(
         name: str, value: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('ROS_STATIC_PEERS', '10.0.0.7')
     monkeypatch.setenv(name, value)
@@ -238,7 +238,7 @@ def test_who_wants_nobody_gets_nobody_by_name_either(
     assert inside()[PROFILE] == str(VERSION.profiles / 'machine.xml')
 
 
-def test_who_sets_up_fast_dds_has_the_word(
+def test_user_settings_of_fast_dds_take_precedence(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = tmp_path / 'mine.xml'
     mine.write_text(GOOD)
@@ -333,7 +333,7 @@ def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
             pass
 
 
-def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
+def test_user_settings_that_the_network_reaches_are_reported(
         schema: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     for address, wider, told in (('', '', 1), ('127.0.0.1', '', 0), ('', 'SUBNET', 0)):
@@ -350,7 +350,7 @@ def test_a_set_up_of_ones_own_that_the_network_reaches_is_told(
     (RMW, '', '', 1), ('rmw_fastrtps_dynamic_cpp', '', 'LOCALHOST', 1), (RMW, '', 'OFF', 1),
     (RMW, '127.0.0.1', '', 0), (RMW, '', 'SUBNET', 0), ('rmw_cyclonedds_cpp', '', '', 0)])
 @pytest.mark.parametrize('own', [True, False])
-def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
+def test_ports_that_the_network_reaches_are_reported_without_a_schema(
         rmw: str, address: str, wider: str, told: int, own: bool,
         monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
@@ -368,7 +368,7 @@ def test_of_a_fast_dds_without_a_schema_is_told_what_the_network_reaches(
 
 
 @pytest.mark.parametrize(('rmw', 'told'), [(RMW, 1), ('rmw_cyclonedds_cpp', 0)])
-def test_a_profile_that_there_is_no_schema_for_is_told_and_not_checked(
+def test_a_profile_without_a_schema_is_reported_and_not_checked(
         rmw: str, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
@@ -380,7 +380,7 @@ def test_a_profile_that_there_is_no_schema_for_is_told_and_not_checked(
     assert said.count(f'{mine} is not checked') == told, said
 
 
-def test_profiles_that_lie_where_fast_dds_looks_count_as_set_up(
+def test_a_profile_at_the_default_path_counts_as_a_user_setting(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not transport.set_up_by_user()
     (tmp_path / VERSION.default).write_text(GOOD)
@@ -389,7 +389,7 @@ def test_profiles_that_lie_where_fast_dds_looks_count_as_set_up(
     assert not transport.set_up_by_user()
 
 
-def test_a_range_that_is_none_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_range_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(transport.RANGE, 'localhost')
     with pytest.raises(transport.TransportError, match=f"{transport.RANGE}: got 'localhost'"):
         inside()
