@@ -27,7 +27,7 @@ def heights(envs: ReverseCurriculum) -> Any:
     return envs.unwrapped._simulated.position[1] - settings['touchdown_height']
 
 
-def test_the_reach_grows_when_enough_have_landed_and_the_rest_is_cut_short() -> None:
+def test_the_reach_grows_with_landings_and_truncates_other_episodes() -> None:
     envs = make()
     envs.reset()
     assert heights(envs).max() <= 0.4
@@ -73,7 +73,7 @@ def test_after_the_full_reach_the_starts_are_the_ordinary_ones() -> None:
     np.testing.assert_allclose(heights(envs), 194.8)
 
 
-def test_stable_baselines3_sees_what_was_cut_short() -> None:
+def test_stable_baselines3_gets_the_truncated_episodes() -> None:
     pytest.importorskip('stable_baselines3')
     from rocket_sim_node.gym.sb3 import HoverslamVecEnv
 

@@ -32,7 +32,7 @@ def fly(env: Any, steps: int = 300) -> list[Any]:
 
 @pytest.mark.filterwarnings('ignore::UserWarning')
 @pytest.mark.parametrize('name', IDS.values())
-def test_single_environments_pass_its_check(name: str) -> None:
+def test_single_environments_pass_the_check_of_sb3(name: str) -> None:
     pytest.importorskip('stable_baselines3')
     from stable_baselines3.common.env_checker import check_env
 
@@ -59,7 +59,7 @@ def test_infos_of_ended_episodes_agree_with_vec_monitor() -> None:
     assert ended > N
 
 
-def test_vec_normalize_wraps_it() -> None:
+def test_vec_normalize_wraps_the_adapter() -> None:
     env = make()
     from stable_baselines3.common.vec_env import VecNormalize
 
@@ -84,7 +84,7 @@ def test_seed_and_options_reach_the_next_reset() -> None:
     assert (env.reset() != first).any()
 
 
-def test_only_same_step_will_do() -> None:
+def test_only_same_step_autoreset_is_accepted() -> None:
     with pytest.raises(ValueError, match='autoreset_mode SAME_STEP'):
         make(autoreset_mode='NEXT_STEP')
 

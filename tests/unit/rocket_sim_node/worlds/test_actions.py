@@ -46,7 +46,7 @@ def test_values_out_of_bounds_are_clipped() -> None:
 
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize(('row', 'column', 'name'), [(0, 0, 'throttle'), (1, 2, 'rcs_z')])
-def test_what_is_not_finite_is_refused_by_row_and_name(
+def test_values_that_are_not_finite_are_refused_by_row_and_name(
     value: float, row: int, column: int, name: str,
 ) -> None:
     """Infinity is not clipped to a bound: it is never flown."""

@@ -38,7 +38,7 @@ def drawn(name: str, seed: int = 3, rows: int = N, episode: int = 0) -> dict[str
 
 
 @pytest.mark.parametrize('name', SPECIFIED)
-def test_a_set_is_what_the_specification_says(name: str) -> None:
+def test_a_set_matches_the_specification(name: str) -> None:
     """And nominal in everything else."""
     flat = conditions.settings(name)
     assert set(flat) == set(conditions.FLAT_NAMES)
@@ -105,7 +105,7 @@ def test_conditions_are_drawn_independently() -> None:
     assert off.max() < 5 / np.sqrt(N)
 
 
-def test_the_page_about_worlds_says_the_same() -> None:
+def test_the_page_about_worlds_lists_the_same_values() -> None:
     """Its table, condition by condition."""
     page = (Path(__file__).parents[4] / 'docs' / 'reference' / 'worlds.md').read_text()
     assert '| condition | nominal | mix | harsh | hoverslam |' in page
@@ -159,7 +159,7 @@ def test_flatten_takes_a_number_a_pair_and_a_set() -> None:
         conditions.flatten({'engine_lag': (1, 2, 3)})
 
 
-def test_sets_are_known_by_their_settings() -> None:
+def test_sets_are_recognised_by_their_settings() -> None:
     """From the settings that a world tells, too."""
     for name in conditions.NAMES:
         assert conditions.name_of(conditions.settings(name)) == name
@@ -181,7 +181,7 @@ def test_sets_are_known_by_their_settings() -> None:
     ({'ignitions': -1}, 'ignitions: got -1, expected 0 to 1000'),
     ({'conditions': 'mild'}, "conditions: got 'mild'"),
 ])
-def test_what_is_no_condition_is_refused(values: dict[str, Any], message: str) -> None:
+def test_invalid_conditions_are_refused(values: dict[str, Any], message: str) -> None:
     """By name, when a world is made and when it is reset, which changes nothing."""
     with pytest.raises((ValueError, TypeError), match=message):
         worlds.make('rocket', **values)
@@ -211,7 +211,7 @@ def test_a_reset_puts_conditions_into_force_until_the_next() -> None:
     assert np.allclose(masses(), heavy)
 
 
-def test_telemetry_tells_what_was_drawn() -> None:
+def test_telemetry_holds_the_drawn_conditions() -> None:
     """By name, as `draw` has it; nominal values where nothing is drawn, none for landers."""
     world = worlds.make('rocket', 5, seed=3, conditions='harsh')
     told = world.telemetry(np.array([1, 4])).conditions

@@ -70,7 +70,7 @@ def test_commands_arrive_as_many_steps_late_as_drawn() -> None:
         assert not torque[:late, row].any()
 
 
-def test_who_draws_no_delay_flies_nominally() -> None:
+def test_rockets_without_a_drawn_delay_fly_nominally() -> None:
     """Bit for bit, beside others who are late."""
     late, nominal = make(num_envs=30, action_delay=(0, 1), level=8), make(num_envs=30, level=8)
     rows = column(late, 'action_delay') == 0
@@ -113,7 +113,7 @@ def test_the_floor_comes_before_the_lag_and_the_delay_before_both() -> None:
     assert np.allclose(flown, [0, 0, *expected], rtol=1e-12)
 
 
-def test_an_empty_tank_gives_no_thrust_whatever_the_engine_does() -> None:
+def test_an_empty_tank_gives_no_thrust_with_a_floor_or_a_lag() -> None:
     """The floor does not help, nor what a lagging engine still had."""
     for settings in ({'throttle_floor': 0.6}, {'engine_lag': 0.3}):
         world = make(fuel=10.0, **settings)
@@ -162,7 +162,7 @@ def test_rcs_turns_as_much_less_as_drawn() -> None:
     assert np.allclose(world.spin[2], -0.01 * 2e6 * factor * 0.2 / 5e5, rtol=1e-12)
 
 
-def test_air_brakes_as_its_density_says() -> None:
+def test_drag_follows_the_air_density() -> None:
     """Half the density times coefficient, area and speed squared."""
     world = make(air_density_factor=1.5, gravity=0.0)
     world.velocity[:, 0] = 12.0, -30.0, 4.0

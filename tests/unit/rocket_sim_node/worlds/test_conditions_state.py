@@ -125,7 +125,7 @@ def test_conditions_of_an_earlier_reset_leave_nothing_behind(name: str) -> None:
         assert world.snapshot() == fresh.snapshot()
 
 
-def test_the_next_episode_draws_anew() -> None:
+def test_the_next_episode_draws_new_conditions() -> None:
     """And begins with an empty line, an engine that is off and a gust of its own."""
     world = make('rocket', 3, conditions='harsh', time_limit=0.4, action_delay=4)
     first = world.telemetry(slice(None)).conditions
@@ -144,7 +144,7 @@ def test_the_next_episode_draws_anew() -> None:
     assert world.telemetry(slice(None)).throttle.all()
 
 
-def test_what_leads_out_of_the_plane_is_left_out() -> None:
+def test_effects_out_of_the_plane_are_left_out() -> None:
     """In `rocket_planar`, under all conditions."""
     world = make('rocket_planar', **EVERYTHING)
     for action in actions(200):
@@ -155,7 +155,7 @@ def test_what_leads_out_of_the_plane_is_left_out() -> None:
         assert not world.telemetry(slice(None)).disturbance[:, 1:].any()
 
 
-def test_a_touchdown_weighs_what_was_drawn() -> None:
+def test_the_ground_carries_the_drawn_mass() -> None:
     """The ground carries dry mass times its factor and what fuel is left."""
     world = make('rocket_planar', 6, dry_mass_factor=(0.9, 1.1), spawn_height=5.5,
                  spawn_angle=0.0, spawn_position=0.0, spawn_speed=0.0, rest_time=1.0,

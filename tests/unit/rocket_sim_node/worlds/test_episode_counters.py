@@ -23,7 +23,7 @@ def flown(actions: Any, **settings: Any) -> Episodes:
     return episodes
 
 
-def test_who_hovers_is_told_for_how_long() -> None:
+def test_the_time_of_hovering_is_counted() -> None:
     """Thrust equal to weight for 60 steps, falling with the engine off before that.
 
     Falling it takes 0.2 s to 1.962 m/s: then the engine holds that, below 2 m/s.
@@ -43,7 +43,7 @@ def test_ignitions_are_counted() -> None:
     assert flown([[-1, 0, 0]] * 5).ignitions.tolist() == [0]
 
 
-def test_fuel_used_and_left_add_up_to_what_was_drawn() -> None:
+def test_fuel_used_and_left_add_up_to_the_drawn_fuel() -> None:
     """Full throttle for a second burns thrust / (Isp g) kilograms."""
     episodes = flown([[1, 0, 0]] * 50, fuel_factor=0.9)
     burnt = 470_880 / (282 * 9.81)
@@ -60,7 +60,7 @@ def test_control_effort_is_the_mean_over_the_steps() -> None:
             [np.mean(effort)], rel=1e-12)
 
 
-def test_the_next_episode_counts_anew() -> None:
+def test_the_counters_restart_with_each_episode() -> None:
     """All of it."""
     world = worlds.make('rocket', 2, time_limit=0.2, **STILL)
     seen = []
@@ -75,7 +75,7 @@ def test_the_next_episode_counts_anew() -> None:
         assert first.all()
 
 
-def test_landers_have_none_of_it() -> None:
+def test_the_counters_of_landers_are_zero() -> None:
     """Zeros, of the kinds of the rockets."""
     world = worlds.make('lunar_lander', 4)
     for _ in range(400):

@@ -41,7 +41,7 @@ def test_columns_are_named(name: str) -> None:
 
 @BOTH
 @pytest.mark.parametrize('conditions', ['nominal', 'harsh'])
-def test_it_holds_what_was_commanded_and_felt(name: str, conditions: str) -> None:
+def test_the_observation_holds_past_commands_and_accelerations(name: str, conditions: str) -> None:
     """As commanded after clipping, delay or not; the change of the true velocity over dt."""
     world = make(name, conditions=conditions, acceleration_scale=25.0, spawn_height=390.0)
     standard = worlds.make(name, 6, seed=3, conditions=conditions, spawn_height=390.0)
@@ -61,7 +61,7 @@ def test_it_holds_what_was_commanded_and_felt(name: str, conditions: str) -> Non
         velocity = world.velocity.T.copy()
 
 
-def test_it_is_clipped_like_the_rest() -> None:
+def test_accelerations_are_clipped_like_other_observations() -> None:
     """To `observation_limit`."""
     world = make('rocket', acceleration_scale=0.1)
     seen = world.step(np.tile([-1.0, 0.0, 0.0], (6, 1)))[0]
@@ -69,7 +69,7 @@ def test_it_is_clipped_like_the_rest() -> None:
 
 
 @BOTH
-def test_the_next_episode_knows_nothing_of_the_last(name: str) -> None:
+def test_the_next_episode_begins_without_past_commands(name: str) -> None:
     """Idle and at rest before its first step; the last observation still knows."""
     world = make(name, time_limit=0.1)
     for _ in range(6):

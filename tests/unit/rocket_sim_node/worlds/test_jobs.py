@@ -56,7 +56,7 @@ def go_on(state: bytes) -> Job[tuple[np.ndarray, bytes]]:
     return first, (yield Snapshot())
 
 
-def test_where_a_flight_ended_the_next_one_begins_without_a_way_back() -> None:
+def test_a_flight_that_continues_from_the_last_end_needs_no_restore() -> None:
     world = Counting()
     fleet = SerialFleet(world)
     (state,) = fleet.fly([lambda: begin(1)])
@@ -79,7 +79,7 @@ def test_results_come_in_the_order_of_the_flights() -> None:
     assert list(one.fly(flights)) == list(two.fly(flights))
 
 
-def test_a_flight_that_was_lost_begins_anew_and_says_so() -> None:
+def test_a_lost_flight_is_repeated_and_reported() -> None:
     told: list[str] = []
     fleet = SerialFleet(Counting(failures=2))
     assert list(fleet.fly([lambda: begin(3)], report=told.append)) == [
@@ -110,7 +110,7 @@ def test_a_poll_that_raises_ends_the_flight() -> None:
     assert ended == [True]
 
 
-def test_what_is_no_command_is_refused() -> None:
+def test_an_invalid_command_is_refused() -> None:
     def astray() -> Job[None]:
         yield Reset(1)
         yield [[0.0, 0.0, 0.0]] * 2  # type: ignore[misc]

@@ -114,7 +114,7 @@ def test_terrain_agrees() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('continuous', [False, True])
-def test_the_heuristic_pilot_scores_alike(continuous: bool) -> None:
+def test_the_heuristic_pilot_has_the_same_scores(continuous: bool) -> None:
     """The interval of the difference of means over 100 episodes each holds 0, with 3 sigma.
 
     ./launch_scripts/bench heuristic compares more episodes.

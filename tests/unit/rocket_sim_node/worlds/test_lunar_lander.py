@@ -61,7 +61,7 @@ def ended(seen: list[Any]) -> int:
     return sum(int((step[2] | step[3]).sum()) for step in seen)
 
 
-def test_its_shape_is_gymnasiums() -> None:
+def test_the_spaces_are_those_of_gymnasium() -> None:
     spec = make().spec
     assert (spec.observation_size, spec.continuous, spec.action_count) == (8, False, 4)
     assert spec.dt == 0.02
@@ -129,7 +129,7 @@ def test_a_lander_does_not_depend_on_how_many_fly_beside_it(num_envs: int) -> No
     assert_equal(fly(make(num_envs), 600, 2), many, min(num_envs, 70))
 
 
-def test_a_lander_that_begins_anew_equals_a_fresh_one() -> None:
+def test_a_reset_world_equals_a_new_one() -> None:
     """Nothing that Chipmunk remembers leaks into the next episode."""
     used = make(40)
     fly(used, 450, 5)
@@ -198,7 +198,7 @@ def test_the_return_is_the_rise_of_the_potential_less_fuel() -> None:
     assert total == pytest.approx(expected, abs=1e-3)
 
 
-def test_crash_leaving_and_rest_pay_what_gymnasium_says() -> None:
+def test_crash_exit_and_rest_have_the_rewards_of_gymnasium() -> None:
     world = make(30)
     pilot = LunarHeuristic(world.spec)
     observation = world.observe()
@@ -442,7 +442,7 @@ def test_memory_stays_flat_over_many_resets() -> None:
 # Cases that a review found without a test
 
 
-def test_wind_goes_on_after_a_snapshot() -> None:
+def test_wind_continues_after_a_restore() -> None:
     world = make(10, enable_wind=True)
     fly(world, 60, 1)
     state = world.snapshot()
@@ -452,7 +452,7 @@ def test_wind_goes_on_after_a_snapshot() -> None:
     assert_equal(fly(other, 60, 2), onwards)
 
 
-def test_forces_of_contact_are_exact_too() -> None:
+def test_contact_forces_are_exact_after_a_restore() -> None:
     """Whatever the order in which Chipmunk keeps its contacts."""
     world = make(40)
     fly(world, 300, 7)
@@ -479,7 +479,7 @@ def test_terrain_of_a_snapshot_is_that_of_its_episodes() -> None:
 @pytest.mark.parametrize(('rest', 'struck', 'reward', 'outcome'), [
     (True, True, 100.0, LANDED), (False, True, -100.0, 1), (True, False, 100.0, LANDED),
 ])
-def test_who_rests_has_landed_whatever_touches(
+def test_a_lander_at_rest_has_landed_also_on_its_hull(
     rest: bool, struck: bool, reward: float, outcome: int, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     world = make(1)
@@ -503,7 +503,7 @@ def test_no_rest_without_standing_still() -> None:
         make(rest_time=30.0)
 
 
-def test_telemetry_tells_left_from_right() -> None:
+def test_telemetry_distinguishes_left_and_right() -> None:
     """The left engine pushes to the left, as in Gymnasium; the left leg is at negative x."""
     world = make(1)
     world.step(np.array([LEFT]))

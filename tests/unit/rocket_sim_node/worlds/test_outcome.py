@@ -66,7 +66,7 @@ def test_a_landing_earns_100_to_300(
     assert got == pytest.approx([expected], abs=1e-12)
 
 
-def test_every_crash_costs_100_whatever_else() -> None:
+def test_every_crash_costs_100() -> None:
     """A slow, upright, centred crash is no better than another."""
     crashes = np.arange(1, 7, dtype=np.uint8)
     zero = np.zeros(6)

@@ -206,7 +206,7 @@ def test_a_vehicle_rights_itself_up_to_the_angle_at_which_it_stands_on_one_foot(
     assert (pose[-1, 2:, 2] > np.deg2rad(80)).all()
 
 
-def test_a_vehicle_trips_over_its_foot_at_the_speed_the_energy_says() -> None:
+def test_a_vehicle_trips_over_its_foot_at_the_critical_speed() -> None:
     """v^2 = 2 g (r - h) (I + m r^2) / (m h^2), r = hypot(stance, h).
 
     Its foot caught, it turns about that with an angular momentum of m v h, and has to lift its
@@ -264,7 +264,7 @@ def touchdowns(count: int) -> tuple[F64, F64]:
     return touching(rng.uniform(-0.5, 0.5, count)), velocity
 
 
-def test_a_vehicle_that_begins_anew_changes_no_neighbour_by_a_bit() -> None:
+def test_a_restarted_vehicle_does_not_change_its_neighbours() -> None:
     count, anew = 70, np.array([3, 33, 34])
     pose, velocity = touchdowns(count)
     rows, others = np.arange(count), np.setdiff1d(np.arange(count), anew)
@@ -284,7 +284,7 @@ def test_a_vehicle_that_begins_anew_changes_no_neighbour_by_a_bit() -> None:
     assert np.array_equal(told[0], told[1])
 
 
-def test_a_vehicle_that_begins_anew_is_a_new_one_to_the_bit() -> None:
+def test_a_restarted_vehicle_equals_a_new_one_bit_for_bit() -> None:
     pose, velocity = touchdowns(64)
     rows = np.arange(64)
     pull = np.tile((0.0, -G, 0.0), (64, 1))
@@ -319,7 +319,7 @@ def launch(lanes: Lanes, starts: Starts, rows: NDArray[np.int64], episode: int) 
     lanes.place(rows, start.pose, start.velocity)
 
 
-def test_lunar_landers_begin_anew_without_a_trace() -> None:
+def test_restarted_lunar_landers_equal_new_ones() -> None:
     """Neither in themselves nor in a neighbour, bit for bit; they crash and tumble before."""
     rows, anew = np.arange(40), np.array([0, 7, 33])
     others = np.setdiff1d(rows, anew)

@@ -54,7 +54,7 @@ def test_numbers_are_those_of_whole_number_arithmetic(seed: int, attempt: int) -
         assert got[:, column].tolist() == stream(seed, row, episode, 10, attempt)
 
 
-def test_a_stream_does_not_depend_on_its_company() -> None:
+def test_a_stream_does_not_depend_on_other_rockets() -> None:
     """A rocket alone, among others or in another order draws the same bits."""
     rows, episodes = np.array([5, 0, 9]), np.array([2, 8, 2])
     together = random_streams.uniform(3, rows, episodes, 6)

@@ -210,7 +210,7 @@ def test_the_next_episode_begins_in_the_same_step() -> None:
     assert np.array_equal(other.reset()[1], observation[1])
 
 
-def test_the_first_sample_of_an_episode_tells_of_no_step_before_it() -> None:
+def test_the_first_sample_of_an_episode_has_no_data_of_an_earlier_step() -> None:
     """Telemetry of the new episode: no time, throttle, torque or reward of the one that ended."""
     world = placed((0.0, 5.0, 0.0))
     world.step(np.array([[1.0, 1.0, 1.0]]))

@@ -240,7 +240,7 @@ def test_undisturbed_spin_turns_at_a_constant_rate() -> None:
     assert (turned * expected.inv()).magnitude() == pytest.approx(0, abs=1e-12)
 
 
-def test_telemetry_tells_the_forces_of_the_step() -> None:
+def test_telemetry_holds_the_forces_of_the_step() -> None:
     """Units of RocketState, y up."""
     world = upright(2)
     world.step(np.array([[0.5, 0.25, -1.0], [-1.0, 0.0, 0.0]]))

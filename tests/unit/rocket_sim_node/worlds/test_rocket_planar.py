@@ -75,7 +75,7 @@ def outcome(world: RocketPlanarWorld, episodes: Episodes) -> str:
 # The contract
 
 
-def test_it_is_the_same_for_a_pilot() -> None:
+def test_pilots_get_the_same_interface_as_in_rocket() -> None:
     planar, rocket = make(3).spec, worlds.make('rocket', 3).spec
     for name in ('observation_names', 'action_names', 'continuous', 'action_low', 'action_high',
                  'action_idle', 'outcomes', 'dt', 'num_envs'):
@@ -86,7 +86,7 @@ def test_it_is_the_same_for_a_pilot() -> None:
         *registry.reset_settings('rocket'), 'spawn_heading')
 
 
-def test_settings_are_told_with_their_meaning() -> None:
+def test_settings_have_descriptions() -> None:
     infos = registry.settings('rocket_planar')
     assert {info.name for info in infos} == set(PlanarSettings.__dataclass_fields__)
     assert all(info.description for info in infos)
@@ -162,7 +162,7 @@ def test_the_limits_of_flight_are_those_of_rocket(
 # Touchdown
 
 
-def test_a_landing_is_paid_for_what_it_was_at_first_contact() -> None:
+def test_a_landing_is_rewarded_by_its_first_contact() -> None:
     """And for where it stands in the end."""
     world = make()
     put(world, 0, x=3.0, velocity=(0.5, -1.0), tilt=4.0)
@@ -184,7 +184,7 @@ def test_a_landing_is_paid_for_what_it_was_at_first_contact() -> None:
     assert last.terrain.shape == (1, 0)
 
 
-def test_rest_takes_rest_time() -> None:
+def test_a_landing_needs_the_rest_time() -> None:
     world = make(rest_time=1.0)
     put(world, 0, above=0.0)
     episodes, _, _ = ends(world)
@@ -329,7 +329,7 @@ def test_equal_seeds_give_equal_flights_and_others_do_not() -> None:
     assert not np.array_equal(random_flights(other, 300, 20)[-1][0], one[-1][0])
 
 
-def test_a_reset_in_the_midst_of_touchdowns_leaves_no_trace() -> None:
+def test_a_reset_during_touchdowns_equals_a_new_world() -> None:
     used, fresh = low(40), low(40)
     random_flights(used, 83, 1)
     assert (used._steps_down > 0).any()
@@ -350,7 +350,8 @@ def shipped(world: RocketPlanarWorld) -> Pilot:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('make_pilot', [lambda world: ExpertPilot(world.spec), shipped])
-def test_who_flies_rocket_lands_here_too(make_pilot: Callable[[RocketPlanarWorld], Pilot]) -> None:
+def test_pilots_of_rocket_land_in_the_planar_world(
+        make_pilot: Callable[[RocketPlanarWorld], Pilot]) -> None:
     world = make(200, level=7)
     result = evaluate(world, make_pilot(world), 200, seed=11, level=7)
     assert result.landed.all()
@@ -371,7 +372,7 @@ def turned(observation: NDArray[np.float32], heading: NDArray[np.float64]) -> ND
     return seen
 
 
-def test_a_heading_turns_what_the_pilot_sees_and_does_and_nothing_else() -> None:
+def test_a_heading_turns_observations_and_actions_only() -> None:
     """Commands across its plane are not flown."""
     straight = worlds.make('rocket_planar', 20, seed=2)
     other = worlds.make('rocket_planar', 20, seed=2)
@@ -415,7 +416,7 @@ def test_headings_are_drawn_for_each_episode_and_survive_a_snapshot() -> None:
     assert (world.observe()[:, 2::3] == 0).all()
 
 
-def test_the_expert_lands_whatever_the_heading() -> None:
+def test_the_expert_lands_at_any_heading() -> None:
     world = worlds.make('rocket_planar', 100)
     episodes = evaluate(world, ExpertPilot(world.spec), 200, 4, spawn_heading=180.0).episodes
     assert (episodes.outcome == 0).all()
@@ -424,7 +425,7 @@ def test_the_expert_lands_whatever_the_heading() -> None:
 # Cases that a review found without a test
 
 
-def test_the_ground_goes_on_as_far_as_one_can_slide() -> None:
+def test_the_ground_extends_as_far_as_a_rocket_can_slide() -> None:
     """Nobody falls off its end; who leaves the field is out of bounds."""
     world = worlds.make(
         'rocket_planar', 40, foot_friction=0.0, hull_friction=0.0, spawn_speed=50.0, level=1,

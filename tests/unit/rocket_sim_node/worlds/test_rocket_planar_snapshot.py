@@ -30,7 +30,7 @@ def flown(steps: int = 90, num_envs: int = N) -> RocketPlanarWorld:
 
 
 @pytest.mark.parametrize('steps', [0, 60, 90, 150])
-def test_a_restored_world_goes_on_bit_for_bit(steps: int) -> None:
+def test_a_restored_world_continues_bit_for_bit(steps: int) -> None:
     world, other = flown(steps), flown(33)
     state, seen = world.snapshot(), world.observe()
     down = world._steps_down >= 0
@@ -82,7 +82,7 @@ def test_a_snapshot_changes_no_flight() -> None:
     ('contact_speed', np.nan, 'contact_speed has a value that is not finite'),
     ('settings', 1, 'of a world with dt 1, expected 0.02'),
 ])
-def test_what_no_world_can_hold_is_refused(name: str, value: float, message: str) -> None:
+def test_impossible_values_are_refused(name: str, value: float, message: str) -> None:
     assert_value_refused(flown(), name, value, message)
 
 

@@ -59,7 +59,7 @@ def test_a_snapshot_is_a_copy() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
 
 
-def test_a_restore_forgets_what_the_last_step_did() -> None:
+def test_a_restore_clears_the_results_of_the_last_step() -> None:
     """Telemetry and the rockets that finished belong to the flight that was left."""
     world = flown()
     state = world.snapshot()
@@ -111,7 +111,7 @@ def test_a_flipped_bit_is_refused_or_without_effect(bit: int) -> None:
     (packed({'world': 'rocket', 'position': np.array([{}], object)}), 'not readable'),
     (packed({'world': np.array([{}], object)}), 'not readable'),
 ])
-def test_what_is_no_snapshot_of_a_rocket_is_refused(state: bytes, message: str) -> None:
+def test_data_that_is_not_a_snapshot_of_a_rocket_is_refused(state: bytes, message: str) -> None:
     """Pickles are not opened."""
     assert_refused(flown(3), state, f'snapshot: .*{message}')
 
@@ -146,7 +146,7 @@ def test_a_forged_array_is_refused_by_name() -> None:
     assert_refused(world, packed({**arrays, 'extra': np.zeros(1)}), 'extra')
 
 
-def test_an_attitude_that_is_none_is_refused() -> None:
+def test_an_attitude_of_zeros_is_refused() -> None:
     """All zeros would fly on as NaN."""
     world = flown()
     arrays = contents(world.snapshot())

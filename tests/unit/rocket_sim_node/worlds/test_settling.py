@@ -103,7 +103,7 @@ def test_a_lean_beyond_one_foot_tips_over_to_that_side(towards: float) -> None:
     assert back.standing.tolist() == [True]
 
 
-def test_who_is_not_at_rest_in_time_does_not_stand() -> None:
+def test_a_rocket_that_is_not_at_rest_in_time_does_not_stand() -> None:
     end = touch_down((3.0, 0.0, 0.0), foot_friction=0.0)
     assert end.names() == ['tips_over']
     assert end.time[0] == 5.0
@@ -127,7 +127,7 @@ def test_the_plane_is_that_of_the_velocity_then_of_the_lean_then_x() -> None:
     assert np.rad2deg(plane.lean[0]) == pytest.approx(-along)
 
 
-def test_planes_are_all_alike() -> None:
+def test_the_result_does_not_depend_on_the_plane() -> None:
     """A landing turned about the vertical has the same end, turned."""
     rng = np.random.default_rng(0)
     count = 60
@@ -195,7 +195,7 @@ def test_rows_do_not_depend_on_each_other() -> None:
     assert np.array_equal(together.verdict[:1], first.verdict)
 
 
-def test_no_landing_at_all() -> None:
+def test_no_landings_give_an_empty_result() -> None:
     none = settle(
         np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0),
         SETTINGS, motion=True)
@@ -212,7 +212,7 @@ def test_settings_are_checked() -> None:
 # Against the worlds
 
 
-def test_what_the_expert_lands_stands() -> None:
+def test_landings_of_the_expert_stand() -> None:
     """And what it lands stands where it was told to have landed, to a few centimetres."""
     world = worlds.make('rocket', 100, seed=3, level=7)
     pilot = ExpertPilot(world.spec)
@@ -231,7 +231,7 @@ def test_what_the_expert_lands_stands() -> None:
     assert np.abs(end.position - position).max() < 0.1
 
 
-def test_it_is_the_touchdown_of_rocket_planar() -> None:
+def test_settling_matches_the_touchdown_of_rocket_planar() -> None:
     """From its first contact on, save for the air."""
     world = worlds.make('rocket_planar', 1, air_density=0.0)
     lean = np.deg2rad(5.0)
@@ -253,7 +253,7 @@ def test_it_is_the_touchdown_of_rocket_planar() -> None:
 
 
 @pytest.mark.parametrize('speed', [35.0, 60.0])
-def test_the_ground_is_there_however_far_it_slides(speed: float) -> None:
+def test_the_ground_extends_as_far_as_a_rocket_slides(speed: float) -> None:
     """Without friction it is still on the ground, and on its way, when its time is up."""
     end = touch_down((speed, 0.0, 0.0), foot_friction=0.0)
     assert end.position[0, 1] == pytest.approx(HEIGHT, abs=0.002)
@@ -261,7 +261,7 @@ def test_the_ground_is_there_however_far_it_slides(speed: float) -> None:
     assert end.standing.tolist() == [False]
 
 
-def test_a_heavier_one_turns_less() -> None:
+def test_a_heavier_rocket_turns_less() -> None:
     """For the same torque of friction, as inertia is a constant."""
     def turned(mass: float) -> float:
         end = settle(

@@ -169,7 +169,7 @@ def test_no_episode_starts_terminated(level: int) -> None:
 @pytest.mark.parametrize(('name', 'value'), [
     ('spawn_angle', 2.5), ('spawn_position', 7.5), ('spawn_speed', 1.25), ('spawn_spin', 0.15),
 ])
-def test_a_range_of_ones_own_need_not_be_a_whole_number(name: str, value: float) -> None:
+def test_a_custom_range_need_not_be_a_whole_number(name: str, value: float) -> None:
     """It replaces the level's, and leaves the others."""
     world = worlds.make('rocket', 4000, **{'level': 8, name: value})  # type: ignore[arg-type]
     largest = {
@@ -185,7 +185,7 @@ def test_a_range_of_ones_own_need_not_be_a_whole_number(name: str, value: float)
         -2 * (value if name == 'spawn_speed' else 15), rel=0.02)
 
 
-def test_zero_is_a_range_too() -> None:
+def test_zero_is_a_valid_range() -> None:
     """Not mistaken for `by level`."""
     world = worlds.make('rocket', 50, level=8, spawn_angle=0, spawn_position=0, spawn_speed=0,
                         spawn_spin=0, spawn_height=150.0)

@@ -19,7 +19,7 @@ def actions(seed: int, equal: bool) -> np.ndarray:
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])
 @pytest.mark.parametrize('conditions', ['nominal', 'harsh'])
-def test_copies_that_act_alike_see_the_same(world: str, conditions: str) -> None:
+def test_copies_with_equal_actions_get_equal_observations(world: str, conditions: str) -> None:
     env = make(world, COUNT, conditions=conditions, spawn_copies=COPIES, observation='extended')
     observation = env.reset(seed=3)
     for step in range(700):  # some episodes end, and others begin
@@ -29,7 +29,7 @@ def test_copies_that_act_alike_see_the_same(world: str, conditions: str) -> None
         observation, *_ = env.step(actions(step, equal=True))
 
 
-def test_copies_that_act_otherwise_begin_alike_again() -> None:
+def test_copies_with_different_actions_begin_each_episode_alike() -> None:
     env = make('rocket', COUNT, spawn_copies=COPIES, conditions='mix')
     env.reset(seed=3)
     ended: dict[tuple[int, int], list[float]] = {}

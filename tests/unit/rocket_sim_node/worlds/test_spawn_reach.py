@@ -38,7 +38,7 @@ def test_heights_are_uniform_up_to_the_reach(reach: float) -> None:
 
 
 @pytest.mark.parametrize(('level', 'angle'), [(7, 20.0), (8, 20.0)])
-def test_all_else_is_that_of_the_whole_task_times_the_part_of_its_height(
+def test_other_quantities_scale_with_the_height(
     level: int, angle: float,
 ) -> None:
     """At an angle that is never drawn again: one number of the stream is one angle."""
@@ -62,7 +62,7 @@ def test_the_full_reach_ends_in_the_whole_task() -> None:
     assert spawn.full_reach(TaskSettings()) == pytest.approx(FULL)
 
 
-def test_without_a_reach_not_a_bit_is_another() -> None:
+def test_without_a_reach_the_starts_are_unchanged_bit_for_bit() -> None:
     """The formulas of the plain spawn, from the first ten numbers of the episode's stream."""
     unit = random_streams.uniform(3, ROWS, np.full(COUNT, 4), 10)
     first = drawn(4, level=8)
@@ -71,7 +71,7 @@ def test_without_a_reach_not_a_bit_is_another() -> None:
     assert (first.spin == unit[5:8] * 0.3).all()
 
 
-def test_where_it_begins_says_nothing_of_the_rest() -> None:
+def test_the_height_is_independent_of_the_other_quantities() -> None:
     """A stream of its own: no correlation beyond four and a half deviations."""
     whole = drawn(level=8)
     for values in (*whole.position[[0, 2]], *whole.velocity, *whole.spin, share(1), share()[::-1]):
@@ -79,7 +79,7 @@ def test_where_it_begins_says_nothing_of_the_rest() -> None:
 
 
 @pytest.mark.parametrize('name', ['rocket', 'rocket_planar'])
-def test_a_reset_takes_it_and_snapshots_keep_it(name: str) -> None:
+def test_a_reset_sets_the_reach_and_snapshots_keep_it(name: str) -> None:
     env = worlds.make(name, 200, 1)
     env.reset(seed=9, level=7, spawn_reach=2.0)
     expected = 2.0 * spawn.reach_share(9, np.arange(200), np.zeros(200, int))
