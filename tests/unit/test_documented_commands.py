@@ -49,7 +49,7 @@ def test_a_command_is_run_or_tested_or_has_a_reason(command: Command) -> None:
         assert f'def {name}(' in (ROOT / file).read_text('utf-8'), kind.tested
 
 
-def test_no_kind_is_left_of_commands_that_are_gone() -> None:
+def test_every_kind_matches_a_documented_command() -> None:
     used = [kind_of(command).pattern for command in COMMANDS]
     assert [kind.pattern for kind in KINDS if kind.pattern not in used] == []
 

@@ -82,7 +82,7 @@ def reached(module: str) -> set[str]:
     return seen
 
 
-def test_arrows_between_folders_run_one_way() -> None:
+def test_imports_between_folders_run_one_way() -> None:
     """Raises CycleError, which names the rooms, where they do not."""
     TopologicalSorter(arrows()).prepare()
 
@@ -96,7 +96,7 @@ def test_arrows_between_folders_run_one_way() -> None:
     ('rocket_sim_node.worlds', ('wire', 'recording', 'nodes')),
     ('rocket_sim_node.telemetry', ('worlds', 'wire', 'recording', 'nodes')),
 ])
-def test_a_room_imports_no_room_above_it(above: str, below: tuple[str, ...]) -> None:
+def test_a_folder_imports_no_folder_above_it(above: str, below: tuple[str, ...]) -> None:
     package = above.partition('.')[0]
     for module in MODULES:
         if module.startswith(above):
@@ -119,7 +119,7 @@ def test_no_folder_holds_more_than_a_dozen_modules() -> None:
     assert {name: count for name, count in counted.items() if count > MOST_MODULES} == {}
 
 
-def test_every_folder_says_what_is_inside() -> None:
+def test_every_folder_has_a_docstring() -> None:
     for package in IS_PACKAGE:
         if package not in PACKAGES:
             assert ast.get_docstring(ast.parse(MODULES[package].read_text())), package

@@ -20,7 +20,7 @@ def test_a_card_is_current(name: str) -> None:
         'stale; run: python docs/make_model_cards.py')
 
 
-def test_each_policy_says_where_it_comes_from() -> None:
+def test_each_policy_has_its_provenance() -> None:
     assert set(provenance.shipped()) == set(shipped_names())
     for told in provenance.shipped().values():
         assert set(told) == set(provenance.KEYS)

@@ -20,7 +20,7 @@ from rocket_sim_node.printable import printable_path
 
 @pytest.mark.parametrize('replaced', [(), ('replaced',)])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_told_to_end_it_tidies_up(
+def test_a_signalled_command_cleans_up(
         number: signal.Signals, replaced: tuple[str, ...], tmp_path: Path) -> None:
     left = tmp_path / 'left'
     left.touch()
@@ -57,7 +57,7 @@ NAMES = ('\x1b[2J7.rrd', '\x9b2J\x07.rrd', "it's\n\\033 \udcff.rrd", 'ü\t\x7f.r
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_what_is_shown_controls_no_terminal_and_can_be_pasted(name: str) -> None:
+def test_a_shown_command_is_printable_and_can_be_pasted(name: str) -> None:
     command = command_line.watch_with(Path(name))
     assert command.isprintable()
     shell = subprocess.run(
@@ -66,7 +66,7 @@ def test_what_is_shown_controls_no_terminal_and_can_be_pasted(name: str) -> None
     assert printable_path(name) == command.split(' ', 1)[1]
 
 
-def test_an_error_about_a_strangers_file_controls_no_terminal(
+def test_errors_and_results_hold_no_terminal_control_codes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
     @dataclass(frozen=True)
@@ -86,5 +86,5 @@ def test_an_error_about_a_strangers_file_controls_no_terminal(
 
 
 @pytest.mark.parametrize('name', ['run.rrd', 'a run #1.rrd', "it's $(x); `y`.rrd"])
-def test_what_shows_a_recording_can_be_pasted_into_a_shell(name: str) -> None:
+def test_the_command_that_shows_a_recording_can_be_pasted(name: str) -> None:
     assert shlex.split(command_line.watch_with(Path(name)))[1:] == [name]

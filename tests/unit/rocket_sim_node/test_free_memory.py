@@ -33,7 +33,7 @@ def test_free_memory_goes_back_to_the_system() -> None:
     assert before - after > 0.4 * PIECES * SIZE / 1e6, (full, before, after)
 
 
-def test_it_is_given_back_once_in_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_free_memory_is_returned_once_in_a_period(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, given = [100.0], []
     monkeypatch.setattr('time.monotonic', lambda: clock[0])
     monkeypatch.setattr(free_memory, 'give_back', lambda: given.append(clock[0]))

@@ -25,7 +25,7 @@ def test_a_file_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['folder', 'FIFO', 'socket', 'device', 'bytes'])
-def test_what_is_no_regular_file_or_too_large_is_refused(tmp_path: Path, kind: str) -> None:
+def test_special_and_oversized_files_are_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'file'
     if kind == 'folder':
         path.mkdir()

@@ -44,7 +44,7 @@ class Screen(io.StringIO):
 
 
 @given(WORDS)
-def test_a_text_keeps_its_length_and_what_can_be_printed(text: str) -> None:
+def test_a_text_keeps_its_length_and_printable_characters(text: str) -> None:
     clean = printable(text, '\n')
     assert len(clean) == len(text)
     for before, after in zip(text, clean, strict=True):
@@ -70,7 +70,7 @@ def test_a_file_gets_printable_lines(text: str) -> None:
 
 
 @given(text=WORDS)
-def test_a_terminal_obeys_nobody_but_the_display(
+def test_text_adds_no_control_codes_to_those_of_the_display(
         monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     """The display's own control codes are the same with any text of as many lines."""
     monkeypatch.setenv('TERM', 'xterm')
@@ -85,7 +85,7 @@ def test_a_terminal_obeys_nobody_but_the_display(
 @pytest.mark.parametrize('command', [Reset(1), Restore(b''), Snapshot()])
 @given(text=WORDS, code=st.sampled_from([srv.Reset.Response.BUSY, 1, 2, 3]),
        patience=st.sampled_from([0.0, 9.0]))
-def test_what_a_service_answers_is_printable(
+def test_answers_of_a_service_are_printable(
         command: Command, text: str, code: int, patience: float) -> None:
     said = list[str]()
     connection: Any = SimpleNamespace(

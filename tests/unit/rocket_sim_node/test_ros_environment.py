@@ -19,14 +19,14 @@ def test_a_domain_of_ros_is_accepted(value: str) -> None:
 
 
 @pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', '0x10', '9' * 30, '٣'])
-def test_any_other_is_named(value: str) -> None:
+def test_an_invalid_domain_is_named(value: str) -> None:
     with pytest.raises(ValueError, match=f"ROS_DOMAIN_ID: got '{value}', expected a whole number"):
         ros_environment.check({'ROS_DOMAIN_ID': value})
 
 
 @pytest.mark.parametrize('name', [
     'ROS_DISCOVERY_SERVER', 'ROS_STATIC_PEERS', 'ROS_AUTOMATIC_DISCOVERY_RANGE'])
-def test_the_advice_names_what_is_set_and_nothing_else(name: str) -> None:
+def test_the_advice_names_only_variables_that_are_set(name: str) -> None:
     plain = ros_environment.advice({})
     assert 'ROS_DOMAIN_ID and namespace' in plain
     assert name not in plain
@@ -45,7 +45,7 @@ def test_full_shared_memory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyP
         ros_environment.check_shared_memory(tmp_path)
 
 
-def test_a_home_is_found_where_nothing_names_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_home_is_found_where_no_variable_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('HOME', raising=False)
     for given in ({}, {'HOME': ''}):
         environ = dict(given)

@@ -91,7 +91,7 @@ def test_the_ends_of_a_range_are_in_it(info: SettingInfo) -> None:
         assert settings.check(info, value) == value
 
 
-def test_unknown_settings_are_named_with_what_is_known() -> None:
+def test_unknown_settings_are_named_with_the_known_ones() -> None:
     """A misspelt name is an error, not a default."""
     with pytest.raises(ValueError, match=r"unknown setting 'altitude', 'gravty'.*spawn_height"):
         worlds.make('rocket', gravty=9.0, altitude=3.0, dt=0.02)
