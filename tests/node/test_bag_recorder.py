@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bag recorder as a process: it loses nothing, or says so, and leaves whole bags."""
+"""The bag recorder as a process: bags are complete, and lost messages are reported."""
 from __future__ import annotations
 
 import re

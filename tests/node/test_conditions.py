@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conditions over the wire: drawn alike, told alike, and refused by name."""
+"""Conditions over DDS: equal draws and telemetry, and bad values are refused by name."""
 from __future__ import annotations
 
 import signal
@@ -38,7 +38,7 @@ def commands(steps: int, seed: int = 0) -> np.ndarray:
 def test_a_mix_flies_the_same_in_process_over_dds_and_after_a_kill(
     world: str, settings: dict[str, Any], processes: Processes, make_client: MakeClient,
 ) -> None:
-    """A killed simulator draws the same again."""
+    """A restarted simulator draws the same conditions again."""
     start = {'world': world, 'num_envs': N, **settings}
     simulator = processes.run_node('rocket_sim_node', 'simulator', **start)
     client = make_client(patience=30.0)

@@ -51,9 +51,10 @@ NODES = {
 
 
 def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
-    """Return what a service answers.
+    """Return the response of a service.
 
-    It may know of the call before it knows where the answer goes, and drops that: call again.
+    A server may discover the request before it discovers the reader of the response, and then
+    drops the response: the call is repeated.
     """
     service = client.node.create_client(kind, name)
     assert client.waiter.until(service.service_is_ready, 60.0), name
@@ -66,7 +67,7 @@ def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
 
 
 def told(report: DiagnosticArray) -> dict[str, str]:
-    """Return what a report says, by name."""
+    """Return the values of a report, by name."""
     return {item.key: item.value for item in report.status[0].values}
 
 
@@ -76,7 +77,7 @@ def moment(report: DiagnosticArray) -> float:
 
 
 class Watch:
-    """Hears what a simulator says of itself and of its rockets."""
+    """Receives the diagnostics of a simulator and the states of its rockets."""
 
     def __init__(self, client: Client) -> None:
         self.client, self.status, self.throttle = client, DiagnosticStatus(), 0.0
@@ -104,7 +105,7 @@ class Watch:
         assert self.client.waiter.until(done, 20.0), self.status
 
     def passes(self, steps: int) -> None:
-        """Wait until the simulator has gone on by so many steps."""
+        """Wait until the simulator has made so many steps."""
         goal = self.step + steps
         self.until(lambda: self.step >= goal)
 
@@ -112,9 +113,9 @@ class Watch:
 def realtime(
     processes: Processes, make_client: MakeClient, **options: object,
 ) -> tuple[Process, Client, Watch]:
-    """Return a simulator by the clock, a client that has not reset it yet, and who watches.
+    """Return a real-time simulator, a client that has not reset it yet, and a `Watch`.
 
-    An agent that has reset it and then takes its time has its engine cut.
+    The engine is cut if an agent sends no action soon after its reset.
     """
     process = processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, **options})
@@ -146,7 +147,7 @@ def jumping_clock(make_node: Callable[..., Any]) -> Iterator[None]:
 def test_the_engine_is_cut_without_actions_and_follows_new_ones(
         processes: Processes, make_client: MakeClient, jumping_clock: None,
         sim_time: bool) -> None:
-    """By the steady clock: that of ROS may jump, it moves nothing."""
+    """The watchdog uses the steady clock: jumps of ROS time have no effect."""
     process, client, watch = realtime(processes, make_client, use_sim_time=sim_time)
     client.reset(1)
     for cut in (1, 2):
@@ -170,7 +171,7 @@ def test_the_engine_is_cut_without_actions_and_follows_new_ones(
 
 def test_an_agent_that_sends_no_action_after_its_reset_is_reported(
         processes: Processes, make_client: MakeClient) -> None:
-    """It died after its reset, or nobody hears it."""
+    """It died after its reset, or its actions are lost."""
     process, client, watch = realtime(processes, make_client)
     watch.until(lambda: watch['engine cuts'] == '0')
     assert watch.status.level == DiagnosticStatus.OK  # nobody flies
@@ -185,7 +186,7 @@ def test_an_agent_that_sends_no_action_after_its_reset_is_reported(
 
 def test_a_real_time_agent_that_only_computes_loses_control(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its engine is cut, and after the lease another one may take over."""
+    """Its engine is cut, and another agent may take over after the lease."""
     monkeypatch.setattr('rocket_sim_node.wire.client.connection._KEEP_PERIOD', 0.02)
     lease = 3.0
     _, client, watch = realtime(processes, make_client, agent_lease=lease)
@@ -216,7 +217,7 @@ def test_a_real_time_agent_that_only_computes_loses_control(
 
 @contextmanager
 def flood(connection: Connection) -> Iterator[None]:
-    """Have a connection's agent send rubbish, more than a simulator can take."""
+    """Send invalid messages as a connection's agent, more than a simulator can handle."""
     source, over = Rubbish(connection, 1), threading.Event()
     made = [source.rubbish() for _ in range(1000)]
 
@@ -264,7 +265,7 @@ def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
 
 def test_slow_motion_alone_does_not_cut_the_engine(
         processes: Processes, make_client: MakeClient) -> None:
-    """An order is as old as a step, 0.67 s here, when the next one can come."""
+    """The next action can only come after a step, 0.67 s here."""
     process = processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
         realtime_factor=0.03)
@@ -278,7 +279,7 @@ def test_slow_motion_alone_does_not_cut_the_engine(
 
 def test_a_repeated_action_does_not_count_as_a_new_one(
         processes: Processes, make_client: MakeClient) -> None:
-    """As by an agent that hears nothing any more, or by a network that doubles and delays."""
+    """An agent that receives no answers repeats it, or the network duplicates and delays it."""
     process, client, watch = realtime(processes, make_client)
     blind = client.node.create_publisher(msg.Action, 'action', qos.STREAM)
     watch.until(lambda: blind.get_subscription_count() > 0)
@@ -360,7 +361,7 @@ def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> N
 @pytest.mark.parametrize('name', NODES)
 def test_no_parameter_can_be_changed_after_start(
         processes: Processes, make_client: MakeClient, tmp_path: Path, name: str) -> None:
-    """The simulator is kept meanwhile: who wants to fly waits, and serves its parameters."""
+    """A client keeps control meanwhile: the other nodes wait, and serve their parameters."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
@@ -461,7 +462,7 @@ def test_diagnostics_hold_name_status_agent_and_counters(
 
 def test_a_refusal_is_reported_at_once_and_by_name(
         processes: Processes, make_client: MakeClient) -> None:
-    """Before it is answered, even; then the level falls back, and what was refused stays."""
+    """It is reported before the response. Then the level falls back, and the text stays."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
@@ -482,8 +483,8 @@ def test_a_refusal_is_reported_at_once_and_by_name(
 def test_the_wire_measures_time_by_the_steady_clock() -> None:
     """Time is measured by `time.monotonic`; each timer has the steady clock.
 
-    But files have times of the clock of the day, and so have their ages; and one module notices
-    when that clock is set.
+    There are two exceptions: the times and ages of files, and the module that detects steps of
+    the system clock.
     """
     for path in sorted(Path(wire.__path__[0]).rglob('*.py')):
         clocks = {'time.monotonic', 'time.sleep', 'time.perf_counter'}

@@ -38,7 +38,7 @@ def test_a_context_lasts_as_long_as_its_block(processes: Processes) -> None:
 
 
 def test_this_rclpy_supports_the_fast_path(make_node: Callable[..., Any]) -> None:
-    """Where a later distribution fails here, its rclpy has changed: `distributions.subscribe`."""
+    """A failure means that rclpy has changed: see `distributions.subscribe`."""
     node, _ = make_node()
     box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
     assert box.handle is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many simulators fly for one agent, and come and go; what is flown does not depend on it."""
+"""Fleets of simulators: flights do not depend on which simulators join or leave."""
 from __future__ import annotations
 
 import functools
@@ -74,7 +74,7 @@ def go_on(state: bytes, seed: int) -> Job[np.ndarray]:
 
 
 def flown(fleet: SimulatorFleet | SerialFleet, seeds: range, poll: Callable[[], None]) -> list:
-    """Return what flights come to, and what those that begin where they ended come to."""
+    """Return the results of flights, and of flights that continue from their ends."""
     first = list(fleet.fly([functools.partial(fall, seed) for seed in seeds], poll))
     second = list(fleet.fly([
         functools.partial(go_on, state, seed)
@@ -91,12 +91,12 @@ def assert_same_flights(ours: list, theirs: list) -> None:
 
 
 def in_process(seeds: range) -> list:
-    """Return what flights come to without ROS."""
+    """Return the results of the same flights without ROS."""
     return flown(SerialFleet(make('rocket', num_envs=N)), seeds, lambda: None)
 
 
 def fly_until(words: str, fleet: SimulatorFleet, capfd: pytest.CaptureFixture[str]) -> str:
-    """Fly until the log says so, and return it."""
+    """Fly until the log holds a text, and return the log."""
     text, end = '', time.monotonic() + 20.0
     while words not in text and time.monotonic() < end:
         list(fleet.fly([functools.partial(fall, 1)]))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever another participant says in the name of agent or simulator, what was flown is learnt.
+"""Messages forged in the name of the agent or the simulator do not change what is learnt.
 
-The forger speaks as soon as it hears: mostly before the one whose name it uses.
+The forger answers at once: mostly before the node that it imitates.
 """
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.skipif(
 
 
 class Errors:
-    """Hears what is an error on `/diagnostics`."""
+    """Receives the errors on `/diagnostics`."""
 
     def __init__(self, client: Client) -> None:
         self.texts: set[str] = set()
@@ -57,7 +57,7 @@ class Errors:
 
 def test_forgeries_are_dropped_counted_and_reported(
         processes: Processes, make_client: Callable[..., Client]) -> None:
-    """Among forgeries of each kind a client flies what a world in process does, to the bit."""
+    """Under forgeries of each kind, a client's flight equals that in process, bit for bit."""
     simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world, rng = make_client(), make('rocket', num_envs=N), np.random.default_rng(1)
     errors = Errors(client)
@@ -107,7 +107,7 @@ def test_forgeries_are_dropped_counted_and_reported(
 
 def test_an_agent_reports_that_its_simulator_ran_ahead(
         processes: Processes, make_client: Callable[..., Client]) -> None:
-    """The actions come from its own participant, which is obeyed."""
+    """The extra actions come from the agent's own participant, so they are accepted."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client = make_client()
     client.reset(1)
@@ -138,9 +138,9 @@ def test_an_agent_reports_that_its_simulator_ran_ahead(
 def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
         processes: Processes, make_client: Callable[..., Client],
         make_node: Callable[..., Any], below: str) -> None:
-    """With its identity and its GID, which everybody can see.
+    """The calls carry the identity and the GID of the agent, which are public.
 
-    Also by the deprecated name of a service, of which the agent itself has no client.
+    This holds for the deprecated names of services, too, for which the agent has no client.
     """
     simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world = make_client(), make('rocket', num_envs=N)
@@ -177,7 +177,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
 
 def test_an_agent_reports_that_it_was_replaced_while_silent(
         processes: Processes, make_client: Callable[..., Client]) -> None:
-    """A sender with the agent's identity may be that agent, started again: it is obeyed."""
+    """A sender with the agent's identity may be the restarted agent, so it is accepted."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
     client, again = make_client(agent=5), make_client(agent=5)
     errors = Errors(again)

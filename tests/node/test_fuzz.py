@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A live simulator and a live agent among thousands of messages of rubbish."""
+"""A running simulator and a running agent under thousands of invalid messages."""
 from __future__ import annotations
 
 import time
@@ -39,7 +39,7 @@ _MADE = 3000
 
 
 def resident(process: Process) -> float:
-    """Return the memory of a process, with the children of whoever only started it, bytes."""
+    """Return the largest memory of a process and its children, bytes."""
     children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()
     return max(1024.0 * int(line.split()[1]) for pid in (process.pid, *children)
                for line in Path(f'/proc/{pid}/status').read_text().splitlines()
@@ -47,13 +47,13 @@ def resident(process: Process) -> float:
 
 
 class Rubbish:
-    """Actions that step nothing, whose fate is foretold, where this agent has control."""
+    """Actions that step nothing and whose outcome is predicted; this agent has control."""
 
     def __init__(self, connection: Connection, seed: int) -> None:
         self.connection, self.rng = connection, np.random.default_rng(seed)
 
     def rubbish(self) -> bytes:
-        """Return a message that steps nothing, whatever became of it."""
+        """Return a message that steps nothing."""
         while True:
             data = self._any()
             data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
@@ -83,7 +83,7 @@ class Rubbish:
         return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
 
     def _fate(self, data: bytes) -> str:
-        """Return what shall become of an action now: flown, repeated or refused."""
+        """Return the expected outcome of an action now: flown, repeated or refused."""
         connection = self.connection
         try:
             message = CODEC.decode(data)
@@ -99,7 +99,7 @@ class Rubbish:
 
 
 class Fuzzer(Rubbish):
-    """A good client, and rubbish in the midst of its actions."""
+    """A valid client that sends invalid messages between its actions."""
 
     def __init__(self, process: Process, client: Client, seed: int) -> None:
         super().__init__(client.connection, seed)
@@ -126,11 +126,11 @@ class Fuzzer(Rubbish):
         self.status = message.status[0]
 
     def counts(self) -> dict[str, str]:
-        """Return what the simulator says about itself."""
+        """Return the counters in the simulator's diagnostics."""
         return {item.key: item.value for item in self.status.values} if self.status else {}
 
     def run(self, count: int, calls: int) -> None:
-        """Send rubbish, as much at a time as the simulator's queue holds, then a good action.
+        """Send invalid messages, as many as the simulator's queue holds, then a good action.
 
         :param calls: services to call as badly, over the whole run.
         """
@@ -144,9 +144,9 @@ class Fuzzer(Rubbish):
             self.step()
 
     def flood(self, handled: int) -> None:
-        """Send rubbish made beforehand until the simulator has handled so much in all.
+        """Send prepared invalid messages until the simulator has handled so many in all.
 
-        It comes about as fast as that can, with a good action in between now and then.
+        They come about as fast as it can handle them, with a good action now and then.
         """
         made = [self.rubbish() for _ in range(_MADE)]
         last = self.handled
@@ -162,7 +162,7 @@ class Fuzzer(Rubbish):
                 self.sizes.append((last, resident(self.process)))
 
     def send(self, data: bytes) -> None:
-        """Publish rubbish whose fate is known."""
+        """Publish an invalid message whose outcome is known."""
         self.expected[self._fate(data)] += 1
         self.client.connection._publisher.publish(data)
         self.sent += 1
@@ -174,7 +174,7 @@ class Fuzzer(Rubbish):
 
     @property
     def handled(self) -> int:
-        """How much rubbish has reached the simulator, as it says itself, up to a second ago."""
+        """How many invalid messages the simulator has counted, up to a second ago."""
         return sum(int(self.counts().get(name, 0)) for name in (
             'refused on action', 'repeated answers'))
 

@@ -65,7 +65,7 @@ class Line:
 
 
 class Counting:
-    """A wait set that counts how often somebody sleeps in it."""
+    """A wait set that counts its blocking waits."""
 
     def __init__(self, line: Line, wait_set: Any) -> None:
         self._line, self._wait_set = line, wait_set
@@ -120,7 +120,7 @@ def test_a_machine_with_one_core_does_not_poll(
 
 
 def test_a_timer_that_is_due_is_served_amid_messages(line: Line) -> None:
-    """A flood of messages must not make lumps of the steps of real time."""
+    """A flood of messages must not delay the steps of real time."""
     served: list[None] = []
     timer = create_timer(line.box._node, 0.001, lambda: served.append(None))
     for _ in range(50):

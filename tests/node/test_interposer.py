@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages dropped, doubled, delayed and reordered: no step is lost, none is taken twice."""
+"""Messages dropped, duplicated, delayed or reordered: no step is lost or taken twice."""
 from __future__ import annotations
 
 from collections import Counter
@@ -30,7 +30,7 @@ BRIEF = {
 
 
 def tell(counts: Counter[str]) -> None:
-    """Print what was suffered; all kinds of it were."""
+    """Print the number of faults, and assert that each kind occurred."""
     print(', '.join(f'{counts[name]} {name}' for name in ('messages', *interposer.FAULTS)))
     assert all(counts[name] > 0 for name in interposer.FAULTS), counts
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Memory that killed peers leave behind in a node that lives on."""
+"""Memory that killed peers leave behind in a running node."""
 from __future__ import annotations
 
 import signal

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a simulator answers, an agent learns from what makes sense or says what does not."""
+"""An agent accepts valid answers of a simulator and reports invalid ones."""
 from __future__ import annotations
 
 import time
@@ -44,7 +44,7 @@ ANY_VALUES = st.one_of(
 
 
 class Box:
-    """A mailbox whose messages are put there."""
+    """A mailbox that a test fills with messages."""
 
     def __init__(self, topic: str) -> None:
         self.topic, self.posted = topic, deque[bytes]()
@@ -70,7 +70,7 @@ def answer(ended: bool) -> dict[str, list[Any]]:
 
 
 def check_answer(answers: Answers) -> None:
-    """Take an answer and check that it is whole and makes sense, whatever it was made of."""
+    """Take an answer and check that it is complete and valid."""
     step, (observation, reward, terminated, truncated, info) = answers.take()
     assert step == STEP + 1
     assert observation.shape == (N, SPEC.observation_size)
@@ -90,7 +90,7 @@ def check_answer(answers: Answers) -> None:
 
 
 def awaiting() -> tuple[dict[str, Box], Answers, list[str]]:
-    """Return boxes, what awaits an answer in them, and what it says of rubbish."""
+    """Return mailboxes, the object that awaits an answer in them, and its warnings."""
     boxes, said = {name: Box(name) for name in CODECS}, list[str]()
     answers = Answers(list(boxes.values()), said.append)  # type: ignore[arg-type]
     answers.expect(SPEC)
@@ -123,7 +123,7 @@ def test_a_step_with_one_bad_field_is_refused_by_name(
 @given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
 def test_damaged_answers_are_passed_over_or_refused(
         ended: bool, topic: str, data: st.DataObject) -> None:
-    """A good one that comes afterwards, as it is sent again, is taken."""
+    """A good answer that is sent again afterwards is accepted."""
     boxes, answers, said = awaiting()
     for name, arrays in answer(ended).items():
         good = CODECS[name].encode((SESSION, STEP + 1), arrays)
@@ -208,7 +208,7 @@ def test_any_answer_of_a_service_is_taken_or_refused(
 
 
 def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
-    """Return what awaits an answer, where topics, steps and whether rockets ended were sent."""
+    """Return the object that awaits an answer, after (topic, step, rockets ended) were sent."""
     boxes = {name: Box(name) for name in CODECS}
     answers = LatestAnswers(list(boxes.values()), lambda text: None)  # type: ignore[arg-type]
     answers.expect(SPEC)
@@ -219,7 +219,7 @@ def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
 
 
 def test_in_real_time_lost_episodes_cost_a_step_and_no_error() -> None:
-    """A later step that is whole will do."""
+    """A later, complete step is accepted instead."""
     answers = in_real_time(
         ('observation', 9, True), ('reward', 9, True), ('episodes', 11, True),
         ('observation', 11, True), ('reward', 11, True))

@@ -52,7 +52,7 @@ class Hands:
             this, this, this, Cockpit(Brake.of(spec)), KeyboardPilot(spec), EpisodeStart(1, 0), '')
 
     def fly(self, seen: list[Any], heard: list[Any], lands: bool = False) -> None:
-        """Fly; see some observations, and hear something before each of them."""
+        """Fly through some observations, with a message before each of them."""
         self.seen, self.heard, self._lands = list(seen), list(heard), lands
         self.flying._fly(EpisodeStart(1, 0))
 
@@ -103,7 +103,7 @@ class Hands:
 
 
 def observations(spec: WorldSpec) -> st.SearchStrategy[list[Any]]:
-    """Return flights of what can come as an observation: any finite numbers."""
+    """Return flights of possible observations: any finite numbers."""
     row = st.lists(
         st.one_of(st.floats(-5.0, 5.0, width=32), FINITE_F32), min_size=spec.observation_size,
         max_size=spec.observation_size)

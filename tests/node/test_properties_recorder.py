@@ -99,7 +99,7 @@ class Desk:
 
 @cache
 def good(world: str, session: int) -> list[Any]:
-    """Return what a simulator and an agent say of a session in which each rocket falls down."""
+    """Return the messages of a session in which each rocket falls down."""
     said = flight_messages(world, ROCKETS, 500, session, batch=125)
     said.append(msg.TrainingStatus(run='run', stage='finetune', iteration=3, level=2))
     return said
@@ -178,7 +178,7 @@ def landed(states: list[Any]) -> list[Any]:
 
 @pytest.mark.parametrize('harm', ['settings', 'mass', 'fuel', 'linear_velocity', 'orientation'])
 def test_landings_that_the_contact_model_cannot_follow_are_recorded(harm: str) -> None:
-    """A contact model decides what becomes of them; for some of them it has no answer."""
+    """The contact model simulates what follows a landing; for some states it has no result."""
     desk = Desk(False)
     world, *states, _ = copy.deepcopy(good('rocket', 1))
     states = landed(states)
@@ -291,7 +291,7 @@ class Bridge:
     (2**30, 0, '')])
 def test_an_invalid_stamp_is_ignored_and_reported(
         sec: int, nanosec: int, told: str) -> None:
-    """And after the latest one that a simulator sends, the next session is shown as well."""
+    """The next session is shown, also after the latest valid stamp."""
     bridge = Bridge()
     world, state, *_ = copy.deepcopy(good('rocket', 1))
     bridge.hear(world)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is sent to a simulator, it steps as it should, or says why not and stays there."""
+"""A simulator executes any request correctly, or refuses it and does not change."""
 from __future__ import annotations
 
 import tracemalloc
@@ -125,7 +125,7 @@ def bench(make_node: Callable[..., Any], request: pytest.FixtureRequest) -> Benc
 
 @given(data=st.data())
 def test_any_action_is_flown_repeated_or_refused(bench: Bench, data: st.DataObject) -> None:
-    """An own model says which."""
+    """A model in this file predicts which."""
     bench.reset()
     server, spec = bench.server, bench.world.spec
     here, now = server._session, server._step
@@ -230,7 +230,7 @@ def test_snapshot_and_release_with_wrong_identifiers_are_refused(
 
 @given(st.one_of(st.sampled_from([NOBODY, OWNER]), ANY_U64))
 def test_requests_that_need_control_are_refused_after_a_release(bench: Bench, agent: int) -> None:
-    """Not even who has no name, nor who had control before."""
+    """Also those without an identity, and those of the agent that had control before."""
     bench.reset()
     server = bench.server
     response = server._on_release(srv.Release.Request(agent=OWNER), srv.Release.Response(), b'')
@@ -284,7 +284,7 @@ def forged(data: st.DataObject, array: np.ndarray[Any, Any]) -> np.ndarray[Any, 
 
 
 def test_accepted_snapshots_lead_to_snapshots_that_are_accepted(bench: Bench) -> None:
-    """A forged state is refused, or flown on: no world comes to be where it cannot be restored."""
+    """A forged state is refused, or every state that follows from it can be restored."""
     stages = bench.stages()
     names = sorted(
         name for name in stages[0].keys() - {'world', 'settings'} if stages[0][name].size)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of a simulator that was stopped: calls are repeated, and what is flown, flown once."""
+"""Calls of a stopped simulator's services are repeated, and executed once."""
 from __future__ import annotations
 
 import signal
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.timeout(900)
 
 @contextmanager
 def stopped(process: Process, seconds: float) -> Iterator[None]:
-    """Stop a process, which goes on after so long, before what is done meanwhile has ended."""
+    """Stop a process for so long; the block ends after the process has continued."""
     process.signal(signal.SIGSTOP)
     timer = threading.Timer(seconds, process.signal, [signal.SIGCONT])
     timer.start()
@@ -117,7 +117,7 @@ class Dying:
         self._answers: list[tuple[int, srv.Reset.Response]] = []
 
     def service_is_ready(self) -> bool:
-        """Return what is believed until the lease of a dead one ends."""
+        """Return True, as discovery does until the lease of a dead process ends."""
         return True
 
     def send(self, request: srv.Reset.Request) -> int:
@@ -149,7 +149,7 @@ def test_a_busy_simulator_that_dies_is_a_timeout_after_patience(
 
 def test_logging_a_slow_answer_does_not_repeat_the_call(
         make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A call is made anew after twice the time, not each time that the log says how long it is."""
+    """A call is repeated after twice the time, not each time that the wait is logged."""
     now = 0.0
     monkeypatch.setattr(waiting, 'time', SimpleNamespace(monotonic=lambda: now))
     service = Dying(busy=0)
@@ -166,7 +166,7 @@ def test_logging_a_slow_answer_does_not_repeat_the_call(
 
 def test_invalid_service_arguments_are_refused_as_in_process(
         processes: Processes, make_client: MakeClient) -> None:
-    """The middleware would end the process."""
+    """The middleware would end the process otherwise."""
     simulator(processes)
     client, world = make_client(), make_world()
     for seed in (np.int64(5), np.uint8(7)):

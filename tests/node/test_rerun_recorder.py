@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder as a process: it hears a simulator, and leaves whole files however it ends."""
+"""The recorder as a process: it records a simulator, and leaves complete files."""
 from __future__ import annotations
 
 import re
@@ -216,7 +216,7 @@ def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) 
 
 def test_an_agent_in_another_namespace_is_present_while_it_publishes(
         make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """As for a recorder of each simulator of a fleet: the topic is remapped."""
+    """This is so for the recorders of a fleet: the topic is remapped."""
     monkeypatch.setattr(rerun_recorder, '_AGENT_GONE', 0.1)
     agent, _ = make_node()
     publisher = agent.create_publisher(msg.TrainingStatus, 'training', qos.EVENTS)

@@ -56,7 +56,7 @@ TF_HASH = 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f0
 
 
 class Listener:
-    """Keeps what it hears, by topic."""
+    """Keeps received messages, by topic."""
 
     def __init__(self, make_node: Callable[..., Any]) -> None:
         self.node, self._executor = make_node()

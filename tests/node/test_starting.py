@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How nodes start: discovered while they import, which takes longest; or refused."""
+"""How nodes start: they are discovered during their imports, or refused."""
 from __future__ import annotations
 
 import signal

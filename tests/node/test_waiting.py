@@ -13,7 +13,7 @@ from rocket_sim_node.wire.node.waiting import WireTimeout
 
 
 class Node:
-    """Actions that a silence requires."""
+    """The methods of a node that `Silence` calls."""
 
     def __init__(self) -> None:
         self.warned: list[str] = []
@@ -27,7 +27,7 @@ class Node:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time of `waiting`, in its only entry."""
+    """The clock of `waiting`: a list with the time as its only entry."""
     now = [1000.0]
     monkeypatch.setattr(waiting.time, 'monotonic', lambda: now[0])
     return now
@@ -65,7 +65,7 @@ def test_the_timeout_names_the_discovery_variables(
 @pytest.mark.parametrize('frozen', [3600.0, 8.5, 7.5])
 def test_time_in_suspension_does_not_count_as_silence(
         clock: list[float], frozen: float) -> None:
-    """Agent and simulator are frozen together, and thaw: who looks first must not give up."""
+    """Agent and simulator are suspended together; the first to resume must not give up."""
     silence = Silence(Node(), 'an answer', 20.0, '/world')  # type: ignore[arg-type]
     wait(silence, clock, 12.0)
     planned = clock[0] + 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wire keeps its promises: a client in this process, a simulator in another one."""
+"""The wire between a client in this process and a simulator in another one."""
 from __future__ import annotations
 
 import signal
@@ -68,7 +68,7 @@ def test_observations_too_large_for_a_socket_are_acknowledged(
 
 
 class Speaker:
-    """Publishes what no client would, and hears what the simulator says."""
+    """Publishes invalid messages, and receives the diagnostics of the simulator."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
@@ -100,7 +100,7 @@ class Speaker:
         self.publisher.publish(message)
 
     def insist(self, done: Callable[[], bool]) -> None:
-        """Wait until `done()`; say again what was lost before the reader knew the writer."""
+        """Wait until `done()`; repeat messages that were lost before discovery was complete."""
         for _ in range(10):
             if self.client.waiter.until(done, 2.0):
                 return
@@ -436,7 +436,7 @@ def test_an_action_that_comes_late_is_not_flown_in_realtime(
 
 def test_discovery_shows_equal_definition_hashes_at_both_ends(
         simulator: Process, make_client: MakeClient) -> None:
-    """Otherwise nobody would be refused for it."""
+    """Without the hashes, no other definition would be refused."""
     client = make_client()
     client.connect()
     node = client.node
@@ -453,7 +453,7 @@ def test_discovery_shows_equal_definition_hashes_at_both_ends(
 def test_a_simulator_built_from_another_definition_is_refused(
         simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
         topic: str, hidden: int) -> None:
-    """However late the topic is discovered on which it differs."""
+    """It does not matter how late the topic with the difference is discovered."""
     client = make_client()
     real = client.node.get_publishers_info_by_topic
     assert client.waiter.until(lambda: bool(real(topic)), 10.0)
@@ -555,7 +555,7 @@ def test_the_description_holds_the_settings_flown_and_those_replaced(
     described: list[msg.World] = []
 
     def level(number: int, replaced: dict[str, float]) -> None:
-        """Wait for the description of the session; one who comes late hears it, too."""
+        """Wait for the description of the session, as a late joiner."""
         described.clear()
         listener = late.node.create_subscription(
             msg.World, 'world', described.append, qos.WORLD)

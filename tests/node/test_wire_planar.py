@@ -29,7 +29,7 @@ WORLDS = [
 
 
 def pilot_of(spec: WorldSpec) -> Pilot:
-    """Return a pilot that brings most of them down gently, so that there is contact."""
+    """Return a pilot that lands most vehicles gently, so that there is contact."""
     return LunarHeuristic(spec) if spec.name == 'lunar_lander' else ExpertPilot(spec)
 
 
