@@ -63,7 +63,7 @@ def program() -> str:
 
 
 class Browser:
-    """One page of a browser with an empty profile, and all that it said.
+    """One page of a browser with an empty profile, and all that it reported.
 
     `console` holds the errors of the page and its scripts, `requests` every address asked for.
     """
@@ -131,7 +131,7 @@ class Browser:
         return message
 
     def _note(self, message: dict[str, Any]) -> None:
-        """Keep what the page complains of, and whom it asks for something."""
+        """Record the errors of the page and the addresses that it requests."""
         kind, said = message.get('method'), message.get('params', {})
         if kind == 'Page.loadEventFired':
             self._loaded = True
@@ -164,7 +164,7 @@ class Browser:
     ) -> Image.Image:
         """Return the first picture that shows something.
 
-        :raises AssertionError: with what the browser said, when there is none in time.
+        :raises AssertionError: with the browser's output, when there is none in time.
         """
         end = time.monotonic() + seconds
         while time.monotonic() < end:

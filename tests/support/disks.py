@@ -50,7 +50,7 @@ class Disk:
 
 @contextlib.contextmanager
 def read_only(folder: Path) -> Iterator[None]:
-    """Let nobody write into a folder."""
+    """Make a folder read-only."""
     _mount('--bind', '-o', 'ro', str(folder), str(folder))
     try:
         yield

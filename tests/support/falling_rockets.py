@@ -49,9 +49,9 @@ class Simulator:
         self._world = make(world, self._rockets)
 
     def begin(self, training: bool = True) -> None:
-        """Begin a session, when somebody listens.
+        """Begin a session, once it has a subscriber.
 
-        :param training: whether somebody is to listen to that topic, too.
+        :param training: whether to wait for a subscriber of that topic, too.
         """
         wait_until(
             lambda: self.state.get_subscription_count() > 0

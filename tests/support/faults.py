@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training whose processes are killed, stopped and told to end, and goes on each time."""
+"""A training whose processes are killed, stopped and ended, and that continues each time."""
 from __future__ import annotations
 
 import random
@@ -29,7 +29,7 @@ END = 60.0
 
 
 class Moments:
-    """Random times and choices; who prints the seed can have the same again."""
+    """Random times and choices, which can be repeated with the printed seed."""
 
     def __init__(self, seed: int | None = None) -> None:
         """Draw a seed, and print it: pytest shows that when a test fails."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A participant that forges all that agent and simulator say to each other, faster than they.
+"""A participant that forges all messages of agent and simulator, and sends them first.
 
 It needs nothing but the domain: it hears both and speaks in their names. Run as a program it is a
 node, which forges the kinds that its parameter `kinds` lists, separated by commas.
@@ -62,7 +62,7 @@ class Forger:
         self._agent = message.agent
 
     def _serve(self, request: Any, response: Any) -> Any:
-        """Answer as the simulator would, with a state that is nobody's."""
+        """Answer as the simulator would, with an invented state."""
         self.sent['services'] += 1
         response.code = response.OK
         if hasattr(response, 'state'):

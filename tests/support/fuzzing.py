@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rubbish of all kinds: as strategies of hypothesis, and as damage done to good bytes."""
+"""Invalid data of all kinds: strategies of hypothesis, and damage to good bytes."""
 from __future__ import annotations
 
 import io

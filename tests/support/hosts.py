@@ -56,7 +56,7 @@ def _ip(*arguments: str) -> None:
 
 
 class Hosts(Processes):
-    """Processes on two hosts, 0 and 1, which reach each other and nobody else."""
+    """Processes on two hosts, 0 and 1, which reach each other and no other host."""
 
     def __init__(self, folder: Path) -> None:
         """Make the namespaces and the cable."""

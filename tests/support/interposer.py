@@ -49,7 +49,7 @@ class Channel:
         self.counts: Counter[str] = Counter()
 
     def take(self, message: bytes) -> None:
-        """Do to a message what falls to its lot."""
+        """Apply the drawn fault to a message."""
         self.counts['messages'] += 1
         lot = int(self._random.uniform() / self._share)
         fault = FAULTS[lot] if lot < len(FAULTS) else ''

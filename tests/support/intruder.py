@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs for two hosts: one looks for what it can see and move, one flies and compares.
+"""Programs for two hosts: one tries to see and control nodes, one flies and compares.
 
 As a program: `intruder SECONDS PORT...`, `pilot FILE`, each writes what it found as JSON on its
 last line.

@@ -133,7 +133,7 @@ class Processes:
     _domains = 0
 
     def __init__(self, folder: Path) -> None:
-        """Choose a domain that no other test of this session had lately, nor anybody else has."""
+        """Choose a domain that no recent test of this session and no other process uses."""
         self.folder = folder
         for _ in range(_DOMAINS):
             self.domain = _FIRST_DOMAIN + (os.getpid() + Processes._domains) % _DOMAINS

@@ -23,7 +23,7 @@ PATIENCE = 100.0
 
 
 def free_port() -> int:
-    """Return a TCP port of the loopback interface on which nobody listens."""
+    """Return a free TCP port of the loopback interface."""
     with socket.socket() as probe:
         probe.bind(('127.0.0.1', 0))
         port: int = probe.getsockname()[1]

@@ -15,8 +15,7 @@ from rocket_sim_node.recording import render
 def pictures(recording: Path, times: list[float], **how: Any) -> list[np.ndarray]:
     """Return what the viewer shows at some times, `(rows, columns, 3)` each.
 
-    Without a graphics driver the test is left out; not in continuous integration, where nobody
-    would notice.
+    Without a graphics driver the test is skipped, but it fails in continuous integration.
     """
     try:
         drawn = render.render(recording, times, **{'size': (960, 600), 'patience': 60.0, **how})

@@ -39,7 +39,7 @@ STAND_IN = os.environ.get('ROS_DISTRO') == os.environ.get('HOVERSLAM_WHEELS')
 def listening(process: Process) -> list[tuple[str, str, int]]:
     """Return protocol, address and port of all UDP ports and waiting TCP ports of a process.
 
-    All those of its host are returned: on the hosts of a test there is nobody else.
+    All those of its host are returned: on the hosts of a test there is no other process.
     """
     def host(pid: object) -> str:
         return os.readlink(f'/proc/{pid}/ns/net')
@@ -105,7 +105,7 @@ def test_another_host_cannot_see_or_control_nodes(hosts: Hosts) -> None:
 
 
 def test_with_a_wider_range_another_host_sees_nodes_and_is_answered(hosts: Hosts) -> None:
-    """Else the test above would pass whatever happens; control stays with who has it."""
+    """Without this test, the one above would prove nothing. The agent keeps control."""
     seen, flown, ports = intrude(hosts, 'SUBNET')
     assert {'simulator', 'pilot'} <= set(seen['nodes']), hosts.logs()
     assert min(seen['publishers'], seen['heard'], seen['answers']) > 0, hosts.logs()

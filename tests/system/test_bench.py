@@ -53,7 +53,7 @@ def run(part: str, output: Path, *options: str) -> tuple[str, dict]:
 
 @pytest.fixture
 def long_enough(nightly: bool) -> None:
-    """Leave out a benchmark that takes longer than the others and shares their frame."""
+    """Skip a benchmark that takes longer than the others and shares their code."""
     if not nightly:
         pytest.skip('a benchmark of 15 to 30 s: --nightly')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The system clock is set back while nodes fly, and they fly on; see `wire.node.clock_steps`."""
+"""Flights continue when the system clock is set back; see `wire.node.clock_steps`."""
 from __future__ import annotations
 
 import time

@@ -144,7 +144,7 @@ def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
 
 
 def test_land_passes_a_signal_on_to_its_nodes(processes: Processes, tmp_path: Path) -> None:
-    """As `kill PID` and supervisors do."""
+    """`kill PID` and supervisors send a signal to the script alone."""
     land = command(processes, 'land', 'episodes:=0', f'output:={tmp_path}/landing.rrd')
     land.wait_for('episodes:', 60.0)
     nodes = psutil.Process(land.pid).children(recursive=True)

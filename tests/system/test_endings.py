@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are told to end, or refused, before they have begun: they leave nothing."""
+"""Nodes that are stopped or refused during their start leave nothing behind."""
 from __future__ import annotations
 
 import signal
@@ -93,7 +93,7 @@ def test_an_agent_refused_for_its_world_leaves_no_folder(
 
 def test_a_run_without_landed_demonstrations_offers_no_resume(
         processes: Processes, tmp_path: Path) -> None:
-    """It would come to the same; what flew can be looked at."""
+    """It would fail again; the run folder is kept for inspection."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=8, fuel=20.0)
     ended = agent(processes, tmp_path / 'run')
     assert ended.wait(2 * END) == 2, ended.output()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of a training die, stop or are told to end at random moments; nothing is lost.
+"""Processes of a training are killed, stopped or ended at random moments; nothing is lost.
 
 Each fault 50 times while it learns and 10 times at any moment, mostly while something starts, with
 `--nightly`; else each once, while it learns. `test_endings.py` ends nodes that start.
@@ -86,7 +86,7 @@ def test_training_continues_and_learns_the_same(
 
 def test_suspending_all_processes_beyond_their_patience_changes_nothing(
         processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
-    """As by `docker pause`: longer than the agent waits, and than DDS remembers who is silent."""
+    """As by `docker pause`: longer than the agent's patience and the discovery lease of DDS."""
     if not nightly:
         pytest.skip('a minute of standing still: --nightly')
     training = Training(processes, tmp_path / 'run', Moments(), patience=5.0, **SETTINGS)

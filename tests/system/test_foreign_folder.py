@@ -25,7 +25,7 @@ CALLS: dict[str, tuple[str, ...]] = {
 
 @pytest.fixture(scope='module')
 def traps(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a module of every name, each of which tells that it was imported."""
+    """A folder with a module of every name; each module reports its import."""
     folder = tmp_path_factory.mktemp('traps')
     names = {*sys.stdlib_module_names, *packages_distributions(), 'rclpy', 'rocket_msgs'}
     for name in filter(str.isidentifier, names):
@@ -35,7 +35,7 @@ def traps(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(processes: Processes, traps: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run a command in the folder of traps; one must not have gone off."""
+    """Run a command in the folder of traps, and assert that no trap was imported."""
     env = {name: value for name, value in processes.env.items() if name != 'PYTHONSAFEPATH'}
     done = subprocess.run(
         words, cwd=traps, capture_output=True, text=True, timeout=120, check=False,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C at a training: all processes end by themselves, and it goes on as if nothing had been."""
+"""Ctrl-C during a training: all processes end, and the resumed run ends the same."""
 from __future__ import annotations
 
 import json

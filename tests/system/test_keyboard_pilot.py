@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A person at a terminal: the node as it is used, keys in a pseudo-terminal, a simulator."""
+"""The keyboard pilot as a node, with keys in a pseudo-terminal and a simulator."""
 from __future__ import annotations
 
 import os
@@ -40,7 +40,7 @@ def assert_restored(terminal: PseudoTerminal) -> None:
 
 
 class Looker:
-    """Sees what the simulator tells of its first vehicle."""
+    """Receives the states of the simulator's first vehicle."""
 
     def __init__(self, client: Client) -> None:
         self.states: list[msg.RocketState] = []
@@ -57,7 +57,7 @@ class Looker:
         return next(state for state in self.states if done(state))
 
     def idle(self, seconds: float) -> int:
-        """Look on for a while; return how many states there were."""
+        """Receive for a while; return how many states there were."""
         self.states.clear()
         self.client.waiter.until(lambda: False, seconds)
         return len(self.states)
@@ -154,7 +154,7 @@ def test_the_terminal_is_restored_after_an_error(
 
 def test_ctrl_c_does_not_discard_a_key_that_is_about_to_be_read(
         processes: Processes, terminal: PseudoTerminal) -> None:
-    """The reading would wait for the next key, and whoever pressed Ctrl-C for the end."""
+    """Otherwise the read would wait for the next key, and Ctrl-C would end nothing until then."""
     child = terminal.start(
         sys.executable, '-c',
         'import select, signal, time\n'

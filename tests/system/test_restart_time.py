@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How long after a kill the wire carries again, beyond the time that a process takes to start.
+"""Time from a kill to the next exchange of messages, without the start of the process.
 
 The start ends when a process could exchange if the wire carried: a simulator logs that it waits
 for an agent, an agent is about to look for its simulator. The time is counted from there
@@ -43,7 +43,7 @@ pytestmark = pytest.mark.timeout(900)
 
 
 def told(process: Process, line: str, after: int = 0) -> float:
-    """Return the time that a process tells in a line, beyond what it had printed before."""
+    """Return the time in a line that a process prints after its earlier output."""
     pattern = re.compile(f'^{line}.*\n', re.MULTILINE)
     wait_until(
         lambda: pattern.search(process.output(), after) is not None or not process.running, 60.0,
@@ -54,7 +54,7 @@ def told(process: Process, line: str, after: int = 0) -> float:
 
 
 def exchanging_agent(processes: Processes, run: Path, resume: bool) -> Process:
-    """Start what exchanges all the time."""
+    """Start a process that exchanges messages all the time."""
     return processes.start(sys.executable, exchange_probe.__file__)
 
 

@@ -148,12 +148,12 @@ def test_policy_lets_an_agent_fly_simulators_elsewhere(
 
 
 def has_security() -> bool:
-    """Return whether the ROS 2 of this machine can do it."""
+    """Return whether the ROS 2 of this machine has DDS-Security."""
     return security.supported()
 
 
 def refuses(name: str, process: Process) -> None:
-    """See that a process ended in one line that says why it does not run unsecured."""
+    """Assert that a process ended with one line that says why it does not run unsecured."""
     assert process.wait(60.0) == 2, process.output()
     said, = process.output().splitlines()
     assert said.startswith(f'{name}: security was requested'), said

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Set-up: what it does when, and what it says when something is missing.
+"""Set-up: which steps it runs, and its messages when something is missing.
 
 A stand-in for Python notes how it is called, so that nothing is downloaded or compiled here.
 """
@@ -191,7 +191,7 @@ def test_an_unsupported_distribution_is_named(command: str, project: Project) ->
 @pytest.mark.parametrize('named', [{}, {'HOVERSLAM_ROS': 'lyrical'}])
 def test_a_sourced_ros_2_of_another_version_is_used(
         named: dict[str, str], project: Project) -> None:
-    """With NumPy of ours: rerun-sdk does not run with the one of Ubuntu 24.04."""
+    """NumPy comes from the lock file: rerun-sdk does not run with that of Ubuntu 24.04."""
     sourced = {'ROS_DISTRO': 'lyrical', 'AMENT_PREFIX_PATH': '/opt/ros/lyrical', **named}
     status, output = project.run(**sourced)
     assert status == 0, output
@@ -214,7 +214,7 @@ def test_a_distribution_that_env_sh_named_does_not_count_as_sourced(project: Pro
 
 
 def test_a_failed_update_keeps_the_environment(project: Project) -> None:
-    """Without a network, or with little room: all is there to go on with, or to try again."""
+    """Without a network or with little room, the old one stays and the next update can succeed."""
     project.run()
     project.calls()
     project.pin('more==1')
@@ -233,7 +233,7 @@ def test_a_failed_update_keeps_the_environment(project: Project) -> None:
 
 
 def test_a_killed_update_builds_a_new_environment(project: Project) -> None:
-    """Half of a package may be there, and look whole."""
+    """Half of a package may be installed, and look complete."""
     project.run()
     project.pin('more==1')
     assert project.run(PIP_KILLS='1')[0] == -signal.SIGKILL

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node that only listens may be stopped, by Ctrl-Z or a debugger, and holds up nobody."""
+"""A subscriber that is stopped by Ctrl-Z or a debugger does not block other nodes."""
 from __future__ import annotations
 
 import signal

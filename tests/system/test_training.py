@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulator and agent as separate processes: train, and look at what is left."""
+"""Training with simulator and agent as separate processes, and the files that it leaves."""
 from __future__ import annotations
 
 import json
@@ -72,7 +72,7 @@ def test_training_over_dds_equals_training_in_process(
     int(version('rclpy').split('.')[0]) < 9, reason="Jazzy's rclpy tells no writer")
 def test_training_among_forgeries_equals_training_in_process(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
-    """Forged answers come first; what is dropped is counted in each file, and told."""
+    """Forged answers arrive first; dropped messages are counted in each file and reported."""
     run = tmp_path / 'run'
     node = simulator(processes)
     processes.start(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The live web page, opened in a real browser: it shows what flies, and later what flew."""
+"""The live web page in a real browser: it shows the current flight and past ones."""
 from __future__ import annotations
 
 import os
@@ -30,7 +30,7 @@ users. It must do without them."""
 
 @pytest.fixture
 def browser(tmp_path: Path) -> Iterator[Browser]:
-    """A browser; where there is none the test is left out, but not where nobody would notice."""
+    """A browser. Without one the test is skipped, but fails in continuous integration."""
     try:
         started = Browser(tmp_path, (900, 640))
     except BrowserMissing as error:
@@ -67,7 +67,7 @@ def complains(picture: Image.Image) -> bool:
 
 
 def still(seen: Callable[[Image.Image], bool]) -> Callable[[Image.Image], bool]:
-    """Return whether something is seen, and as it was seen before: nothing is loading any more."""
+    """Return whether the picture shows something and no longer changes."""
     before: list[Image.Image] = []
 
     def seen_again(now: Image.Image) -> bool:
