@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scratch folders of the commands: gone with them, or with the next start if they are killed."""
+"""Scratch folders of the commands are removed at their end, or at the next start after a kill."""
 from __future__ import annotations
 
 import os

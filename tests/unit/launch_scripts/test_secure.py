@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`launch_scripts/secure` on a ROS 2 that has DDS-Security, whose commands are stood in for."""
+"""`launch_scripts/secure` with stand-ins for the commands of a ROS 2 with DDS-Security."""
 from __future__ import annotations
 
 import os

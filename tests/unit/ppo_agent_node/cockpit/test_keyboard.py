@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The person's pilot: keys and times in, actions out; and that it can be landed by keys."""
+"""The keyboard pilot: keys and times in, actions out; and level 1 can be landed by keys."""
 from __future__ import annotations
 
 import math
@@ -242,7 +242,7 @@ def test_the_watch_reports_how_late_full_throttle_came() -> None:
 
 
 def flown(world: SimulatedWorld, seed: int, **settings: float) -> FlightSummary | None:
-    """Return how the expert does."""
+    """Return the result of the expert."""
     expert = ExpertFlight(world.spec, seed, **settings)
     while not expert.go_on(100):
         assert expert.flight is None

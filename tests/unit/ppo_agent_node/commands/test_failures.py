@@ -50,7 +50,7 @@ def test_the_flights_are_those_of_the_evaluation(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('tuned', [False, True])
 def test_failures_are_flown_by_the_pilot_of_the_evaluation(tmp_path: Path, tuned: bool) -> None:
-    """The estimator, and gains of a file: the expert by default would fly otherwise."""
+    """The estimator, and gains of a file: the default expert would fly differently."""
     world = worlds.make('rocket', 4, spawn_height=40.0)
     name = 'expert_estimator'
     if tuned:

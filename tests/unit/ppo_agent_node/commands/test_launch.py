@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How commands begin: what their launch is given, which files are made, and what help says."""
+"""How commands start: launch arguments, the files that are made, and help."""
 from __future__ import annotations
 
 import fcntl

@@ -137,7 +137,7 @@ def test_the_nominal_share_applies_to_training_only() -> None:
 
 
 def test_headings_are_for_worlds_that_have_them() -> None:
-    """Else a run would end after cloning, when the world refuses the reset."""
+    """Otherwise a run would end after cloning, when the world refuses the reset."""
     turned = load_preset('default', 'rocket_planar')
     assert turned.curriculum.reset_settings(3) == {'level': 3, 'spawn_heading': 180.0}
     check_world(turned, worlds.make('rocket_planar').spec)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The table of conditions: its cells, its files, its pictures, who flies it."""
+"""The table of conditions: its cells, files, pictures and pilots."""
 from __future__ import annotations
 
 import csv

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The episodes of an evaluation on disk: what is in them, that they come back, what is damaged."""
+"""The table of episodes on disk: its columns, reading it back, and damaged files."""
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The evaluation: who counts, what is written, and that it is the same each time."""
+"""The evaluation: which episodes count, what is written, and equal results each time."""
 from __future__ import annotations
 
 import dataclasses
@@ -136,7 +136,7 @@ def test_equal_seeds_give_equal_results_and_others_differ() -> None:
 
 
 def test_each_evaluation_starts_with_the_pilot_as_given() -> None:
-    """Else an evaluation that begins anew, after a restart, would be another one."""
+    """Otherwise an evaluation that starts again after a restart would differ."""
     env = worlds.make('rocket', 10)
     pilot = RandomPilot(env.spec, 3)
     assert _same(evaluate(env, pilot, 20, 1), evaluate(env, pilot, 20, 1))

@@ -110,7 +110,7 @@ def fly(landing: Landing) -> Episodes:
     (-12.4, -31.4, (11.2, -6.9, -0.5)), (30.0, 40.0, (0.0, -5.0, 0.0))])
 def test_the_world_flies_the_optimum_to_rest_on_the_pad(
         x: float, z: float, velocity: tuple[float, float, float]) -> None:
-    """No plan of a model of its own: the world's dynamics bring it down as said."""
+    """The dynamics of the world itself reproduce the planned landing."""
     optimum = solved(x, z, velocity)
     for landing in (optimum.least_fuel, optimum.least_time):
         (length,), (speed,), (distance,), (fuel,) = (getattr(fly(landing), name) for name in (

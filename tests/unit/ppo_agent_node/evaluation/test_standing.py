@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The standing rate of an evaluation: what the contact model makes of the ends of episodes."""
+"""The standing rate of an evaluation: the contact model follows the ends of episodes."""
 from __future__ import annotations
 
 import json
@@ -98,7 +98,7 @@ class Falling:
 
 
 def test_settling_uses_the_drawn_mass_and_gravity(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mass and gravity of each episode are those that the world's telemetry has of it."""
+    """Mass and gravity of each episode are those in the world's telemetry."""
     asked: list[tuple[np.ndarray, np.ndarray]] = []
     real = standing.settle
 
@@ -143,7 +143,7 @@ def test_random_flights_have_a_standing_rate_of_zero() -> None:
 
 
 def test_a_lander_has_no_standing_rate() -> None:
-    """There, rest is what landed means."""
+    """A lander counts as landed only at rest."""
     env = worlds.make('lunar_lander', num_envs=10)
     summary = metrics.summarise(evaluate(env, scripted_pilot(env.spec), 10, 1))
     assert summary['standing_rate'] is None

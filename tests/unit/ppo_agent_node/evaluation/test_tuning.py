@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning: gains as points, what they are worth, and a search that finds what is better."""
+"""Tuning: gains as points, their scores, and a search for better ones."""
 from __future__ import annotations
 
 from itertools import islice

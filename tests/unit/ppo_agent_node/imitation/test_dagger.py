@@ -69,7 +69,7 @@ def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
 
 
 def test_a_stateful_teacher_receives_the_flown_actions() -> None:
-    """The clone, not the teacher, lights the engine: the teacher knows that it burns."""
+    """The clone lights the engine, and the teacher takes this into account."""
     env = worlds.make('rocket', num_envs=4, seed=0, level=1, conditions='hoverslam')
     teacher = HoverslamPilot(env.spec)
 
@@ -85,7 +85,7 @@ def test_a_stateful_teacher_receives_the_flown_actions() -> None:
 
 
 def test_labels_after_the_last_ignition_are_not_learnt() -> None:
-    """The clone lights the engine and shuts it down: there is no second ignition to speak of."""
+    """The clone lights the engine and shuts it down: there is no second ignition."""
     env = worlds.make('rocket', num_envs=2, seed=0, level=1)
     floored = conditions.settings('hoverslam')
     asked = iter(np.repeat([-1.0, 0.4, -1.0, 0.9], (5, 3, 4, 2000)).astype(np.float32))
@@ -116,7 +116,7 @@ def test_an_engine_is_usable_until_its_last_ignition_has_ended(
 
 
 class Remembering:
-    """Steers nothing, and keeps what it is told was flown."""
+    """Steers nothing, and keeps the flown actions that it receives."""
 
     told: ClassVar[list[F32]] = []  # of the class, as flights are flown by copies
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever comes as an action, a setting or bytes is taken as it is meant, or refused by name."""
+"""Any action, setting or bytes are read correctly, or refused by name."""
 from __future__ import annotations
 
 import math
@@ -86,7 +86,7 @@ def test_any_array_is_clipped_or_refused(action: np.ndarray[Any, Any]) -> None:
 
 @given(hnp.arrays(np.float64, (2, 3), elements=st.floats(allow_nan=False, allow_infinity=False)))
 def test_actions_sent_over_dds_fly_as_in_process(action: np.ndarray[Any, Any]) -> None:
-    """A float64 travels as the nearest float32; beyond the largest of those it stays beyond."""
+    """A float64 is sent as the nearest float32; one that is out of bounds stays out of bounds."""
     sent = commanded(SPEC, action)
     assert sent.dtype == np.float32
     assert np.isfinite(sent).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The expert that identifies its vehicle: what it finds, foresees, filters, and that it lands."""
+"""The expert that identifies its vehicle: estimates, predictions, filter and landings."""
 from __future__ import annotations
 
 from typing import Any
@@ -76,7 +76,7 @@ def test_finds_delay_lag_strength_turning_and_side_acceleration() -> None:
 
 
 class Foreseeing(ExpertEstimator):
-    """Keeps what it foresees."""
+    """Keeps its predictions."""
 
     def _look(self, observation: F32) -> ObservedState:
         self.foreseen = super()._look(observation)

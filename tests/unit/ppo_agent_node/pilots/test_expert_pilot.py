@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The scripted pilot lands, on every level, also a rocket somewhat different from the usual."""
+"""The scripted pilot lands on every level, also rockets that differ from the nominal one."""
 from __future__ import annotations
 
 from typing import Any
@@ -139,7 +139,7 @@ def test_time_to_go_is_that_of_flying_it(pace: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('level', [7, 8])
 def test_lands_in_the_plane_on_its_lower_foot(level: int) -> None:
-    """A leaning rocket touches before its origin is where it stands: the flare has to know."""
+    """A leaning rocket touches earlier than an upright one; the flare allows for this."""
     world = worlds.make('rocket_planar', num_envs=250)
     episodes = evaluate(world, ExpertPilot(world.spec), 250, 4, level=level).episodes
     assert (episodes.outcome == 0).all()

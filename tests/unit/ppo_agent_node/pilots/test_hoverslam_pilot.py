@@ -85,7 +85,7 @@ def test_the_engine_lights_once_and_burns_at_the_floor_or_more() -> None:
 
 
 def test_a_new_pilot_detects_whether_the_engine_burns() -> None:
-    """Also where the pilot looks at the flight for the first time: the rocket has braked."""
+    """It does so at its first look at a flight, since the rocket has braked."""
     world = worlds.make('rocket', 20, seed=3, conditions='hoverslam', level=4)
     pilot, observation = scripted_pilot(world.spec), world.observe()
     for step in range(400):

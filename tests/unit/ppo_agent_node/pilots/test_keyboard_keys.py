@@ -61,7 +61,7 @@ def test_motions_of_the_kitty_protocol() -> None:
 
 
 def hold(keys: HeldKeys, event: KeyEvent, begin: float, end: float, delay: float = 0.5) -> None:
-    """Press a key as a terminal tells it: once, and after a delay 30 times a second."""
+    """Press a key as a terminal reports it: once, and after a delay 30 times a second."""
     keys.move(event, begin)
     count = int((end - begin - delay) * 30 + 1e-9)
     for k in range(count + 1 if end - begin >= delay else 0):

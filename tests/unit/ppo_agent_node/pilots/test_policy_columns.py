@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A policy in a world that gives more observations than it sees: it is shown its own."""
+"""A policy in a world with more observations than it uses gets its own columns."""
 from __future__ import annotations
 
 from pathlib import Path

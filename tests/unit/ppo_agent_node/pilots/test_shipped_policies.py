@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The policies that ship fly as docs/results/learning.md says, on starts that no training saw."""
+"""The shipped policies reach the figures of docs/results/learning.md on unseen starts."""
 from __future__ import annotations
 
 from pathlib import Path

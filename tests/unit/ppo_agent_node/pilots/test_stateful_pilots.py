@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pilot's memory of a flight, and when it is forgotten."""
+"""A pilot's memory of a flight, and when it is reset."""
 from __future__ import annotations
 
 from typing import Any
@@ -63,7 +63,7 @@ TIPPING: dict[str, Any] = {
 
 
 def test_heights_alone_miss_an_episode_that_begins_at_the_last_height() -> None:
-    """Why those who fly tell: rockets that tip over at once begin anew where they ended."""
+    """So pilots are informed: rockets that tip over at once begin again where they ended."""
     world = worlds.make('rocket', 8, **TIPPING)
     settings = world.spec.settings
     guessing, told = FlightMemory(RocketSettings()), FlightMemory(RocketSettings())
@@ -86,7 +86,7 @@ def test_heights_alone_miss_an_episode_that_begins_at_the_last_height() -> None:
 
 
 def test_sensor_noise_does_not_reset_the_memory_of_a_flight() -> None:
-    """Of 50 m here: heights jump, and yet the fuel is counted on."""
+    """With 50 m of noise the heights jump, and the fuel is still counted."""
     world = worlds.make(
         'rocket', 4, seed=1, level=7, sensor_noise_low=100.0, sensor_noise_high=100.0)
     memory, settings = FlightMemory(RocketSettings()), world.spec.settings
@@ -100,13 +100,13 @@ def test_sensor_noise_does_not_reset_the_memory_of_a_flight() -> None:
 
 
 class Listening:
-    """Steers nothing; compares what it is told of episodes with what it sees of their starts."""
+    """Steers nothing; compares the announced episodes with the starts that it observes."""
 
     name = 'listening'
     told: list[list[int]]
 
     def __init__(self) -> None:
-        """Begin with nothing told; the list is shared by all copies."""
+        """Begin with an empty list of episodes, which all copies share."""
         self.told = []
 
     def __deepcopy__(self, memo: object) -> Listening:

@@ -28,7 +28,7 @@ def test_the_miss_is_the_offset_plus_drift_times_the_time_to_go() -> None:
 
 
 def test_features_are_of_order_one_before_the_normaliser_is_fitted() -> None:
-    """Of starts of the whole task, no feature is beyond 5 and those of guidance are no dust."""
+    """At starts of the whole task, no feature exceeds 5 and those of guidance vary."""
     env = worlds.make('rocket', num_envs=500, level=7)
     normaliser = Normaliser(15, make_features(
         'guidance', env.spec.observation_names, env.spec.settings))

@@ -142,7 +142,7 @@ def improved(one: Learner, iterations: int = 2) -> dict[str, torch.Tensor]:
 def test_networks_on_another_device_are_copied_back(
     world: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The first processor by its number is no other one, but torch tells the two apart."""
+    """`cpu:0` is the same device as `cpu`, but torch distinguishes the two."""
     here = learner(world=world)
     expected = improved(here)
     monkeypatch.setattr(learner_module, 'find_device', lambda name: torch.device('cpu', 0))

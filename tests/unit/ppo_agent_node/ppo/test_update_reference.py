@@ -142,7 +142,7 @@ def test_objective_and_error_gradients_are_those_of_autograd() -> None:
 
 
 def test_nan_in_the_samples_is_not_hidden() -> None:
-    """A clipped sample counts nothing; one that is no number must not pass for one."""
+    """A clipped sample has no gradient; NaN must not count as clipped."""
     gradient = losses.objective_gradient(torch.tensor([math.nan, 1.0]), torch.ones(2), 0.2)
     assert math.isnan(gradient[0])
     policy, critic = networks('gaussian', 'tanh')

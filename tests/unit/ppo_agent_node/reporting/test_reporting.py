@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reports: what their pictures are drawn from, what their pages hold, what is refused."""
+"""Reports: the data of their pictures, the contents of their pages, and refusals."""
 from __future__ import annotations
 
 import base64

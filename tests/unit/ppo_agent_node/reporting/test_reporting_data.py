@@ -122,7 +122,7 @@ def test_curves_stand_over_steps_and_over_the_clock(tmp_path: Path) -> None:
 
 
 def labels(figure: Figure | None) -> list[str]:
-    """Return what the legend of a figure says."""
+    """Return the labels in the legend of a figure."""
     assert figure is not None
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
@@ -161,7 +161,7 @@ def test_seeds_that_do_not_overlap_have_no_median(tmp_path: Path) -> None:
 
 
 def test_outcomes_have_the_colours_of_recordings() -> None:
-    """Whatever their order is: a file may name them in another."""
+    """In any order: a file may list them differently."""
     names = ('landed', 'too_fast', 'tipped', 'off_pad')
     assert style.outcome_colours(names) == {
         'landed': style.GREEN, 'too_fast': style.VERMILION, 'tipped': style.PURPLE,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sealed files: what is written comes back, and what is damaged is refused by name."""
+"""Sealed files: contents are read back unchanged, and damaged files are refused by name."""
 from __future__ import annotations
 
 import dataclasses
@@ -147,7 +147,7 @@ def test_a_saved_policy_gives_the_same_actions(tmp_path: Path) -> None:
 
 
 def test_another_vehicle_than_in_training_is_reported(tmp_path: Path) -> None:
-    """Not where episodes begin, which a curriculum changes."""
+    """Other starts of episodes are not reported, as a curriculum changes them."""
     path = tmp_path / 'policy.safetensors'
     policy(path)
     assert not PolicyPilot(path, worlds.make('rocket', level=3, spawn_speed=1.0).spec).unfamiliar

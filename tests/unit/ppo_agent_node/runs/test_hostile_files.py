@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are damaged, cut short, foreign or made to do harm: named, and never executed."""
+"""Damaged, truncated, foreign and malicious files are named and never executed."""
 from __future__ import annotations
 
 import json
@@ -277,7 +277,7 @@ def test_hostile_files_are_refused_by_name_and_execute_nothing(
 ], ids=lambda sizes: f'{sizes!r:.30}')
 def test_a_policy_of_forged_size_is_refused_before_it_is_made(
         tmp_path: Path, sizes: Any) -> None:
-    """Its digest is right: it is no secret."""
+    """Its digest is correct, as anyone can compute it."""
     path = tmp_path / 'policy.safetensors'
     write_policy(path)
     tensors, found = sealed_file.read(path, 'policy')

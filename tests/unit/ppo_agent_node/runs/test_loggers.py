@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Loggers beside train.jsonl: each line once, whatever happens to the run; none ends it."""
+"""Loggers beside train.jsonl: they get each line once, and their failures end no run."""
 from __future__ import annotations
 
 from collections import Counter

@@ -40,7 +40,7 @@ SMALL: dict[str, Any] = {
 
 
 def train(run: Path) -> list[Status]:
-    """Begin a small run or go on with it; return what it told."""
+    """Begin or continue a small run; return its reports."""
     told: list[Status] = []
     with (folder := RunFolder(run, resume=True)).locked():
         assert Trainer(

@@ -101,7 +101,7 @@ def test_a_long_stage_logs_few_lines_with_its_events_and_both_ends() -> None:
 
 
 class Latin(io.TextIOWrapper):
-    """A terminal whose characters are few."""
+    """A terminal with the characters of Latin-1 only."""
 
     def isatty(self) -> bool:
         return True

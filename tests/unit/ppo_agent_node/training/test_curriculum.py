@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the task gets harder."""
+"""The curriculum: when the level rises."""
 from __future__ import annotations
 
 import math

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Training with discrete actions, without levels, from nothing: learnt, exact and told."""
+"""Training with discrete actions, without levels, from scratch: results and output."""
 from __future__ import annotations
 
 import json
@@ -56,7 +56,7 @@ def train(
     path: Path, stop_after: int = -1, resume: bool = False, expert: Any = None,
     said: list[str] | None = None, told: list[Status] | None = None, **changes: Any,
 ) -> Result:
-    """Train in the line world; end at the given time of asking, if at all."""
+    """Train in the line world; stop at the given poll, if any."""
     polls = 0
 
     def stop() -> bool:
@@ -72,7 +72,7 @@ def train(
 
 @pytest.fixture(scope='module')
 def straight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    """Return the folder of a run that nothing disturbed, and what it said."""
+    """Return the folder of an undisturbed run, and its output."""
     path, said = tmp_path_factory.mktemp('runs') / 'run', []
     assert train(path, said=said).finished
     return path, said

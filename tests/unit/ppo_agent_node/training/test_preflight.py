@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Requests to the simulators that a run tries before there is anything to lose."""
+"""A run tries its starts on the simulators before it begins."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ HARSH, MIX = ({**conditions.settings(name), **LEARNING} for name in ('harsh', 'm
 
 
 class Simulators:
-    """Take note of resets, and refuse those that are in `refused`."""
+    """Record resets, and refuse those that are in `refused`."""
 
     def __init__(self, *refused: dict[str, float]) -> None:
         """Begin with nothing asked."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How high episodes begin: the state machine, and which episodes it looks at."""
+"""The reverse curriculum: the state machine of start heights, and which episodes count."""
 from __future__ import annotations
 
 import dataclasses
@@ -34,7 +34,7 @@ def test_the_reach_begins_near_the_ground_without_a_rate() -> None:
 
 
 def test_a_disabled_curriculum_is_over_from_the_start() -> None:
-    """And says nothing; worlds without heights need have none."""
+    """It has no settings and no figures, also in worlds without heights."""
     for name in ('rocket', 'lunar_lander'):
         now = ReverseCurriculum.begin(CurriculumConfig(), worlds.make(name).spec)
         assert now.over and now.reset_settings() == now.reset_settings(1) == now.figures() == {}
@@ -72,7 +72,7 @@ def test_a_first_reach_beyond_the_drop_is_refused() -> None:
 
 
 def test_the_hardest_episodes_are_those_that_began_highest() -> None:
-    """Whatever ended when: of 256 rockets' first episodes those in the top fifth of heights."""
+    """Of the first episodes of 256 rockets, they are those in the top fifth of heights."""
     env = worlds.make('rocket', 256)
     env.reset(seed=6, spawn_reach=3.0)
     height = env.position[1] - 5.2

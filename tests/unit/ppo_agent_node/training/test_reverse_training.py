@@ -62,7 +62,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_heights_of_starts_follow_the_curriculum(straight: Path) -> None:
-    """Free fall from h takes sqrt(2 h / g) / dt steps; who brakes takes longer, nobody less."""
+    """Free fall from h takes sqrt(2 h / g) / dt steps; with braking it takes longer."""
     for line in log_without_times(straight)[1:5]:
         longest = (2 * line['reach'] / 9.81)**0.5 / 0.02
         assert 0.5 * longest < line['mean_length'] < 2.5 * longest

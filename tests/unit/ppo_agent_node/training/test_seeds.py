@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Seeds: what trains, what selects and what is reported never meet the same starts."""
+"""Seeds: training, selection and evaluation never use the same starts."""
 from __future__ import annotations
 
 import argparse
@@ -53,7 +53,7 @@ def test_seeds_of_training_selection_evaluation_and_tuning_are_disjoint() -> Non
 
 
 class Watched:
-    """A fleet of one world that takes note of each reset: its seed, and the first observation."""
+    """A fleet of one world that records each reset: its seed, and the first observation."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Make the world."""
@@ -111,7 +111,7 @@ def _rows(starts: Sequence[NDArray[Any]] | NDArray[Any]) -> set[bytes]:
 
 def test_the_benchmark_of_seeds_puts_its_rows_into_a_table(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also of a pilot that lands nothing, of which there is no fuel and no touchdown to tell."""
+    """Also for a pilot that lands nothing, which has no fuel or touchdown figures."""
     monkeypatch.setattr(bench_seeds, 'ROCKETS', 8)
     options = argparse.Namespace(world='rocket', episodes=8, seed=77)
     task = 'mix:7'

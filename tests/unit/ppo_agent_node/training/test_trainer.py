@@ -80,7 +80,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_refused_starts_are_reported_before_the_run_is_written(tmp_path: Path) -> None:
-    """Else every resume would be refused alike."""
+    """Otherwise every resume would be refused as well."""
     for setting, value, whose in (
             ('demonstration_spawn_position', 500.0, 'demonstrations: .*spawn_position.* 500'),
             ('demonstration_spawn_angle', -0.5, 'demonstrations: .*spawn_angle')):
@@ -138,7 +138,7 @@ def test_another_seed_differs(straight: Path, tmp_path: Path) -> None:
 
 
 class StopAfter:
-    """Asks to stop at the n-th time of asking."""
+    """Requests a stop at the n-th poll."""
 
     def __init__(self, count: int) -> None:
         self.left = count
@@ -239,7 +239,7 @@ def test_a_simulator_that_always_restarts_ends_the_run(tmp_path: Path) -> None:
 
 
 def learnt(told: list[Status], iteration: int) -> bool:
-    """Return whether a run has told that an iteration of fine-tuning is done."""
+    """Return whether a run has reported that an iteration of fine-tuning is done."""
     return any(status.stage == 'finetune' and status.iteration == iteration for status in told)
 
 
