@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every command and all Python in README and docs is tried somewhere, and is right at first sight.
+"""Every command in README and docs has a test, and its arguments and names exist.
 
 `tests/system/test_documented_commands.py` runs the commands.
 """

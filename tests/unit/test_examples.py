@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of the documents run, in little."""
+"""The examples of the documents run at a small scale."""
 from __future__ import annotations
 
 import os

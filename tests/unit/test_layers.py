@@ -83,7 +83,7 @@ def reached(module: str) -> set[str]:
 
 
 def test_imports_between_folders_run_one_way() -> None:
-    """Raises CycleError, which names the rooms, where they do not."""
+    """`prepare` raises CycleError, which names the folders, if they do not."""
     TopologicalSorter(arrows()).prepare()
 
 

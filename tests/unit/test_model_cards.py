@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Model cards are those of the policies beside them, and say what was measured."""
+"""Model cards describe the policies beside them and hold measured figures."""
 from __future__ import annotations
 
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that are no nodes: told to end, they tidy up and say nothing."""
+"""Commands that are not nodes clean up after a signal and print nothing."""
 from __future__ import annotations
 
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: what is not a regular file of a sane size is refused before it is read."""
+"""Input files: special and oversized files are refused before they are read."""
 from __future__ import annotations
 
 import os

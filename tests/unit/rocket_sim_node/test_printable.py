@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words of others come to logs and terminals without anything that would command a terminal."""
+"""Untrusted text reaches logs and terminals without control codes."""
 from __future__ import annotations
 
 import io
@@ -106,7 +106,7 @@ def test_answers_of_a_service_are_printable(
     'world', 'observation_names', 'action_names', 'outcomes', 'settings'])
 @given(text=WORDS)
 def test_a_world_whose_names_cannot_be_printed_is_refused(field: str, text: str) -> None:
-    """They come to logs and terminals by many ways, the difference between two worlds is one."""
+    """Names reach logs and terminals in many ways, as in the difference between two worlds."""
     message = conversion.world_to_message(SPEC, 1, 0, 0)
     text = f'name {text}'
     if field == 'world':

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings know their unit, range and meaning, and name what is wrong with a value."""
+"""Settings have a unit, a range and a description; errors name the bad value."""
 from __future__ import annotations
 
 import dataclasses

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags: others read them, and what was flown comes back, bit for bit."""
+"""Bags: other programs read them, and flights are read back bit for bit."""
 from __future__ import annotations
 
 import errno

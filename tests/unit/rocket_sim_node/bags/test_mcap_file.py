@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP files of strangers: no more memory than a limit, and the order of the library's reader."""
+"""Untrusted MCAP files: memory is limited, and the order is that of the library's reader."""
 from __future__ import annotations
 
 import re

@@ -45,7 +45,7 @@ STAGE = WorldInfo('rocket', 0.02, OUTCOMES)
 
 
 def make_run(folder: Path, world: str, demonstrations: int, clone: bool) -> Path:
-    """Make what a run leaves behind, with the policy that ships."""
+    """Make the files that a run leaves, with the shipped policy."""
     folder.mkdir()
     level = 0 if world == 'lunar_lander' else 5
     (folder / 'config.yaml').write_text(yaml.safe_dump({
@@ -108,7 +108,7 @@ def test_flights_are_those_of_the_evaluation(run: Path) -> None:
 
 @pytest.mark.parametrize('drawn', ['', 'hoverslam'])
 def test_the_vehicles_are_those_of_the_run(tmp_path: Path, drawn: str) -> None:
-    """Also where the agent, not the simulator, was told of the conditions."""
+    """Also where the agent, not the simulator, sets the conditions."""
     folder = make_run(tmp_path / 'run', 'rocket', 512, clone=False)
     config = yaml.safe_load((folder / 'config.yaml').read_text())
     config['training']['conditions'] = drawn
@@ -225,7 +225,7 @@ def test_touchdowns_are_averaged_over_those_that_landed() -> None:
 
 
 def test_the_end_is_that_of_the_recording() -> None:
-    """Not of the pilot whose name comes last, nor of the flight that is asked for."""
+    """It is not that of the last pilot by name, nor that of the selected flight."""
     flights = [SimpleNamespace(start=start, time=np.array((0.0, long)), outcome='landed')
                for start, long in ((0.0, 5.0), (9.0, 8.0), (9.0, 6.0))]
     for flight in (-1, 0, 1):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings: what is put in comes out again, whole, small, and under a name of its own."""
+"""Recordings: flights are read back unchanged, and each file is small and has its own name."""
 from __future__ import annotations
 
 import itertools
@@ -273,7 +273,7 @@ def test_an_empty_file_of_a_killed_recorder_is_removed(
 
 def test_a_terminated_repair_is_done_again_later(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As when a job is told to end, with all that it started."""
+    """As when a job is terminated with all its processes."""
     path, whole = tmp_path / 'run.rrd', tmp_path / 'whole.rrd'
     record(whole, simulate(1, 150))
     cut = whole.read_bytes()[:-2000]
@@ -301,7 +301,7 @@ def test_a_file_that_cannot_be_repaired_is_kept(tmp_path: Path) -> None:
 
 
 def leave_free(patch: pytest.MonkeyPatch, size: int) -> None:
-    """Have every disk say that so many bytes are left."""
+    """Make every disk report that so many bytes are left."""
     usage = shutil.disk_usage('/')
     patch.setattr(shutil, 'disk_usage', lambda place: usage._replace(free=size))
 
@@ -412,7 +412,7 @@ def test_a_table_of_contents_that_cannot_be_written_costs_nothing_else(
 def test_a_failed_writer_is_noticed_while_recording(
     tmp_path: Path, flown: Samples, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The disk has room again, or a quota says otherwise."""
+    """The disk shows room again, or a quota is the limit."""
     monkeypatch.setattr(file_sink, 'LOOK', 0.0)
     monkeypatch.setattr(rrd_file, 'PATIENCE', 1.0)
     notes: Notes = []
@@ -489,7 +489,7 @@ def record_to_partial(path: Path, samples: Samples) -> None:
 def test_a_file_published_by_a_killed_recorder_is_not_changed(
     tmp_path: Path, flown: Samples,
 ) -> None:
-    """It has both names for a moment."""
+    """Its file has both names for a moment."""
     path = tmp_path / 'run.rrd'
     record_to_partial(path, flown)
     path.hardlink_to(partial_path(path))

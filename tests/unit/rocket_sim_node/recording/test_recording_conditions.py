@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of flights whose conditions are not nominal, and of those whose are."""
+"""Recordings of flights under nominal and under other conditions."""
 from __future__ import annotations
 
 import json

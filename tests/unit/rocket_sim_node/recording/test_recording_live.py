@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Live viewers: flights while they happen, viewers that come late, go away and come back."""
+"""Live viewers: flights while they happen, and viewers that connect late or reconnect."""
 from __future__ import annotations
 
 import threading
@@ -369,7 +369,7 @@ def test_ended_flights_are_recorded_although_the_followed_one_stalls(
 def test_only_flights_during_training_are_filtered_as_training(
     tmp_path: Path, flown: tuple[WorldInfo, Samples], reported: bool,
 ) -> None:
-    """Also those that wait beside one that is followed; and if nobody said that it is over."""
+    """Also for flights that wait for the followed one, and if no report ends the training."""
     tape, clock = Tape(tmp_path / 'live.rrd'), Clock(0.0)
     clock.now = follower.PERIOD
     recorder = Recorder(
@@ -545,7 +545,7 @@ def test_a_viewer_may_disconnect_and_reconnect(
 
 def test_a_stalled_viewer_has_one_stream_at_a_time(
         port: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rerun lets go of a stream only when the viewer goes on, or is gone."""
+    """Rerun releases a stream only when the viewer continues, or is gone."""
     looks: list[tuple[str, int]] = []
 
     def look(*address: object) -> bool:

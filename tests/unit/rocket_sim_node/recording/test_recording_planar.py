@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of planar worlds: legs, contact and terrain come out as they went in."""
+"""Recordings of planar worlds: legs, contact and terrain are read back unchanged."""
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settling after a touchdown is shown after the flight, and said."""
+"""Settling after a touchdown is recorded after the flight, with its verdict."""
 from __future__ import annotations
 
 import dataclasses
@@ -354,7 +354,7 @@ def test_landings_that_settle_together_do_so_as_each_alone() -> None:
 
 
 def test_landings_do_not_settle_during_training(tmp_path: Path) -> None:
-    """Training has no use for it, and the recorder should not take its time."""
+    """Training does not need it, and it would take time from the training."""
     asked: list[Trajectory] = []
 
     def settle(flight: Trajectory, stage: WorldInfo) -> Settling | None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer draws every world, the training and a comparison, and complains of nothing."""
+"""The viewer draws every world, the training and a comparison without errors."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -75,7 +75,7 @@ def test_training_is_drawn(tmp_path: Path) -> None:
     stage, samples = flown('lunar_lander')
 
     class Learning(Recorder):
-        """Hears of an agent before it hears of flights."""
+        """Receives reports of an agent before it receives flights."""
 
         def world(self, stage: WorldInfo) -> None:
             super().world(stage)
@@ -150,7 +150,7 @@ def test_errors_of_the_viewer_are_reported(tmp_path: Path) -> None:
 
 
 def test_a_missing_driver_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a machine without one: the test is left out, but fails where CI is set."""
+    """Without a driver a test is skipped, but it fails where CI is set."""
     path = tmp_path / 'run.rrd'
     record(path, *flown('lunar_lander'))
     monkeypatch.setenv('VK_ICD_FILENAMES', '/nowhere.json')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes of messages, made and read by us, are those that rosidl makes and reads."""
+"""The codec of messages writes and reads the same bytes as rosidl."""
 from __future__ import annotations
 
 from typing import Any

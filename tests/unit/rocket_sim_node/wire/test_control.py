@@ -7,7 +7,7 @@ from rocket_sim_node.wire.server.control import ControlLease
 
 
 class Clock:
-    """A clock that stands still until told."""
+    """A clock that the test sets."""
 
     now = 0.0
 

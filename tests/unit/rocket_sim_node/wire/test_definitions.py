@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that were built from different definitions of a message do not fly together."""
+"""Nodes that were built from different definitions of a message refuse each other."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -15,13 +15,13 @@ OURS, THEIRS, UNTOLD = TypeHash(1, b'\x01' * 32), TypeHash(1, b'\x02' * 32), Typ
 
 
 def end(hash_: TypeHash | None, name: str = 'simulator') -> Any:
-    """Return one end of a topic, as rclpy tells of it."""
+    """Return one end of a topic, as rclpy describes it."""
     return SimpleNamespace(node_name=name, node_namespace='/sim_0', **(
         {} if hash_ is None else {'topic_type_hash': hash_}))
 
 
 def node(*far: Any, own: TypeHash | None = OURS, writes: bool = False) -> Any:
-    """Return an agent that hears these, and a recorder of another build; or one that writes."""
+    """Return the graph of an agent that reads from these ends, or writes to them."""
     near = [end(THEIRS, 'recorder'), end(own, 'agent')]
     publishers, subscriptions = (near, list(far)) if writes else (list(far), near)
     return SimpleNamespace(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Security that was asked for: had, or refused in words; and the policy's form."""
+"""Requested security is enforced or refused with a reason; and the policy's form."""
 from __future__ import annotations
 
 import os
@@ -18,7 +18,7 @@ POLICY = Path(__file__).parents[4] / 'launch_scripts' / 'security' / 'hoverslam.
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No security in the environment, nor left there; a middleware that has it."""
+    """An environment without security settings, and a middleware that has security."""
     for name in (security.ENABLE, security.STRATEGY, security.KEYSTORE, security.OVERRIDE):
         monkeypatch.setenv(name, '')
         monkeypatch.delenv(name)
@@ -27,7 +27,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Keys of one node, and security asked for."""
+    """The keys of one node, with security requested."""
     enclave = tmp_path / 'enclaves' / 'hoverslam' / 'simulator'
     enclave.mkdir(parents=True)
     for name in security.FILES:

@@ -119,7 +119,7 @@ def test_the_page_about_worlds_lists_the_same_values() -> None:
 
 
 def test_draws_are_a_function_of_seed_row_and_episode() -> None:
-    """Whatever else is drawn: other rows, or other conditions."""
+    """They do not depend on other rows or other conditions."""
     one, same = drawn('harsh'), drawn('harsh', rows=7)
     assert all(np.array_equal(one[name][:7], same[name]) for name in one)
     for other in (drawn('harsh', seed=4), drawn('harsh', episode=1)):
@@ -148,7 +148,7 @@ def test_the_table_of_single_conditions() -> None:
 
 
 def test_flatten_takes_a_number_a_pair_and_a_set() -> None:
-    """The more precise wins; what is no condition is passed through."""
+    """The more specific value wins; other settings are passed through."""
     assert conditions.flatten({'dry_mass_factor': 1.05, 'level': 8}) == {
         'dry_mass_factor_low': 1.05, 'dry_mass_factor_high': 1.05, 'level': 8}
     assert conditions.flatten({'engine_lag': (0, 0.2), 'engine_lag_high': 0.1}) == {
@@ -160,7 +160,7 @@ def test_flatten_takes_a_number_a_pair_and_a_set() -> None:
 
 
 def test_sets_are_recognised_by_their_settings() -> None:
-    """From the settings that a world tells, too."""
+    """From the settings of a world, too."""
     for name in conditions.NAMES:
         assert conditions.name_of(conditions.settings(name)) == name
         for world in ('rocket', 'rocket_planar'):

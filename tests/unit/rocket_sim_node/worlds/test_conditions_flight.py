@@ -71,7 +71,7 @@ def test_commands_arrive_as_many_steps_late_as_drawn() -> None:
 
 
 def test_rockets_without_a_drawn_delay_fly_nominally() -> None:
-    """Bit for bit, beside others who are late."""
+    """Bit for bit, beside rockets with a delay."""
     late, nominal = make(num_envs=30, action_delay=(0, 1), level=8), make(num_envs=30, level=8)
     rows = column(late, 'action_delay') == 0
     assert 5 < rows.sum() < 25
@@ -229,7 +229,7 @@ def test_gusts_are_coloured_noise() -> None:
 
 
 def test_gusts_push() -> None:
-    """With the acceleration that telemetry tells; none in nominal air."""
+    """With the acceleration in the telemetry; there are none in nominal air."""
     world = make(num_envs=10, gust_deviation=(0.0, 0.3), side_acceleration=0.2, air_density=0.0)
     speed = np.zeros((10, 3))
     for _ in range(30):

@@ -187,7 +187,7 @@ def test_a_forged_state_is_refused(name: str, array: str, value: float, message:
 
 @BOTH
 def test_a_line_of_another_length_is_refused(name: str) -> None:
-    """It has to be as long as the delay that the snapshot itself tells."""
+    """It has to be as long as the delay in the snapshot itself."""
     world = make(name, action_delay=3)
     before = world.snapshot()
     arrays = contents(before)

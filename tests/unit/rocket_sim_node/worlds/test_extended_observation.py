@@ -22,7 +22,7 @@ def make(name: str, num_envs: int = 6, **settings: Any) -> RocketWorld:
 
 @BOTH
 def test_columns_are_named(name: str) -> None:
-    """36 of them, newest first; it is told as a number and read back as a word."""
+    """36 of them, newest first; the setting is sent as a number and read back as a word."""
     spec = make(name).spec
     assert spec.observation_size == 36
     assert spec.observation_names[:15] == worlds.make(name).spec.observation_names
@@ -70,7 +70,7 @@ def test_accelerations_are_clipped_like_other_observations() -> None:
 
 @BOTH
 def test_the_next_episode_begins_without_past_commands(name: str) -> None:
-    """Idle and at rest before its first step; the last observation still knows."""
+    """It begins idle and at rest; the final observation still holds the past."""
     world = make(name, time_limit=0.1)
     for _ in range(6):
         seen, _, _, _, info = world.step(np.full((6, 3), 0.5))
@@ -82,7 +82,7 @@ def test_the_next_episode_begins_without_past_commands(name: str) -> None:
 
 
 def test_turned_axes_turn_accelerations_and_actions() -> None:
-    """Commands and accelerations are told in the axes in which a pilot sees and steers."""
+    """Commands and accelerations are in the axes in which a pilot observes and steers."""
     turned = make('rocket_planar', spawn_heading=180.0, spawn_height=390.0, conditions='mix')
     plain = make('rocket_planar', spawn_height=390.0, conditions='mix')
     cos, sin = turned._heading

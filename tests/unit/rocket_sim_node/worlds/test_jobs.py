@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flights in environments of this process: order, ways back that are not gone, ends."""
+"""Flights in environments of this process: order, avoided restores, and ends."""
 from __future__ import annotations
 
 from collections import Counter

@@ -130,7 +130,7 @@ def test_a_lander_does_not_depend_on_how_many_fly_beside_it(num_envs: int) -> No
 
 
 def test_a_reset_world_equals_a_new_one() -> None:
-    """Nothing that Chipmunk remembers leaks into the next episode."""
+    """No state of Chipmunk leaks into the next episode."""
     used = make(40)
     fly(used, 450, 5)
     used.reset(11)
@@ -394,7 +394,7 @@ def test_bad_actions_and_resets_are_refused() -> None:
 
 
 def test_reset_without_a_seed_begins_the_next_episodes() -> None:
-    """The same that would have come by themselves."""
+    """They are the same as those after a natural end."""
     world = make()
     world.reset()
     terrain = world.terrain.copy()
@@ -453,7 +453,7 @@ def test_wind_continues_after_a_restore() -> None:
 
 
 def test_contact_forces_are_exact_after_a_restore() -> None:
-    """Whatever the order in which Chipmunk keeps its contacts."""
+    """They do not depend on the order of Chipmunk's contacts."""
     world = make(40)
     fly(world, 300, 7)
     other = make(40, seed=2)

@@ -320,7 +320,7 @@ def launch(lanes: Lanes, starts: Starts, rows: NDArray[np.int64], episode: int) 
 
 
 def test_restarted_lunar_landers_equal_new_ones() -> None:
-    """Neither in themselves nor in a neighbour, bit for bit; they crash and tumble before."""
+    """Bit for bit, after crashes and tumbles; and their neighbours do not change."""
     rows, anew = np.arange(40), np.array([0, 7, 33])
     others = np.setdiff1d(rows, anew)
     force = np.zeros((40, 3, 3))

@@ -53,7 +53,7 @@ def random_actions(steps: int, num_envs: int, seed: int = 0) -> F64:
 
 
 def everything(world: RocketWorld, actions: F64) -> list[NDArray[Any]]:
-    """Fly and return all that a step tells, stacked over time."""
+    """Fly and return all results of the steps, stacked over time."""
     told: list[list[NDArray[Any]]] = []
     for action in actions:
         observation, reward, terminated, truncated, info = world.step(action)
@@ -249,7 +249,7 @@ def test_returns_are_the_sums_of_rewards() -> None:
 
 
 def test_equal_seeds_give_equal_bits_and_others_differ() -> None:
-    """Over whole episodes, in all that a step tells."""
+    """Over whole episodes, in all results of a step."""
     actions = random_actions(800, 8)
     one, same, other = (
         everything(worlds.make('rocket', 8, seed=s, level=8), actions) for s in (7, 7, 8))
@@ -270,7 +270,7 @@ def test_a_rocket_does_not_depend_on_the_batch(num_envs: int) -> None:
 
 
 def test_refused_actions_change_nothing() -> None:
-    """Not finite, or of the wrong shape: the flight goes on as if nobody had called."""
+    """Not finite, or of the wrong shape: the flight continues unchanged."""
     world = worlds.make('rocket', 2, seed=1, level=8)
     world.step(np.zeros((2, 3)))
     before = world.snapshot()

@@ -163,7 +163,7 @@ def test_the_limits_of_flight_are_those_of_rocket(
 
 
 def test_a_landing_is_rewarded_by_its_first_contact() -> None:
-    """And for where it stands in the end."""
+    """And by the distance at which it stands in the end."""
     world = make()
     put(world, 0, x=3.0, velocity=(0.5, -1.0), tilt=4.0)
     episodes, last, reward = ends(world)
@@ -286,7 +286,7 @@ def test_the_contact_switch_cuts_the_engine(cutoff: bool) -> None:
 
 
 def random_flights(world: RocketPlanarWorld, steps: int, rows: int) -> list[list[NDArray[Any]]]:
-    """Throw rockets at the ground at random and return what the first rows are told."""
+    """Throw rockets at the ground at random and return the results of the first rows."""
     rng = np.random.default_rng(5)
     told = []
     for _ in range(steps):
@@ -426,7 +426,7 @@ def test_the_expert_lands_at_any_heading() -> None:
 
 
 def test_the_ground_extends_as_far_as_a_rocket_can_slide() -> None:
-    """Nobody falls off its end; who leaves the field is out of bounds."""
+    """No rocket falls off its end; one that leaves the field is out of bounds."""
     world = worlds.make(
         'rocket_planar', 40, foot_friction=0.0, hull_friction=0.0, spawn_speed=50.0, level=1,
         spawn_height=12.0, landed_speed=500.0, touchdown_limit=20.0, rest_time=0.1)
@@ -471,7 +471,7 @@ def test_a_start_with_a_foot_in_the_ground_is_refused() -> None:
 
 
 def test_contact_ends_with_the_episode() -> None:
-    """A rocket that begins anew is not on the ground any more."""
+    """A rocket that begins a new episode is not on the ground any more."""
     world = worlds.make('rocket_planar', 8, spawn_height=6.5, level=1, seed=2)
     ended = 0
     for _ in range(300):

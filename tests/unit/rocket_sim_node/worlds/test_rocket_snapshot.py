@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots bring back the exact state, and nothing else is taken for one."""
+"""Snapshots restore the exact state, and anything else is refused."""
 from __future__ import annotations
 
 import io

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settling after touchdowns in the 3-D world: verdicts, planes, and the way back into space."""
+"""Settling after touchdowns in the 3-D world: verdicts, planes, and the way back to 3-D."""
 from __future__ import annotations
 
 import json
@@ -213,7 +213,7 @@ def test_settings_are_checked() -> None:
 
 
 def test_landings_of_the_expert_stand() -> None:
-    """And what it lands stands where it was told to have landed, to a few centimetres."""
+    """They come to rest within 10 cm of the place of touchdown."""
     world = worlds.make('rocket', 100, seed=3, level=7)
     pilot = ExpertPilot(world.spec)
     seen = world.observe()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Copies of a start: rockets that begin alike and that only their actions tell apart."""
+"""Copies of a start: rockets that begin alike and differ only by their actions."""
 from __future__ import annotations
 
 import numpy as np

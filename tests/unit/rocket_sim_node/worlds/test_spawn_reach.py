@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Starts below the spawn height: uniform, in proportion, and no other bits when there are none."""
+"""Starts below the spawn height: uniform, in proportion, and unchanged without a reach."""
 from __future__ import annotations
 
 from typing import Any
