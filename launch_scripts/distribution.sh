@@ -15,8 +15,10 @@ _hoverslam_choose() {
   _hoverslam_ros=${HOVERSLAM_ROS:-$_hoverslam_default}
   _hoverslam_venv=$1/.venv
   _hoverslam_built=$1/ros_ws
-  # In a shell of env.sh with ROS 2 from wheels, HOVERSLAM_WHEELS says that ROS_DISTRO is ours.
-  if [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ] && [ "$ROS_DISTRO" != "${HOVERSLAM_WHEELS:-}" ]; then
+  # In a shell of env.sh with ROS 2 from wheels, HOVERSLAM_WHEELS says that ROS_DISTRO is ours. A ROS 2 that is sourced
+  # there later sets ROS_VERSION.
+  if [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ] \
+      && { [ "$ROS_DISTRO" != "${HOVERSLAM_WHEELS:-}" ] || [ -n "${ROS_VERSION:-}" ]; }; then
     if [ -n "${HOVERSLAM_ROS:-}" ] && [ "$HOVERSLAM_ROS" != "$ROS_DISTRO" ]; then
       echo "setup: HOVERSLAM_ROS is '$HOVERSLAM_ROS', expected '$ROS_DISTRO', which is sourced, or unset" >&2
       return 2

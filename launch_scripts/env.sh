@@ -75,7 +75,7 @@ _hoverslam_enter() {
     done
   else
     # Packages of another Python would not work here and could hide ours.
-    unset PYTHONPATH
+    unset PYTHONPATH ROS_VERSION ROS_PYTHON_VERSION
     # Tools such as `ros2 doctor` and bags need the name; the second variable keeps it from counting
     # as sourced.
     export ROS_DISTRO="$_hoverslam_ros" HOVERSLAM_WHEELS="$_hoverslam_ros"

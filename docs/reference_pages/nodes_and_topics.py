@@ -90,8 +90,8 @@ are `/diagnostics`, `/tf` and `/clock`, as is usual in ROS.
 _ACKNOWLEDGE = """
 Writers of `action`, `observation` and `reward` offer reliable delivery. A reader's parameter
 `acknowledge` decides whether it acknowledges messages: with `auto` it does so only if peers beyond
-this machine may be discovered, if you have configured Fast DDS yourself, or if two observations do
-not fit into a socket buffer.
+this machine may be discovered, if you have configured Fast DDS yourself, or if observations are
+large for the receive buffer ([rule 10](../explanation/lock-step.md#rules)).
 
 ## Services
 

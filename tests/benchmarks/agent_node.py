@@ -27,6 +27,8 @@ def agent_node(
             rclpy.init(context=context, domain_id=domain)
             stack.callback(rclpy.try_shutdown, context=context)
             node = rclpy.create_node(name, namespace=namespace, context=context)
+        stack.callback(node.destroy_node)
         executor = make_executor(context)
+        stack.callback(executor.shutdown)
         executor.add_node(node)
         yield node, executor

@@ -170,7 +170,7 @@ def _key_latency(axes: Axes, f: Figures) -> None:
     axes.set(xlabel='from key to state, ms', ylabel='presses')
 
 
-_PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
+PLOTS: dict[str, Callable[[Axes, Figures], None]] = {
     'exchange': _exchange, 'budget': _budget, 'rollouts': _rollouts, 'fleet': _fleet,
     'hosts': _hosts, 'ranks': _ranks, 'learner': _learner, 'stepping': _stepping,
     'threads': _threads, 'recorder': _recorder,
@@ -214,8 +214,9 @@ def _hosts_finding(f: Figures) -> str:
 def _ranks_finding(f: Figures) -> str:
     model = f['ranks']['model']
     ring, tree = (model[f'two ranks, {way}']['knee'] for way in ('ring', 'tree'))
-    return (f'Ranks wait longer than they work from {ring} on (ring) or {tree} (tree),\n'
-            'and from 2 on over a network with a delay of 1 ms')
+    slow = model['two ranks, 1 ms, ring']['knee'] if 'two ranks, 1 ms, ring' in model else None
+    return (f'Ranks wait longer than they work from {ring} on (ring) or {tree} (tree)'
+            + (f',\nand from {slow} on over a network with a delay of 1 ms' if slow else ''))
 
 
 def _stepping_finding(f: Figures) -> str:
@@ -244,9 +245,9 @@ def _recorder_finding(f: Figures) -> str:
 
 
 def _loss_finding(f: Figures) -> str:
-    return ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%}'
-                     for share, row in f['loss'].items()).join(
-        ('99 % of the steps take less than ', ' of the packets lost'))
+    rows = ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%}'
+                     for share, row in f['loss'].items())
+    return f'99 % of the steps take less than {rows} of the packets lost'
 
 
 def _heuristic_finding(f: Figures) -> str:
@@ -280,7 +281,7 @@ FINDINGS: dict[str, Callable[[Figures], str]] = {
 
 def draw(part: str, figures: Figures, path: Path) -> bool:
     """Draw the plot of a part's figures; return whether there is one."""
-    plot = _PLOTS.get(part)
+    plot = PLOTS.get(part)
     if plot is None:
         return False
     with styled():

@@ -48,10 +48,11 @@ def actions(steps: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize(('buffer', 'acknowledged'), [(4 * N * 15 - 1, True), (4 * N * 15, False)])
+@pytest.mark.parametrize(('buffer', 'acknowledged'), [
+    (8 * N * 70 - 1, True), (8 * N * 70, False), (None, False)])
 def test_observations_too_large_for_a_socket_are_acknowledged(
         simulator: Process, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch,
-        buffer: int, acknowledged: bool) -> None:
+        buffer: int | None, acknowledged: bool) -> None:
     monkeypatch.setattr(qos, 'receive_buffer', lambda: buffer)
     monkeypatch.setattr(qos, 'set_up_by_user', lambda: False)
     client, world = make_client(), make('rocket', N, 1)
@@ -60,10 +61,10 @@ def test_observations_too_large_for_a_socket_are_acknowledged(
         assert_same(client.step(action), world.step(action))
 
     def reliability() -> list[ReliabilityPolicy]:
-        return [info.qos_profile.reliability
-                for info in client.node.get_subscriptions_info_by_topic('observation')]
+        return [info.qos_profile.reliability for topic in ('observation', 'reward')
+                for info in client.node.get_subscriptions_info_by_topic(topic)]
 
-    wanted = [ReliabilityPolicy.RELIABLE if acknowledged else ReliabilityPolicy.BEST_EFFORT]
+    wanted = 2 * [ReliabilityPolicy.RELIABLE if acknowledged else ReliabilityPolicy.BEST_EFFORT]
     assert client.waiter.until(lambda: reliability() == wanted, 5.0), reliability()
 
 

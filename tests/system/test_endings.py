@@ -49,8 +49,8 @@ def test_a_node_signalled_during_its_start_leaves_nothing(
         assert not [file for file in folder.rglob('*') if file.is_file() and file.stat().st_size]
 
 
-def test_nodes_keep_nothing_in_shared_memory(processes: Processes, tmp_path: Path) -> None:
-    """Then nothing is left there when they are killed."""
+def test_fast_dds_maps_no_shared_memory(processes: Processes, tmp_path: Path) -> None:
+    """Nothing is left there, therefore, when a node is killed."""
     nodes = [start(processes, node, tmp_path) for node in ('simulator', 'agent', 'recorder')]
     for node, line in zip(nodes, ('waiting for an agent', 'expert flies', 'recording to'),
                           strict=True):

@@ -163,7 +163,8 @@ def test_distributions_live_side_by_side(project: Project) -> None:
 
 
 def test_a_shell_can_switch_between_distributions(project: Project) -> None:
-    tell = '; echo "$VIRTUAL_ENV $PATH $AMENT_PREFIX_PATH $LD_LIBRARY_PATH"'
+    tell = ('; echo "$VIRTUAL_ENV $PATH $AMENT_PREFIX_PATH $LD_LIBRARY_PATH '
+            '$ROS_DISTRO $HOVERSLAM_WHEELS"')
     status, output = project.run(
         f'. launch_scripts/env.sh{tell}; LD_LIBRARY_PATH=$VIRTUAL_ENV/lib:/mine; '
         f'export HOVERSLAM_ROS=jazzy; . launch_scripts/env.sh{tell}', LD_LIBRARY_PATH='/mine')
@@ -172,10 +173,10 @@ def test_a_shell_can_switch_between_distributions(project: Project) -> None:
     root = project.root
     assert kilted == (
         f'{root}/.venv {root}/.venv/bin:{project.tools} '
-        f'{root}/ros_ws/install/rocket_msgs:{root}/.venv /mine')
+        f'{root}/ros_ws/install/rocket_msgs:{root}/.venv /mine kilted kilted')
     assert jazzy == (
         f'{root}/.venv-jazzy {root}/.venv-jazzy/bin:{project.tools} '
-        f'{root}/ros_ws/jazzy/install/rocket_msgs:{root}/.venv-jazzy /mine')
+        f'{root}/ros_ws/jazzy/install/rocket_msgs:{root}/.venv-jazzy /mine jazzy jazzy')
 
 
 @pytest.mark.parametrize('command', [
@@ -211,6 +212,16 @@ def test_a_distribution_that_env_sh_named_does_not_count_as_sourced(project: Pro
         ROS_DISTRO='kilted', HOVERSLAM_WHEELS='kilted', AMENT_PREFIX_PATH='/else/.venv')
     assert status == 0, output
     assert 'ros-rclpy' in (project.root / '.venv/.hoverslam/requirements').read_text()
+
+
+def test_a_ros_2_sourced_in_a_shell_of_env_sh_is_used(project: Project) -> None:
+    """Even if it is of the same distribution as the wheels."""
+    status, output = project.run(
+        '. launch_scripts/env.sh; echo "wheels ${HOVERSLAM_WHEELS-none}"', ROS_DISTRO='kilted',
+        HOVERSLAM_WHEELS='kilted', ROS_VERSION='2', AMENT_PREFIX_PATH='/opt/ros/kilted')
+    assert status == 0, output
+    assert 'ros-rclpy' not in (project.root / '.venv/.hoverslam/requirements').read_text()
+    assert output.splitlines()[-1] == 'wheels none'
 
 
 def test_a_failed_update_keeps_the_environment(project: Project) -> None:

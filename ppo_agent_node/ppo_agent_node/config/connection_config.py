@@ -26,8 +26,8 @@ class ConnectionConfig:
         60.0, 's', 'time without an answer after which the node gives up', 0.1, 1e6)
     acknowledge: str = setting(
         'auto', '', 'whether observations and rewards are acknowledged, so that DDS repeats lost '
-        'ones; auto: if the discovery range extends beyond this machine or two observations do '
-        'not fit into a socket buffer',
+        'ones; auto: if the discovery range extends beyond this machine or they are large for the '
+        'receive buffer',
         choices=('auto', 'always', 'never'))
 
 

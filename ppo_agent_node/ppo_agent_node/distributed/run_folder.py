@@ -7,6 +7,7 @@ from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import ExitStack
 from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 
 from ppo_agent_node.distributed.errors import RankLost
@@ -24,7 +25,7 @@ def open_folder(
     The ranks need no common file system. A resumed run may have another number of ranks.
 
     :param poll: called while waiting for rank 0; may raise.
-    :raises OSError: as `RunFolder` does; on all ranks.
+    :raises OSError: on all ranks, if rank 0 cannot use the folder.
     :raises RankLost: when another rank is gone.
     """
     if ranks.first:
@@ -34,7 +35,8 @@ def open_folder(
                 stack.enter_context(folder.locked())
                 files = _files(folder) if ranks.count > 1 else {}
             except OSError as error:
-                ranks.main.of_first(str(error), poll)
+                with suppress(RankLost):
+                    ranks.main.of_first(str(error), poll)
                 raise
             try:
                 ranks.main.of_first(files, poll)

@@ -73,7 +73,7 @@ def test_figures_of_an_older_benchmark_leave_the_section_as_it_is(tmp_path: Path
     assert 'a table' not in page
 
 
-def test_what_is_said_of_roll_outs_and_of_many_simulators() -> None:
+def test_text_of_roll_outs_and_many_simulators() -> None:
     speed = {'in process, 1': 100.0, 'in process, 2': 80.0}
     said = SECTIONS['rollouts'][1]({'rollouts': {
         size: {'steps_per_second': speed, 'ratio': {'DDS, 2': ratio},
@@ -118,7 +118,7 @@ def test_titles_state_the_finding(part: str, figures: dict, title: str) -> None:
     assert title in performance_plots.FINDINGS[part](figures)
 
 
-def test_what_is_said_and_drawn_of_losses_peers_and_people(tmp_path: Path) -> None:
+def test_text_and_pictures_of_the_other_parts(tmp_path: Path) -> None:
     lossy = {'p50': 0.6, 'p99': 4.3, 'typical_p99': 4.0, 'p999': 9.0, 'equal': True}
     kind = {'action': 'discrete', 'difference': -13.4, 'difference_interval': [-32.9, 6.2],
             'ours': {'mean': 239.7}, 'theirs': {'mean': 253.1}}
@@ -140,3 +140,7 @@ def test_what_is_said_and_drawn_of_losses_peers_and_people(tmp_path: Path) -> No
             assert words in page
         assert imread(tmp_path / f'performance_{part}.png')[..., :3].std() > 0.05
     assert 'NOT ALL' in SECTIONS['loss'][1]({'loss': {'0.01': {**lossy, 'equal': False}}})
+
+
+def test_each_picture_has_a_title() -> None:
+    assert performance_plots.PLOTS.keys() == performance_plots.FINDINGS.keys()

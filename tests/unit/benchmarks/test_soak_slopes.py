@@ -90,7 +90,7 @@ def test_lives_are_compared_at_the_same_age() -> None:
     assert ones.tolist() == [1.0, 1.0]
 
 
-def test_what_speaks_against_a_soak_is_named() -> None:
+def test_failures_name_growing_figures() -> None:
     def row(what: str, per_hour: float, flat: bool | None) -> dict[str, object]:
         return {'what': what, 'of': 'sim_0', 'per_hour': per_hour, 'flat': flat}
 

@@ -132,7 +132,7 @@ class Connection:
         self._writer = own_gid(node, self._publisher.topic_name, before)
         self._far = FarEnd(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
         self._descriptions = Descriptions(node, prefix, self._far, self._accept_description)
-        self._prefix, stream = prefix, qos.read_stream(options.acknowledge)
+        self._stream = stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
                 (msg.Observation, 'observation', stream),
@@ -238,8 +238,8 @@ class Connection:
         """
         spec = self.described()
         if self._spec is None:
-            self._spec, self._realtime = spec, self.described_realtime
             self._acknowledge_large(spec)
+            self._spec, self._realtime = spec, self.described_realtime
             kind = LatestAnswers if self._realtime else Answers
             self._answers = kind(self._mailboxes, self._warn, self._accepts)
             self._answers.expect(spec)
@@ -254,14 +254,18 @@ class Connection:
         return self._spec
 
     def _acknowledge_large(self, spec: WorldSpec) -> None:
-        """Subscribe to observations anew, if they are too large to go without acknowledgement."""
-        small = qos.read_stream(self._options.acknowledge)
+        """Subscribe again to observations and rewards that are too large to go unacknowledged.
+
+        A reward is largest when all episodes end: it has the last observation of each.
+        """
         stream = qos.read_stream(
-            self._options.acknowledge, 4 * spec.num_envs * spec.observation_size)
-        if stream != small:
-            self._mailboxes[0].destroy()
-            self._mailboxes[0] = Mailbox(
-                self._node, msg.Observation, f'{self._prefix}observation', stream)
+            self._options.acknowledge, spec.num_envs * (4 * spec.observation_size + 10))
+        if stream == self._stream:
+            return
+        for number, kind in enumerate((msg.Observation, msg.Reward)):
+            topic = self._mailboxes[number].topic
+            self._mailboxes[number].destroy()
+            self._mailboxes[number] = Mailbox(self._node, kind, topic, stream)
 
     # Requests
 

@@ -24,11 +24,20 @@ WORLD = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)
 READ_WORLD = _reliable(16, DurabilityPolicy.TRANSIENT_LOCAL)
 """The same for its readers: others may publish there, too, and must not displace it."""
 
+_SENDERS = 8
+"""Messages that a receive buffer is expected to hold at once. A participant has one socket for all
+its simulators, which may answer at the same time."""
+
 STREAM = _reliable(4, DurabilityPolicy.VOLATILE)
 """Action, observation, reward: stale data is rejected by session and step, not by depth."""
 
 ACKNOWLEDGE = ('auto', 'always', 'never')
 """When readers of a stream acknowledge messages, so that DDS repeats lost ones."""
+
+
+def _is_large(size: int) -> bool:
+    buffer = receive_buffer() if size else None
+    return buffer is not None and size > buffer / _SENDERS
 
 
 def read_stream(acknowledge: str, size: int = 0) -> QoSProfile:
@@ -37,12 +46,13 @@ def read_stream(acknowledge: str, size: int = 0) -> QoSProfile:
     Within one machine, messages are lost only when a socket is full, and the agent re-sends in
     that case; acknowledgements cost time and wake threads. `auto` therefore acknowledges only when
     peers on other machines may be discovered (by range, by name, or by a user's own
-    configuration), or when two messages would not fit into a socket's receive buffer.
+    configuration), or when a message is larger than the share of the receive buffer that is left
+    to each of several simulators.
 
-    :param size: of a message, bytes; 0: unknown, and small.
+    :param size: of a message, bytes; 0: small.
     """
     if acknowledge == 'always' or (acknowledge == 'auto' and (
-            beyond_machine() or set_up_by_user() or size > receive_buffer())):
+            beyond_machine() or set_up_by_user() or _is_large(size))):
         return STREAM
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=STREAM.depth, durability=STREAM.durability,

@@ -47,21 +47,25 @@ def beyond_machine() -> bool:
     return bool(os.environ.get('ROS_STATIC_PEERS')) or discovery_range() != 'LOCALHOST'
 
 
-def receive_buffer() -> int:
-    """Return the size of the largest receive buffer of this process's UDP sockets, bytes.
+def receive_buffer() -> int | None:
+    """Return the size of the largest receive buffer that a UDP socket of this process was granted.
 
-    Linux reserves twice as much as is requested, half of it for its own data (`man 7 socket`);
-    this is the other half.
+    It is in bytes; None without such a socket. Linux reserves twice as much (`man 7 socket`).
     """
-    sizes = [0]
-    for link in Path('/proc/self/fd').iterdir():
-        with suppress(OSError):  # closed meanwhile
-            if not os.readlink(link).startswith('socket:'):
-                continue
-            with socket.socket(fileno=os.dup(int(link.name))) as one:
-                if one.type is socket.SOCK_DGRAM and one.family is not socket.AF_UNIX:
-                    sizes.append(one.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF))
-    return max(sizes) // 2
+    sizes = []
+    usual = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(None)  # it would make the sockets of Fast DDS non-blocking
+    try:
+        for descriptor, *_ in _udp_sockets():
+            with suppress(OSError):  # closed meanwhile
+                one = socket.socket(fileno=descriptor)
+                try:
+                    sizes.append(one.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2)
+                finally:
+                    one.detach()
+    finally:
+        socket.setdefaulttimeout(usual)
+    return max(sizes, default=None)
 
 
 def set_up_by_user() -> bool:
@@ -136,21 +140,25 @@ def _own_setup(schema: Path | None) -> bool:
 
 def open_ports() -> list[str]:
     """Return this process's UDP ports that are bound beyond 127.0.0.0/8."""
-    inodes = set()
+    return [f'{name} port {port} of address {address}'
+            for _, name, address, port in _udp_sockets()
+            if not (name == 'udp' and address.endswith('7F'))]
+
+
+def _udp_sockets() -> Iterator[tuple[int, str, str, int]]:
+    """Yield descriptor, protocol, address and port of this process's bound UDP sockets."""
+    descriptors = {}
     for link in Path('/proc/self/fd').iterdir():
-        try:
-            inodes.add(os.readlink(link))
-        except OSError:  # closed meanwhile
-            continue
-    found = []
+        with suppress(OSError):  # closed meanwhile
+            descriptors[os.readlink(link)] = int(link.name)
     for name in ('udp', 'udp6'):
         table = Path('/proc/self/net', name)
         for line in table.read_text('ascii').splitlines()[1:] if table.exists() else []:
             fields = line.split()
-            address, port = fields[1].split(':')
-            if f'socket:[{fields[9]}]' in inodes and not (name == 'udp' and address[6:] == '7F'):
-                found.append(f'{name} port {int(port, 16)} of address {address}')
-    return found
+            descriptor = descriptors.get(f'socket:[{fields[9]}]')
+            if descriptor is not None:
+                address, port = fields[1].split(':')
+                yield descriptor, name, address, int(port, 16)
 
 
 def _set(values: dict[str, str | None]) -> None:

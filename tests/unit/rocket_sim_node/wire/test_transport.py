@@ -309,12 +309,25 @@ def test_the_ros2_command_is_bound_as_nodes_are(
     assert profile == VERSION.profiles / 'machine.xml'
 
 
-def test_the_largest_receive_buffer_is_found() -> None:
-    before = transport.receive_buffer()  # of other tests' nodes
+def test_the_largest_receive_buffer_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    sockets = transport._udp_sockets
+    # Other tests' nodes may have sockets as well.
+    others = {descriptor for descriptor, *_ in transport._udp_sockets()}
+    monkeypatch.setattr(transport, '_udp_sockets', lambda: (
+        found for found in list(sockets()) if found[0] not in others))
+    assert transport.receive_buffer() is None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 50_000)
-        assert transport.receive_buffer() == max(before, 50_000)
+        probe.bind(('127.0.0.1', 0))
+        probe.setblocking(True)
+        socket.setdefaulttimeout(9.0)
+        try:
+            assert transport.receive_buffer() == 50_000
+            assert socket.getdefaulttimeout() == 9.0
+        finally:
+            socket.setdefaulttimeout(None)
         assert probe.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) == 100_000, 'still open'
+        assert os.get_blocking(probe.fileno())
 
 
 def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
