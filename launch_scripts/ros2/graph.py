@@ -71,7 +71,7 @@ def wait_for(node: Node, done: Callable[[], bool]) -> bool:
 
 
 def look_around(node: Node) -> None:
-    """Wait for the spin time, longer while the graph still changes or nobody has been seen."""
+    """Wait for the spin time, longer while the graph still changes or is empty."""
     start = changed = time.monotonic()
     graph: list[Any] = []
     while True:

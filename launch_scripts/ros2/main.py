@@ -72,6 +72,6 @@ def main(argv: Sequence[str] | None = None) -> int | str:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # The reader of our output is gone; nobody is left to tell.
+        # The reader of the output is gone, so no message would be read.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 1

@@ -37,7 +37,7 @@ def names(args: argparse.Namespace) -> None:
 
 
 def _type_of(node: Node, topic: str) -> Any:
-    """Return the class of the messages of a topic, or None when nobody has it."""
+    """Return the class of the messages of a topic, or None if no node has it."""
     found: list[str] = []
 
     def look() -> bool:

@@ -2,7 +2,7 @@
 """Reading of input files: regular files of a sane size only, checked before they are read.
 
 A device or a FIFO would be read for ever, and a file of many gigabytes would take all memory. A
-file that is written in place, in a folder that may come from somebody else, is checked as well: a
+file that is written in place, in a folder that may be another user's, is checked as well: a
 FIFO would be waited for, and a link would lead to another file.
 """
 from __future__ import annotations

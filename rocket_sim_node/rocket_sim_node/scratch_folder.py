@@ -32,7 +32,7 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def remove_leftovers(parent: Path) -> None:
-    """Remove this user's scratch folders that nobody holds the lock of."""
+    """Remove this user's scratch folders that no process has locked."""
     for folder in parent.glob(f'{_PREFIX}*'):
         with suppress(OSError):
             about = folder.lstat()

@@ -2,7 +2,7 @@
 """How a contestant of `bench result` that runs in a process of its own tells how it goes.
 
 One JSON object a line on its standard output. Its clock, `at`, is CLOCK_MONOTONIC, which all
-processes of a machine share, so that whoever started it can count from the start.
+processes of a machine share, so that the starting program can count from the start.
 """
 from __future__ import annotations
 

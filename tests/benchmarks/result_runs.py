@@ -42,7 +42,7 @@ _AFTERWARDS = 600.0
 def follow(path: Path, process: Process, end: float) -> Iterator[dict[str, Any]]:
     """Yield the JSON objects that are written to a file, a line each, until a time is over.
 
-    :param process: who writes.
+    :param process: the one that writes.
     :param end: CLOCK_MONOTONIC, s.
     :raises AssertionError: with its log, when it ended before.
     """
@@ -82,7 +82,7 @@ def begun(start: Start) -> Iterator[tuple[Process, Path, float]]:
     """Yield a run that has just been started, and when it was; end it at last.
 
     It is started once before, until its first line: how long a disk takes to deliver libraries
-    that are not in memory, up to half a minute, says nothing of who needs them.
+    that are not in memory, up to half a minute, says nothing about the program that needs them.
     """
     with started() as (processes, now):
         process, log = start(processes)

@@ -47,7 +47,7 @@ FAULTS = (
 agent lives for two thirds of it: long enough for what they may lose to show."""
 YOUNG = tuple(
     fault.node for fault in FAULTS if fault.what == 'killed' and fault.until == 1.0)
-"""who is killed to the end, and never gets old"""
+"""nodes that are killed until the end, so that none of their processes gets old"""
 
 
 class Nodes:

@@ -36,8 +36,8 @@ def own_memory(pid: int) -> float:
 def piece_of_work() -> float:
     """Return the processor time that a fixed piece of work takes, s.
 
-    How fast a shared machine is changes by the minute; so much less or more does everybody in it.
-    One time says little, as a clock of processor time may go by ticks of milliseconds.
+    The speed of a shared machine changes from minute to minute, for all its processes alike.
+    A single measurement says little, as processor time may be counted in ticks of milliseconds.
     """
     began = time.process_time()
     numbers = np.linspace(-3.0, 3.0, 20_000, dtype=np.float32)

@@ -30,7 +30,7 @@ STAGES = {
     'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 0.5),
     'evaluation': ('evaluating ', 0.2), 'plots': ('computing figures', 0.3)}
 """The line that marks a stage, and how long after that line it is interrupted, s. An
-update runs if, besides, nobody flies."""
+update runs if, besides, no agent flies."""
 _STILL = 0.3
 """s in which a simulator that is flown would have computed"""
 

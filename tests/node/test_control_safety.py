@@ -174,7 +174,7 @@ def test_an_agent_that_sends_no_action_after_its_reset_is_reported(
     """It died after its reset, or its actions are lost."""
     process, client, watch = realtime(processes, make_client)
     watch.until(lambda: watch['engine cuts'] == '0')
-    assert watch.status.level == DiagnosticStatus.OK  # nobody flies
+    assert watch.status.level == DiagnosticStatus.OK  # no agent flies
     client.reset(1)
     watch.until(lambda: watch['engine cuts'] == '1')
     assert watch.status.level == DiagnosticStatus.ERROR
@@ -435,7 +435,7 @@ def test_commands_beyond_limits_are_flown_as_in_process_and_counted_in_lockstep(
     watch = Watch(client)
     for axis, count in zip(('throttle', 'rcs_x', 'rcs_z'), expected.tolist(), strict=True):
         watch.until(lambda: watch[f'clipped {axis}'] == str(count))  # noqa: B023
-    assert watch.status.level == DiagnosticStatus.OK  # who learns explores beyond, too
+    assert watch.status.level == DiagnosticStatus.OK  # a learner explores beyond the bounds, too
 
 
 def test_diagnostics_hold_name_status_agent_and_counters(

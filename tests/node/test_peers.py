@@ -16,7 +16,7 @@ from support.processes import wait_until
 PEERS, BATCHES = 10, 4
 """peers at a time, and times; the first of them fill what is kept for the next"""
 LEASE = 40.0
-"""s after which whoever was killed is forgotten by everybody; DDS waits for 20"""
+"""s after which all peers have forgotten a killed process; DDS waits for 20"""
 LEFT = 8.0
 """KiB a peer"""
 PEER = """

@@ -179,7 +179,7 @@ def test_a_new_recorder_repairs_the_file_of_a_killed_one(
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()
-    simulator.end()  # who starts again would hear which world it has
+    simulator.end()  # a recorder that starts again would receive its description
 
     again = start(processes, path)
     assert 'its recording is repaired' in again.output()

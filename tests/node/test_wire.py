@@ -406,7 +406,7 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
     assert client.waiter.until(lambda: any(s.throttle[0] == 1.0 for s in states), 10.0)
     assert client.waiter.until(lambda: states[-1].throttle[-1] == 0.0, 10.0)
     process.wait_for('engine cut', 10.0)
-    # Silent for as long as the lease: nobody flies, so nothing moves.
+    # Silent for as long as the lease: no agent flies, so nothing moves.
     assert client.waiter.until(lambda: still(client, states), 10.0)
     steps = client.connection.step
     client.step(full)
@@ -610,7 +610,7 @@ def test_a_listener_counts_the_messages_it_missed(
     listener.waiter.until(lambda: heard[-1] == client.connection.step, 5.0)
     listener.waiter.linger(lambda: False, 0.2)  # the counters have heard it, too
     before = client.connection.step
-    fly(50)  # nobody spins the listener meanwhile
+    fly(50)  # the listener is not spun meanwhile
     listener.waiter.until(
         lambda: heard[-1] == client.connection.step and stalled.missed > 0, 5.0)
     listener.waiter.linger(lambda: False, 0.2)

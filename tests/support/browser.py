@@ -171,7 +171,7 @@ class Browser:
             # A page that is busy loading may miss a request for a picture altogether.
             with suppress(Late):
                 picture = self.picture(min(_SHOT, max(1.0, end - time.monotonic())))
-                picture.save(self.log.with_suffix('.png'))  # for those who look for the reason
+                picture.save(self.log.with_suffix('.png'))  # shows the reason of a failure
                 if seen(picture):
                     return picture
             time.sleep(_PAUSE)

@@ -31,7 +31,7 @@ LONGEST_WAIT = {True: 0.5, False: 2.0}
 FROZEN = 25.0
 """s; DDS takes a participant for gone that was silent for 20"""
 HANGS = 400.0
-"""s after which a training that nobody disturbs any more is given up"""
+"""s after which a training without further faults is given up"""
 
 pytestmark = pytest.mark.timeout(1800)
 

@@ -87,7 +87,7 @@ def test_keys_fly_the_rocket_and_q_restores_the_terminal(
     terminal.press(b'q')
     assert child.wait(20.0) == 0
     assert_restored(terminal)
-    wait_until(lambda: looker.idle(0.5) == 0, 10.0)  # nobody flies: nothing falls
+    wait_until(lambda: looker.idle(0.5) == 0, 10.0)  # no agent flies, so nothing falls
     assert simulator.running
 
 

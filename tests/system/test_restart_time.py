@@ -65,7 +65,7 @@ def training_agent(processes: Processes, run: Path, resume: bool) -> Process:
 
 
 AGENTS = {'simulator': exchanging_agent, 'agent': training_agent}
-"""who flies, by who is killed: an agent that learns lets its simulator wait meanwhile"""
+"""The agent of each case. An agent that learns would let a killed simulator wait."""
 
 
 @pytest.mark.parametrize('killed', [*AGENTS])

@@ -88,7 +88,7 @@ def test_the_page_shows_past_and_current_flights(
     recorder.wait_for('watch it in a browser: http', 30.0)
     page = recorder.output().partition('watch it in a browser: ')[2].split()[0]
     assert page.startswith(f'http://127.0.0.1:{port}/')
-    # In lock-step and with pauses: a page that draws without end leaves two cores to nobody.
+    # In lock-step and with pauses: a page that draws without end would occupy both cores.
     processes.run_node('rocket_sim_node', 'simulator', world='lunar_lander', num_envs=1)
     recorder.wait_for('streaming to', 30.0)  # it hears the simulator: no flight escapes it
 

@@ -75,7 +75,7 @@ class Process:
                 (child.stdout, to_screen), (child.stderr, to_screen or not self._quiet))
             if stream is not None]
         try:
-            # Not `wait`, which in Python 3.11 waits for all who hold its pipes, too.
+            # Not `wait`, which in Python 3.11 also waits for every process that holds its pipes.
             while child.returncode is None:
                 await asyncio.sleep(_LOOK_SECONDS)
             status = child.returncode

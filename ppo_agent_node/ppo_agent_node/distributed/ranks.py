@@ -158,7 +158,7 @@ def _pickled(value: object) -> Tensor:
 
 
 def _unpickled(data: Tensor) -> Any:
-    # Ranks trust each other: torch.distributed authenticates nobody.
+    # Ranks trust each other: torch.distributed has no authentication.
     return pickle.loads(data.numpy().tobytes())
 
 

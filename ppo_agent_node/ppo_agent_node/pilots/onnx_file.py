@@ -112,7 +112,7 @@ def _session(path: Path, data: bytes) -> Any:
         ) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # its warnings are for those who write graphs
+    options.log_severity_level = 3  # its warnings are for authors of graphs
     try:
         return onnxruntime.InferenceSession(data, options, providers=['CPUExecutionProvider'])
     except Exception as error:  # its errors have no base of their own

@@ -52,6 +52,6 @@ class StepCounter:
                 session, first = struct.unpack_from(f'{order}QQ', data, _ENCODING)
                 last = first
         except struct.error:
-            return None  # who reads the bag is told that the message is cut short
+            return None  # the bag's reader reports that the message is cut short
         missing = self._gaps.note(session, first, last)
         return (session, first, missing) if missing else None

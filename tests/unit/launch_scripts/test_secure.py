@@ -69,7 +69,7 @@ def test_a_command_starts_with_keys_that_are_made_once(tmp_path: Path, secure: S
         assert told.returncode == 7, 'its status is that of the command'
     policy = tmp_path / 'scripts' / 'security' / 'hoverslam.policy.xml'
     assert calls(tmp_path) == [f'security generate_artifacts -k {store} -p {policy}']
-    assert store.stat().st_mode & 0o077 == 0, "keys are nobody else's to read"
+    assert store.stat().st_mode & 0o077 == 0, 'other users cannot read the keys'
 
 
 def test_keys_are_renewed_for_another_policy_and_after_a_failure(

@@ -65,7 +65,7 @@ class ControlServices:
             return handler(request, response, b'' if sender is None else sender.take())
 
         service = self._node.create_service(kind, name, answer)
-        if kind is not srv.Snapshot:  # it is not asked who calls: it gives no control
+        if kind is not srv.Snapshot:  # the caller does not matter: no control is given
             sender = RequestSender(self._node, service, kind, self._own)
         return service
 

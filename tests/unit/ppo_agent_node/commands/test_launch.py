@@ -331,7 +331,7 @@ def test_a_port_that_is_taken_ends_the_start(project: Project, command: str) -> 
         port = other.getsockname()[1]
         with pytest.raises(ValueError, match=f'web_port: {port} is taken by another program'):
             project.begin(command, 'serve_web:=true', f'web_port:={port}')
-        project.begin(command, f'web_port:={port}')  # nobody asked for a page
+        project.begin(command, f'web_port:={port}')  # no page was requested
 
 
 def test_the_web_page_cannot_be_served_without_a_recorder(project: Project) -> None:

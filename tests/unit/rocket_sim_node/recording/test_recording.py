@@ -455,7 +455,7 @@ def test_one_stalled_flush_is_tolerated_and_two_end_the_recording(
     feed(recorder, flown, session=session)
     recorder.close()
     assert 0 < recorder.flights == before
-    # The one with which it ended is in the file, but nobody could promise that.
+    # The last one is in the file, but that is not guaranteed.
     assert before <= len(reader.trajectories(tmp_path / 'run.rrd')) <= before + 1
 
 
