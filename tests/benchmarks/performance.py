@@ -24,6 +24,9 @@ This page shows the cost of each part, compared with a lower bound (its floor) a
 measured with `./launch_scripts/bench` (all parts) or `./launch_scripts/bench PART`. The figures
 are in `runs/bench-DATE/PART.json`.
 
+Messages go over UDP since 1eb9344 (2026-11-25). Sections with an earlier date were measured with
+shared memory ([a comparison](../explanation/fast-dds.md#why-not-shared-memory)).
+
 Peers and this project are measured alternately, in one run. The machine is shared and its speed
 varies, so ratios are more reliable than seconds. A commit that ends in `-dirty` had uncommitted
 changes.

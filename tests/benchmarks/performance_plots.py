@@ -247,7 +247,7 @@ def _recorder_finding(f: Figures) -> str:
 def _loss_finding(f: Figures) -> str:
     rows = ', '.join(f'{row["p99"]:.1f} ms with {float(share):.0%}'
                      for share, row in f['loss'].items())
-    return f'99 % of the steps take less than {rows} of the packets lost'
+    return f'99 % of the steps take less than\n{rows} of the packets lost'
 
 
 def _heuristic_finding(f: Figures) -> str:
