@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
-from rclpy.context import Context
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
 from support.processes import Processes
 from support.pseudo_terminal import PseudoTerminal
 
+from benchmarks.agent_node import agent_node
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.running import make_executor
 
 _LOST = 2.0
 """s after which a press is counted as lost"""
@@ -36,11 +35,14 @@ def measure(
 ) -> tuple[list[float], int]:
     """Return the latencies, s, and how many presses nothing followed."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime')
-    context = Context()
-    rclpy.init(context=context, domain_id=processes.domain)
-    node = Node('looker', context=context)
-    executor = make_executor(context)
-    executor.add_node(node)
+    with agent_node('looker', processes.domain) as (node, executor):
+        return _press(presses, processes, terminal, node, executor)
+
+
+def _press(
+    presses: int, processes: Processes, terminal: PseudoTerminal, node: Node, executor: Executor,
+) -> tuple[list[float], int]:
+    """Press keys, and return what `measure` does."""
     seen = {'throttle': -1.0, 'fuel': 0.0, 'height': 0.0, 'at': 0.0}
 
     def look(message: Any) -> None:
@@ -74,7 +76,6 @@ def measure(
         else:
             missed += 1
     terminal.press(b'q')
-    rclpy.shutdown(context=context)
     return latencies, missed
 
 
