@@ -15,8 +15,7 @@ def _load() -> tuple[Body, Errors]:
 
 def main() -> None:
     """Run the node."""
-    leave(run_late(
-        'simulator', _load, expected=(ValueError,)))
+    leave(run_late('simulator', _load, expected=(ValueError,)))
 
 
 if __name__ == '__main__':

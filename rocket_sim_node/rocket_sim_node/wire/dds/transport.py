@@ -2,12 +2,11 @@
 """Transport configuration of Fast DDS: how far a node reaches, and its sockets.
 
 Some settings of Fast DDS can only be given by an XML profile, which it finds through an
-environment variable while the first node is created. `profiles/machine.xml` is for nodes that
-reach this machine only, `profiles/network.xml` for nodes that may have peers on others. A user's
-own configuration (an XML profile, a discovery server) takes precedence: then none of ours is used,
-and the user's profile is validated before the node starts.
-
-All messages go over UDP. docs/explanation/fast-dds.md compares it with shared memory.
+environment variable while the first node is created. In `profiles/`, for each version of Fast
+DDS, `machine.xml` is for nodes that reach this machine only, `network.xml` for nodes that may have
+peers on others. With both, all messages go over UDP (docs/explanation/fast-dds.md gives the
+reasons). A user's own configuration (an XML profile, a discovery server) takes precedence: then
+none of ours is used, and the user's profile is validated before the node starts.
 """
 from __future__ import annotations
 
