@@ -97,6 +97,8 @@ def clone(
     minibatches = Minibatches(
         (student.normaliser(demonstrations.observation[training]),
          demonstrations.action[training]), (), config.clone_batch_size, network.rows)
+    held_out = (student.normaliser(demonstrations.observation[validation]),
+                demonstrations.action[validation])
     steps = config.clone_epochs * len(list(minibatches))
     step = 0
 
@@ -124,8 +126,7 @@ def clone(
         training_loss = float(total) / len(training)
         loss_now = training_loss
         if len(validation):
-            loss_now = _validation_loss(
-                student, demonstrations, validation, config)
+            loss_now = _validation_loss(student, network, *held_out, config)
         if loss_now < least:
             least, best_epoch = loss_now, epoch
             best_weights = copy.deepcopy(student.state_dict())
@@ -137,11 +138,13 @@ def clone(
 
 
 def _validation_loss(
-    policy: Policy, demonstrations: Demonstrations, index: Tensor, config: CloneConfig,
+    policy: Policy, network: Backpropagation, observation: Tensor, action: Tensor,
+    config: CloneConfig,
 ) -> float:
+    """Return the mean loss of normalised observations `(S, D + F)`."""
     total = torch.zeros(())
-    for part in index.split(8192):
+    for part, wanted in zip(
+            observation.split(network.rows), action.split(network.rows), strict=True):
         total += policy.imitation(
-            policy.output(demonstrations.observation[part]).T, demonstrations.action[part],
-            config.clone_huber_delta, config.clone_margin)[0]
-    return float(total) / len(index)
+            network.forward(part), wanted, config.clone_huber_delta, config.clone_margin)[0]
+    return float(total) / len(observation)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait
+from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
@@ -13,6 +15,8 @@ import torch
 A = TypeVar('A')
 B = TypeVar('B')
 Poll = Callable[[], None]
+Begin = Callable[[Callable[[], None]], Callable[[], object]]
+"""Begins a computation; returns a function that waits for its end, and raises its exceptions."""
 
 
 class _Stopped(Exception):
@@ -58,3 +62,28 @@ def both(first: Callable[[Poll], A], second: Callable[[Poll], B], poll: Poll) ->
     finally:
         torch.set_num_threads(threads)
     return result, future.result()
+
+
+@contextmanager
+def second_thread() -> Iterator[Begin]:
+    """Yield a function that begins a short computation in a second thread, beside this one.
+
+    Each of the two has half of the threads. With one thread available, the computation runs at
+    once, in this one.
+    """
+    threads = torch.get_num_threads()
+
+    def run_now(compute: Callable[[], None]) -> Callable[[], object]:
+        compute()
+        return lambda: None
+
+    if threads == 1:
+        yield run_now
+        return
+    try:
+        torch.set_num_threads(threads - threads // 2)
+        with ThreadPoolExecutor(1, initializer=torch.set_num_threads, initargs=(
+                threads // 2,)) as pool:
+            yield lambda compute: pool.submit(compute).result
+    finally:
+        torch.set_num_threads(threads)

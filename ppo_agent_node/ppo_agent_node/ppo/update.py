@@ -5,7 +5,8 @@ Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (th
 objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
 policy optimization', 2022.
 
-Policy and critic share only the samples and their order, so each learns in its own loop. Gradients
+Policy and critic share only the samples and their order, so each learns in its own loop, on its own
+thread. Where no critic learns, the policy's minibatches are shared by both threads. Gradients
 are in closed form: of the losses in `losses`, of the distributions in the policies, of the
 networks in `backpropagation`.
 """
@@ -26,10 +27,13 @@ from ppo_agent_node.ppo.losses import objective_gradient
 from ppo_agent_node.ppo.losses import squared_error
 from ppo_agent_node.ppo.minibatches import Minibatches
 from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.adam import GradientOf
 from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
 from ppo_agent_node.ppo.networks.mlp import Critic
+from ppo_agent_node.ppo.parallel import Begin
 from ppo_agent_node.ppo.parallel import Poll
 from ppo_agent_node.ppo.parallel import both
+from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.rollout_buffer import Batch
 
@@ -117,6 +121,36 @@ class PolicyDiagnostics:
     updates: float = 0
 
 
+class PolicyGradient:
+    """Computes the gradient of the policy's loss."""
+
+    def __init__(
+        self, policy: Policy, config: PPOConfig, gradient_of: GradientOf, most: int,
+    ) -> None:
+        """Prepare for pieces of at most `most` samples.
+
+        :param gradient_of: returns the tensor to which a parameter's gradient is added.
+        """
+        self._policy, self._clip_range = policy, config.clip_range
+        self._noise = [gradient_of(parameter) for parameter in policy.noise_parameters()]
+        self._network = Backpropagation(policy.network, gradient_of, most)
+        self.rows = self._network.rows
+
+    @torch.inference_mode()
+    def add(self, pieces: Sequence[tuple[Tensor, ...]], entropy_coefficient: float) -> None:
+        """Add the gradients of pieces; fill in their results."""
+        for x, action, old, advantage, log_ratio, entropy in pieces:
+            found = self._policy.likelihood(self._network.forward(x), action)
+            torch.sub(found.log_prob, old, out=log_ratio)
+            entropy.copy_(found.entropy)
+            by_log_prob = objective_gradient(log_ratio.exp(), advantage, self._clip_range).neg_()
+            error, by_noise = self._policy.likelihood_gradient(
+                found, action, by_log_prob, -entropy_coefficient)
+            self._network.backward(error)
+            for total, gradient in zip(self._noise, by_noise, strict=True):
+                total.add_(gradient)
+
+
 class PolicyUpdate:
     """Updates the policy; holds its optimiser."""
 
@@ -124,25 +158,29 @@ class PolicyUpdate:
         """Take over the policy's parameters."""
         self.policy, self.config = policy, config
         self._channel, self._batch_size = ranks.policy, ranks.share(config.batch_size)
-        self._noise = policy.noise_parameters()
-        groups = [list(policy.network.parameters())]
+        noise, groups = policy.noise_parameters(), [list(policy.network.parameters())]
         self.optimiser = FlatAdam(
-            groups + [self._noise] if self._noise else groups, ties=policy.network.ties())
-        self._network = Backpropagation(
-            policy.network, self.optimiser.gradient_of, self._batch_size)
+            groups + [noise] if noise else groups, ties=policy.network.ties())
+        self._other_half, other_gradient_of = self.optimiser.partial_gradient()
+        self._gradient, self._other_gradient = (
+            PolicyGradient(policy, config, gradient_of, self._batch_size)
+            for gradient_of in (self.optimiser.gradient_of, other_gradient_of))
 
     @torch.inference_mode()
     def run(
         self, batch: Batch, orders: Sequence[Tensor], rates: Sequence[float], poll: Poll,
-        entropy_coefficient: float,
+        entropy_coefficient: float, begin: Begin | None = None,
     ) -> PolicyDiagnostics:
-        """Learn from each order of the samples, until the policy has moved too far."""
+        """Learn from each order of the samples, until the policy has moved too far.
+
+        :param begin: computes half of each gradient; by default there are no halves.
+        """
         config = self.config
         seen = self.policy.normaliser(batch.observation)
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),
-            self._batch_size, self._network.rows)
+            self._batch_size, self._gradient.rows)
         losses, entropies, clipped, norms = [], [], [], []
         learnt_from = judged = 0
         kl = NAN
@@ -153,7 +191,7 @@ class PolicyUpdate:
             learnt = stop = 0
             for start, stop, pieces in minibatches:
                 poll()
-                self._find_gradient(pieces, entropy_coefficient)
+                self._find_gradient(pieces, entropy_coefficient, begin)
                 if config.target_kl and config.target_kl < (kl := self._divergence(
                         log_ratio[start:stop], poll)):
                     break
@@ -179,20 +217,21 @@ class PolicyUpdate:
 
     def _find_gradient(
         self, pieces: Sequence[tuple[Tensor, ...]], entropy_coefficient: float,
+        begin: Begin | None,
     ) -> None:
         """Set the optimiser's gradient to that of a minibatch; fill in the results."""
-        config = self.config
         self.optimiser.gradient.zero_()
-        for x, action, old, advantage, log_ratio, entropy in pieces:
-            found = self.policy.likelihood(self._network.forward(x), action)
-            torch.sub(found.log_prob, old, out=log_ratio)
-            entropy.copy_(found.entropy)
-            by_log_prob = objective_gradient(log_ratio.exp(), advantage, config.clip_range).neg_()
-            error, by_noise = self.policy.likelihood_gradient(
-                found, action, by_log_prob, -entropy_coefficient)
-            self._network.backward(error)
-            for parameter, gradient in zip(self._noise, by_noise, strict=True):
-                self.optimiser.gradient_of(parameter).add_(gradient)
+        if begin is None:
+            self._gradient.add(pieces, entropy_coefficient)
+            return
+        half = -(-len(pieces) // 2)
+        self._other_half.zero_()
+        wait = begin(lambda: self._other_gradient.add(pieces[half:], entropy_coefficient))
+        try:
+            self._gradient.add(pieces[:half], entropy_coefficient)
+        finally:
+            wait()
+        self.optimiser.gradient.add_(self._other_half)
 
     def _divergence(self, log_ratio: Tensor, poll: Poll) -> float:
         """Return the mean of r - 1 - log r, of all ranks."""
@@ -219,7 +258,8 @@ def update(
 
     On a CPU both run in parallel if there are enough threads, and each always has half of them:
     two threads that share every operation wait for each other all the time, and are slower than
-    one on a busy machine.
+    one on a busy machine. Without the critic, the policy's gradients are computed in two halves,
+    each with half of the threads. One and two threads compute the same bits.
 
     With several ranks, each has the same number of samples. Gradients are averaged over all ranks,
     so that all take the same steps.
@@ -240,18 +280,21 @@ def update(
     if entropy_coefficient is None:
         entropy_coefficient = policy.config.entropy_coefficient
 
-    def run_policy(poll: Poll) -> PolicyDiagnostics:
+    def run_policy(poll: Poll, begin: Begin | None = None) -> PolicyDiagnostics:
         if not train_policy:
             return PolicyDiagnostics()
-        return policy.run(batch, orders, policy_rates, poll, entropy_coefficient)
+        return policy.run(batch, orders, policy_rates, poll, entropy_coefficient, begin)
 
     def run_critic(poll: Poll) -> float:
         return critic.run(batch, orders, critic_rate, poll) if train_critic else NAN
 
-    if device.type == 'cpu':
+    if device.type != 'cpu':
+        news, value_loss = run_policy(poll), run_critic(poll)
+    elif train_critic:
         news, value_loss = both(run_policy, run_critic, poll)
     else:
-        news, value_loss = run_policy(poll), run_critic(poll)
+        with second_thread() as begin:
+            news, value_loss = run_policy(poll, begin), NAN
     return Diagnostics(
         value_loss=value_loss,
         explained_variance=explained_variance(batch.value, batch.target), **vars(news))

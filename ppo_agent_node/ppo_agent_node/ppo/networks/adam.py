@@ -9,6 +9,7 @@ parameters than on the update.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 
@@ -19,6 +20,8 @@ from torch import nn
 from ppo_agent_node.ppo.networks.symmetry import Representation
 from ppo_agent_node.runs.sealed_file import Tensors
 
+GradientOf = Callable[[Tensor], Tensor]
+"""Returns the tensor for a parameter's gradient, of the same shape."""
 _ALIGNED = 16
 """Alignment of parameters, in numbers (64 bytes), for fast matrix products."""
 
@@ -62,23 +65,32 @@ class FlatAdam:
             tuple(flat[start:end] for flat in (values, self._mean, self._work))
             for start, end in zip([0, *ends], ends, strict=False)]
 
-        def views(flat: Tensor) -> list[Tensor]:
-            return [flat[place:place + parameter.numel()].view_as(parameter)
-                    for place, parameter in zip(places, self._parameters, strict=True)]
-
-        self._gradients = {
-            id(parameter): view
-            for parameter, view in zip(self._parameters, views(self.gradient), strict=True)}
+        self._places = places
+        self._gradients = self._views_by_parameter(self.gradient)
         self._tied = None if not ties else _joined(ties, self._parameters, places, size, device)
-        self._state = list(zip(views(self._mean), views(self._square), strict=True))
+        self._state = list(zip(self._views(self._mean), self._views(self._square), strict=True))
         with torch.no_grad():
-            for parameter, view in zip(self._parameters, views(values), strict=True):
+            for parameter, view in zip(self._parameters, self._views(values), strict=True):
                 view.copy_(parameter)
                 parameter.data = view
 
     def gradient_of(self, parameter: Tensor) -> Tensor:
         """Return the view for a parameter's gradient, of the same shape."""
         return self._gradients[id(parameter)]
+
+    def partial_gradient(self) -> tuple[Tensor, GradientOf]:
+        """Return memory for another gradient, flat, and the views of it by parameter."""
+        flat = torch.zeros_like(self.gradient)
+        views = self._views_by_parameter(flat)
+        return flat, lambda parameter: views[id(parameter)]
+
+    def _views(self, flat: Tensor) -> list[Tensor]:
+        return [flat[place:place + parameter.numel()].view_as(parameter)
+                for place, parameter in zip(self._places, self._parameters, strict=True)]
+
+    def _views_by_parameter(self, flat: Tensor) -> dict[int, Tensor]:
+        return {id(parameter): view
+                for parameter, view in zip(self._parameters, self._views(flat), strict=True)}
 
     def step(self, rates: Sequence[float], max_norm: float, count: int) -> float:
         """Update the parameters with the mean gradient of `count` samples.

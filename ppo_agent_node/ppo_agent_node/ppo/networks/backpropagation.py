@@ -6,12 +6,12 @@ each layer, and in pieces small enough to stay in the processor's cache between 
 """
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from ppo_agent_node.ppo.networks.adam import GradientOf
 from ppo_agent_node.ppo.networks.dense import add_product
 from ppo_agent_node.ppo.networks.dense import dense
 from ppo_agent_node.ppo.networks.dense import product
@@ -36,7 +36,7 @@ class Backpropagation:
     rows: int
 
     def __init__(
-        self, network: Perceptron, gradient_of: Callable[[Tensor], Tensor], most: int,
+        self, network: Perceptron, gradient_of: GradientOf, most: int,
     ) -> None:
         """Prepare for the network's layers.
 

@@ -13,6 +13,7 @@ import torch
 from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.networks.features import DescentFeatures
+from ppo_agent_node.ppo.networks.features import asinh
 from ppo_agent_node.ppo.networks.features import make_features
 from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import quick
@@ -103,3 +104,13 @@ def test_a_policy_file_keeps_its_features_and_older_files_have_none(tmp_path: Pa
     save_policy(path, Learner(SPEC, dataclasses.replace(config, network=plain)).policy, SPEC,
                 plain, 1, {})
     assert load_policy(path, SPEC)[0].normaliser.features is None
+
+
+def test_asinh_is_as_accurate_as_pytorchs() -> None:
+    size = torch.logspace(-30, 18, 20_001)
+    x = torch.cat((size, -size, torch.zeros(1)))
+    expected = x.double().asinh()
+    found = asinh(x)
+    assert found.dtype == torch.float32
+    assert bool(((found - expected).abs() <= 2e-7 * expected.abs()).all())
+    assert bool(asinh(torch.tensor([math.nan])).isnan().all())

@@ -12,7 +12,9 @@ import torch
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import PPOConfig
 from ppo_agent_node.ppo import losses
+from ppo_agent_node.ppo import parallel
 from ppo_agent_node.ppo import update
+from ppo_agent_node.ppo.networks import backpropagation
 from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
@@ -88,13 +90,14 @@ def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
 
 def run(
     seed: int = 1, shuffle: int = 1, train_policy: bool = True,
-    poll: Callable[[], None] = lambda: None, **changes: object,
+    poll: Callable[[], None] = lambda: None, train_critic: bool = True, **changes: object,
 ) -> tuple[GaussianPolicy, Critic, update.Diagnostics, Batch]:
     policy, critic, batch = setup(seed)
     config = dataclasses.replace(CONFIG, **changes)
     diagnostics = update.update(
         update.PolicyUpdate(policy, config), update.CriticUpdate(critic, config), batch,
-        random_streams.generator(shuffle, 'm'), (1e-3, 1e-3), 1e-3, train_policy, poll)
+        random_streams.generator(shuffle, 'm'), (1e-3, 1e-3), 1e-3, train_policy, poll,
+        train_critic=train_critic)
     return policy, critic, diagnostics, batch
 
 
@@ -172,8 +175,11 @@ def test_entropy_bonus_widens_the_policy() -> None:
     assert bool((bold.log_std > plain.log_std).all())
 
 
+@pytest.mark.parametrize('train_critic', [True, False])
 @pytest.mark.parametrize('threads', [1, 2])
-def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(threads: int) -> None:
+def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(
+    threads: int, train_critic: bool,
+) -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     polls = 0
@@ -186,28 +192,63 @@ def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(threads: int
 
     try:
         with pytest.raises(KeyboardInterrupt):
-            run(poll=stop)
+            run(poll=stop, train_critic=train_critic)
         assert polls == 5
         assert torch.get_num_threads() == threads
-        run(poll=stop)
+        run(poll=stop, train_critic=train_critic)
         assert polls >= 5 + 8  # at least once for each of the policy's minibatches
     finally:
         torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize('train_policy', [True, False])
-def test_one_thread_and_two_are_equal_bit_for_bit(train_policy: bool) -> None:
+@pytest.mark.parametrize(('train_policy', 'train_critic'), [
+    (True, True), (False, True), (True, False)])
+def test_one_thread_and_two_are_equal_bit_for_bit(
+    train_policy: bool, train_critic: bool, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(backpropagation, '_CACHED_ROWS', 24)  # three pieces of each minibatch
     before = torch.get_num_threads()
     found = []
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
-            policy, critic, told, _ = run(train_policy=train_policy)
+            policy, critic, told, _ = run(
+                train_policy=train_policy, train_critic=train_critic)
             found.append((*policy.parameters(), *critic.parameters(), torch.tensor(
                 list(dataclasses.astuple(told))).nan_to_num()))
     finally:
         torch.set_num_threads(before)
     assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
+
+
+def test_halves_of_a_minibatch_are_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run()[0]
+    critic, told = setup()[1], []
+    for rows in (24, 64):  # three pieces of each minibatch, and one
+        monkeypatch.setattr(backpropagation, '_CACHED_ROWS', rows)
+        halved, untouched, diagnostics, _ = run(train_critic=False)
+        assert torch.allclose(halved.mean[0].weight, whole.mean[0].weight, atol=1e-6)
+        assert torch.allclose(halved.log_std, whole.log_std, atol=1e-6)
+        assert torch.equal(untouched.value[0].weight, critic.value[0].weight)
+        told.append(diagnostics)
+    assert told[0].policy_loss == pytest.approx(told[1].policy_loss, abs=1e-6)
+    assert told[0].grad_norm == pytest.approx(told[1].grad_norm, rel=1e-5)
+
+
+@pytest.mark.parametrize('threads', [1, 2])
+def test_an_error_in_the_second_half_is_raised(threads: int) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+
+    def fail() -> None:
+        raise MemoryError('second half')
+
+    try:
+        with parallel.second_thread() as begin, pytest.raises(MemoryError, match='second half'):
+            begin(fail)()
+        assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_explained_variance() -> None:
