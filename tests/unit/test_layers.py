@@ -89,7 +89,7 @@ def test_imports_between_folders_run_one_way() -> None:
 
 @pytest.mark.parametrize(('above', 'below'), [
     ('ppo_agent_node.ppo', ('evaluation', 'pilots', 'training', 'imitation', 'nodes')),
-    ('ppo_agent_node.imitation', ('evaluation', 'reporting', 'training', 'nodes')),
+    ('ppo_agent_node.imitation', ('evaluation', 'pilots', 'reporting', 'training', 'nodes')),
     ('ppo_agent_node.training', ('evaluation', 'reporting', 'nodes')),
     ('ppo_agent_node.evaluation', ('reporting', 'commands', 'nodes')),
     ('rocket_sim_node.wire', ('recording', 'nodes')),

@@ -23,8 +23,6 @@ from ppo_agent_node.flying.episodes import Step
 from ppo_agent_node.flying.episodes import fly_once
 from ppo_agent_node.flying.pilot import tell_begun
 from ppo_agent_node.flying.pilot import tell_flown
-from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
-from ppo_agent_node.pilots.scripted import rocket_pilot
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
@@ -57,20 +55,6 @@ class Demonstrations(NamedTuple):
         return cls(
             torch.cat([part.observation for part in parts]),
             torch.cat([part.action for part in parts]), torch.cat(episodes))
-
-
-def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
-    """Return the world's scripted pilot with the gains of the settings.
-
-    :raises ValueError: when it cannot fly the world.
-    """
-    try:
-        teacher = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
-        return teacher(spec, **config.teacher_gains())
-    except ValueError as error:
-        raise ValueError(
-            f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as no '
-            f'scripted pilot can fly this: {error}') from error
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:

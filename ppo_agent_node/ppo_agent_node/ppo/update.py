@@ -5,10 +5,10 @@ Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (th
 objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
 policy optimization', 2022.
 
-Policy and critic share only the samples and their order, so each learns in its own loop, on its own
-thread. Where no critic learns, the policy's minibatches are shared by both threads. Gradients
-are in closed form: of the losses in `losses`, of the distributions in the policies, of the
-networks in `backpropagation`.
+Policy and critic share only the samples and their order, so each learns in its own loop and in its
+own thread. Where no critic learns, two threads share the policy's minibatches. Gradients are in
+closed form: of the losses in `losses`, of the distributions in the policies, of the networks in
+`backpropagation`.
 """
 from __future__ import annotations
 

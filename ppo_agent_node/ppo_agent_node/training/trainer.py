@@ -21,7 +21,7 @@ from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.flying.episodes import Pilot
 from ppo_agent_node.imitation.dagger import Imitation
-from ppo_agent_node.imitation.demonstrations import scripted_teacher
+from ppo_agent_node.pilots.teacher import scripted_teacher
 from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.rollout_buffer import Rollout

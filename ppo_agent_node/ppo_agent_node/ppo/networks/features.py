@@ -63,6 +63,7 @@ class DescentFeatures(nn.Module):
     The world's scales are stored with the weights, so that a policy file is self-contained.
     """
 
+    columns: Tensor
     scale: Tensor
     width: Tensor
     spin_up: Tensor

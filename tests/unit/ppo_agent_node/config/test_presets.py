@@ -9,8 +9,8 @@ from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.config.presets import preset_names
 from ppo_agent_node.config.presets import preset_values
 from ppo_agent_node.config.training_config import check_world
-from ppo_agent_node.imitation.demonstrations import scripted_teacher
 from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
+from ppo_agent_node.pilots.teacher import scripted_teacher
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.rocket import conditions
 

@@ -10,7 +10,6 @@ import pytest
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
-from ppo_agent_node.imitation.demonstrations import scripted_teacher
 from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
 from ppo_agent_node.pilots.expert.braking import BrakingProfile
 from ppo_agent_node.pilots.expert.braking import last_steps
@@ -18,6 +17,7 @@ from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.scripted import for_vehicle
 from ppo_agent_node.pilots.scripted import scripted_pilot
+from ppo_agent_node.pilots.teacher import scripted_teacher
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.rocket import conditions
 
