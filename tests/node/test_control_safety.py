@@ -26,7 +26,7 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 from support.rollouts import assert_same
-from test_fuzz import Rubbish
+from support.rubbish import Rubbish
 
 from rocket_sim_node import wire
 from rocket_sim_node.wire.client.client import Client

@@ -19,17 +19,16 @@ from support.fuzzing import damaged
 from support.processes import Process
 from support.processes import Processes
 from support.rollouts import assert_same
+from support.rubbish import N
+from support.rubbish import Rubbish
 
 from rocket_sim_node.wire.client.client import Client
-from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.worlds import make
 
-N, AGENT = 8, 0xC0FFEE
-CODEC = Codec(msg.Action)
-NOTHING = np.zeros(0)
+AGENT = 0xC0FFEE
 _QUEUE = 4
 """messages that the simulator's reader holds; beyond it the oldest are lost"""
 _BURST = _QUEUE - 1
@@ -44,58 +43,6 @@ def resident(process: Process) -> float:
     return max(1024.0 * int(line.split()[1]) for pid in (process.pid, *children)
                for line in Path(f'/proc/{pid}/status').read_text().splitlines()
                if line.startswith('VmRSS'))
-
-
-class Rubbish:
-    """Actions that step nothing and whose outcome is predicted; this agent has control."""
-
-    def __init__(self, connection: Connection, seed: int) -> None:
-        self.connection, self.rng = connection, np.random.default_rng(seed)
-
-    def rubbish(self) -> bytes:
-        """Return a message that steps nothing."""
-        while True:
-            data = self._any()
-            data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
-            if data and self._fate(data) != 'flown':  # without any bytes nothing arrives
-                return data
-
-    def _any(self) -> bytes:
-        rng, connection = self.rng, self.connection
-        kind = int(rng.integers(4))
-        if kind == 0:
-            return bytes(rng.bytes(int(rng.integers(300))))
-        numbers = [connection.session, connection.step, connection.agent]
-        values: Any = rng.uniform(-1, 1, 3 * N)
-        if kind == 1:
-            good = CODEC.encode(numbers, (values, NOTHING))
-            return damaged(good, rng, DAMAGES[int(rng.integers(len(DAMAGES)))])
-        if kind == 2:
-            place = int(rng.integers(3))
-            numbers[place] = int(rng.integers(2**64, dtype=np.uint64))
-            return CODEC.encode(numbers, (values, NOTHING))
-        numbers[1] = max(numbers[1] - int(rng.integers(2)), 0)
-        wrong = int(rng.integers(3))
-        if wrong == 0:
-            values[int(rng.integers(3 * N))] = rng.choice([np.nan, np.inf, -np.inf])
-        elif wrong == 1:
-            values = values[:int(rng.integers(3 * N))]
-        return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
-
-    def _fate(self, data: bytes) -> str:
-        """Return the expected outcome of an action now: flown, repeated or refused."""
-        connection = self.connection
-        try:
-            message = CODEC.decode(data)
-        except ValueError:
-            return 'refused on action'
-        if (message.session, message.agent) != (connection.session, connection.agent):
-            return 'refused on action'
-        if message.step == connection.step - 1:
-            return 'repeated answers'
-        good = (message.step == connection.step and not len(message.discrete)
-                and len(message.continuous) == 3 * N and np.isfinite(message.continuous).all())
-        return 'flown' if good else 'refused on action'
 
 
 class Fuzzer(Rubbish):
