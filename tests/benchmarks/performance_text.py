@@ -154,7 +154,7 @@ def _threads(f: Figures) -> str:
         '`gymnasium.make_vec` distributes the pymunk Spaces of a `lunar_lander` world over '
         "threads, because pymunk's solver releases Python's global lock. Results are the same, "
         'bit for bit, for any number of threads '
-        '(`tests/unit/rocket_sim_node/worlds/test_lunar_lander.py`). `rocket` does not use '
+        '(`tests/unit/rocket_sim_node/worlds/lunar/test_lunar_lander.py`). `rocket` does not use '
         'threads; its rows show the most that threads could gain there, with separate smaller '
         'worlds that are stepped by one thread each. '
         f'{rows[0]["threads"]} threads are this many times as fast as one, by the 5 % '

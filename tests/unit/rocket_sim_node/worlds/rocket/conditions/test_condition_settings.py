@@ -107,7 +107,7 @@ def test_conditions_are_drawn_independently() -> None:
 
 def test_the_page_about_worlds_lists_the_same_values() -> None:
     """Its table, condition by condition."""
-    page = (Path(__file__).parents[4] / 'docs' / 'reference' / 'worlds.md').read_text()
+    page = (Path(__file__).parents[6] / 'docs' / 'reference' / 'worlds.md').read_text()
     assert '| condition | nominal | mix | harsh | hoverslam |' in page
     for condition in (*conditions.RANGES, 'ignitions'):
         line = next(line for line in page.splitlines() if line.startswith(f'| `{condition}`'))
