@@ -102,7 +102,7 @@ KINDS = (
     Kind(r'export \w+=.*'),
     Kind(r'python', reason='it waits for input; the Python after it is run'),
     Kind(r'\./launch_scripts/(land|evaluate) .*\.onnx',
-         tested='tests/node/test_onnx.py::test_nodes_fly_an_onnx_file_without_torch'),
+         tested='tests/node/agent/test_onnx.py::test_nodes_fly_an_onnx_file_without_torch'),
     # Training
     Kind(r'\./launch_scripts/train loggers:=.*',
          tested='tests/unit/ppo_agent_node/runs/test_loggers.py::'
@@ -154,11 +154,11 @@ KINDS = (
     Kind(r'ros2 run rocket_sim_node ros_bridge.*', until='standard views of rockets'),
     Kind(r'ros2 run rocket_sim_node bag_recorder .*', until='recording to'),
     Kind(r'ros2 run ppo_agent_node action_server', until='are served'),
-    Kind(r'ros2 action .*', tested='tests/node/test_action_server.py::'
+    Kind(r'ros2 action .*', tested='tests/node/agent/test_action_server.py::'
          'test_the_command_line_lists_actions_and_cancels_a_goal'),
-    Kind(r'python docs/examples/land_by_action\.py .*', tested='tests/node/'
+    Kind(r'python docs/examples/land_by_action\.py .*', tested='tests/node/agent/'
          'test_action_server.py::test_evaluate_and_land_fly_a_policy_that_ships'),
-    Kind(r'ros2 bag .*', tested='tests/node/test_bag_recorder.py::'
+    Kind(r'ros2 bag .*', tested='tests/node/listeners/test_bag_recorder.py::'
          'test_a_bag_is_shown_and_played_by_the_command'),
     Kind(r'python -m rocket_sim_node\.bags\.to_rerun .*',
          tested='tests/unit/rocket_sim_node/bags/test_bags.py::test_a_recording_made_of_a_bag'),

@@ -31,7 +31,7 @@ POLICY = 'runs/small/policy.safetensors'
 STANDS_FOR = {
     '<name>': 'small', 'rocket-DATE': 'small', 'run_dir:=DIR': 'run_dir:=figures',
     'output:=DIR': 'output:=new-figures', 'policy:=FILE': f'policy:={POLICY}',
-    '--policy FILE': f'--policy {POLICY}', '-s FILE': '-s tests/node/test_peers.py',
+    '--policy FILE': f'--policy {POLICY}', '-s FILE': '-s tests/node/connection/test_peers.py',
     'report RUN': 'report runs/small', 'FOLDER': 'compared', 'PART': 'exchange'}
 """Replacements for the placeholders in commands."""
 LANDER = 'ppo_agent_node/ppo_agent_node/policies/lunar_lander.safetensors'

@@ -5,8 +5,8 @@ The start ends when a process could exchange if the wire carried: a simulator lo
 for an agent, an agent is about to look for its simulator. The time is counted from there
 to the first exchange, a step and its whole answer, after the kill. It is short because a node is
 discovered while it imports the rest (`wire.node.running.run_late`; the guard of that is
-`tests/node/test_starting.py`), so the time from the kill is printed as well: what the start might
-hide shows there.
+`tests/node/connection/test_starting.py`), so the time from the kill is printed as well: what the
+start might hide shows there.
 """
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ SMALL = [
     'n_steps:=16', 'batch_size:=64', 'selection_interval:=12', 'selection_episodes:=8',
     'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1']
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
-EXAMPLE = Path(__file__).parents[2] / 'docs/examples/land_by_action.py'
+EXAMPLE = Path(__file__).parents[3] / 'docs/examples/land_by_action.py'
 
 
 class Operator:
