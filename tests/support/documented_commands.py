@@ -57,9 +57,9 @@ SIMULATOR = 'ros2 run rocket_sim_node simulator --ros-args -p num_envs:=8'
 PILOT = 'ros2 run ppo_agent_node expert_pilot --ros-args -p episodes:=0'
 _LEARN = ' '.join(
     f'-p {item}' for item in TRAIN.split() if not item.startswith(('num_envs', 'record')))
-_BENCH = 'tests/system/test_bench.py::test_'
-_COMMANDS = 'tests/system/test_commands.py::test_'
-_KEYS = 'tests/system/test_keyboard_pilot.py::test_'
+_BENCH = 'tests/system/commands/test_bench.py::test_'
+_COMMANDS = 'tests/system/commands/test_commands.py::test_'
+_KEYS = 'tests/system/user_interfaces/test_keyboard_pilot.py::test_'
 _SCREEN = 'it needs a screen'
 _HOURS = 'it takes hours'
 
@@ -68,7 +68,7 @@ KINDS = (
     Kind(r'\. launch_scripts/env\.sh'),
     Kind(r'\./launch_scripts/setup'),
     Kind(r'PYTHON=\S+ \./launch_scripts/setup',
-         tested='tests/system/test_setup.py::'
+         tested='tests/system/installation/test_setup.py::'
          'test_the_python_of_an_entered_shell_needs_no_new_set_up'),
     Kind(r'(HOVERSLAM_ROS=jazzy )?\./launch_scripts/test( --fast| --nightly)?',
          reason='it runs all tests, these included; .ci/run and contributors call it'),
@@ -85,7 +85,7 @@ KINDS = (
     Kind(r'python docs/examples/rsl_rl_ppo\.py .*',
          tested='tests/unit/test_examples.py::test_ppo_of_rsl_rl_runs'),
     Kind(r'RANK=. ros2 run ppo_agent_node ppo_agent .*',
-         tested='tests/system/test_training_ranks.py::'
+         tested='tests/system/training/test_training_ranks.py::'
          'test_two_agents_train_as_two_processes_without_ros_do'),
     Kind(r'fastdds discovery .*', reason='needs a full ROS 2; bench discovery runs its server'),
     Kind(r'torchrun .* docs/examples/train_ranks\.py .*',
@@ -93,7 +93,7 @@ KINDS = (
     Kind(r'python docs/examples/torchrl_ppo\.py .*',
          tested='tests/unit/test_examples.py::test_ppo_of_torchrl_runs'),
     Kind(r'(pip install|python -m build) .*',
-         tested='tests/system/test_wheels.py::'
+         tested='tests/system/installation/test_wheels.py::'
          'test_worlds_adapters_training_evaluation_and_recording_work'),
     Kind(r'python docs/make_model_cards\.py --fly',
          tested='tests/unit/test_model_cards.py::test_a_card_is_current'),
@@ -186,10 +186,10 @@ KINDS = (
          beside=(SIMULATOR,)),
     Kind(r'ros2 service call /simulator/\w+ .*', until='result=1', beside=(SIMULATOR,)),
     Kind(r'ros2 launch (rocket_sim_node|ppo_agent_node) .*|colcon build',
-         tested='tests/system/test_foreign_workspace.py::'
+         tested='tests/system/installation/test_foreign_workspace.py::'
          'test_the_launch_files_start_from_the_share_folder'),
     Kind(r'colcon test && colcon test-result',
-         tested='tests/system/test_foreign_workspace.py::'
+         tested='tests/system/installation/test_foreign_workspace.py::'
          'test_colcon_runs_the_tests_of_the_packages_and_counts_them'),
     # Benchmarks
     Kind(r'\./launch_scripts/bench PART --help'),

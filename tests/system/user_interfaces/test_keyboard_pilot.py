@@ -22,7 +22,7 @@ from support.pseudo_terminal import PseudoTerminal
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
 
-SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 FLYING = 'arrows lean'
 """what the screen says in flight, and not before"""
 

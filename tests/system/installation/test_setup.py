@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-_ROOT = Path(__file__).parents[2]
+_ROOT = Path(__file__).parents[3]
 _TOOLS = (
     'awk', 'basename', 'bash', 'cat', 'cc', 'chmod', 'c++', 'cp', 'cut', 'date', 'df', 'dirname',
     'env', 'find', 'flock', 'g++', 'gcc', 'getconf', 'grep', 'head', 'id', 'mkdir', 'mv', 'ps',

@@ -20,7 +20,7 @@ from support.processes import wait_until
 from rocket_sim_node.wire.distributions import fast_dds
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 LOOK = 4.0
 """s that the intruder looks and tries; where it may see something it takes a second"""
 NODES = [

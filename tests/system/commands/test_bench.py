@@ -25,7 +25,7 @@ from support.hosts import missing_loss
 from support.processes import Processes
 
 pytest.importorskip('Box2D')
-TESTS = Path(__file__).resolve().parents[1]
+TESTS = Path(__file__).resolve().parents[2]
 
 
 def run(part: str, output: Path, *options: str) -> tuple[str, dict]:

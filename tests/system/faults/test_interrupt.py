@@ -18,7 +18,7 @@ from support.training_runs import assert_same_run
 from support.training_runs import evaluate_in_process
 from support.training_runs import train_in_process
 
-TRAIN = str(Path(__file__).parents[2] / 'launch_scripts' / 'train')
+TRAIN = str(Path(__file__).parents[3] / 'launch_scripts' / 'train')
 ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in {**SMALL, **LOW}.items()))
 STAGES = ('cloning 1/', 'PPO 1/', 'computing figures')
 """Lines after which a run is interrupted; the first begins anew, having saved nothing."""

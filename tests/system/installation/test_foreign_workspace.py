@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from support.processes import Processes
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PACKAGES = ('rocket_sim_node', 'ppo_agent_node')
 
 

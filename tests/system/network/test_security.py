@@ -19,7 +19,7 @@ from support.pseudo_terminal import PseudoTerminal
 
 from rocket_sim_node.wire.dds import security
 
-SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 NODES = {
     'rocket_sim_node': ('simulator', 'rerun_recorder', 'bag_recorder', 'ros_bridge'),
     'ppo_agent_node': (

@@ -19,7 +19,7 @@ from support.processes import Processes
 
 from rocket_sim_node.recording.reader import trajectories
 
-SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 SMALL = (
     'num_envs:=8', 'demonstration_episodes:=8', 'dagger_rounds:=1', 'dagger_epochs:=1',
     'clone_epochs:=2', 'hidden_sizes:=[16,16]',

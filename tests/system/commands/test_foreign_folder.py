@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from support.processes import Processes
 
-SCRIPTS = Path(__file__).parents[2] / 'launch_scripts'
+SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 CALLS: dict[str, tuple[str, ...]] = {
     'train': ('--help',), 'land': ('num_envs:=1', 'episodes:=1', 'output:=landing.rrd'),
     'evaluate': ('--help',), 'fly': ('--help',), 'report': ('nowhere',),
