@@ -12,10 +12,10 @@ import pytest
 from hypothesis import HealthCheck
 from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
-from support.hosts import Hosts
-from support.hosts import missing
+from support.network.hosts import Hosts
+from support.network.hosts import missing
 from support.processes import Processes
-from support.pseudo_terminal import PseudoTerminal
+from support.users.pseudo_terminal import PseudoTerminal
 
 # Before any test imports torch: torch reads the number of its threads and how they wait, which
 # this package sets, only once. Else the workers' threads spin for each other's cores, and a small

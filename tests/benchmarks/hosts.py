@@ -15,8 +15,8 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from support.hosts import Hosts
-from support.hosts import missing
+from support.network.hosts import Hosts
+from support.network.hosts import missing
 
 from ppo_agent_node.evaluation.metrics import write_json
 

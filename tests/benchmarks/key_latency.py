@@ -18,7 +18,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs import msg
 from support.processes import Processes
-from support.pseudo_terminal import PseudoTerminal
+from support.users.pseudo_terminal import PseudoTerminal
 
 from benchmarks.agent_node import agent_node
 from ppo_agent_node.evaluation.metrics import write_json

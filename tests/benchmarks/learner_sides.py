@@ -102,7 +102,7 @@ class Autograd(Ours):
 
     def reset(self) -> None:
         """Put weights and optimisers back."""
-        from support import ppo_reference
+        from support.training import ppo_reference
 
         super().reset()
         ppo = self.config.ppo
@@ -114,7 +114,7 @@ class Autograd(Ours):
     def update(self) -> dict[str, float]:
         """Learn from the batch as a textbook does."""
         import torch
-        from support import ppo_reference
+        from support.training import ppo_reference
 
         told = ppo_reference.update(
             self.learner.policy, self.learner.critic, self._adams, self.batch, self.config.ppo,

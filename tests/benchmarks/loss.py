@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support.hosts import Hosts
-from support.hosts import missing_loss
+from support.network.hosts import Hosts
+from support.network.hosts import missing_loss
 
 from ppo_agent_node.evaluation.metrics import write_json
 

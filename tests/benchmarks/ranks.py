@@ -22,11 +22,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from support.delayed_link import DEVICE
-from support.hosts import Hosts
-from support.hosts import missing
-from support.rank_program import free_port
-from support.rank_program import variables
+from support.network.delayed_link import DEVICE
+from support.network.hosts import Hosts
+from support.network.hosts import missing
+from support.training.rank_program import free_port
+from support.training.rank_program import variables
 
 from ppo_agent_node.evaluation.metrics import write_json
 

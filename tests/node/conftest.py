@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from support.falling_rockets import Simulator
+from support.nodes.falling_rockets import Simulator
 from support.processes import Processes
 
 

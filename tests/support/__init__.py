@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers of several tests: processes, hosts, forged files, worlds, references."""
+"""Helpers of several tests: processes, the commands of the documents, and folders by theme."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from support.rank_program import free_port
+from support.training.rank_program import free_port
 
 from rocket_sim_node.gym import IDS
 

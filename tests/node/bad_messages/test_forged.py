@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rocket_msgs import msg
 from rocket_msgs import srv
 from support.processes import Processes
-from support.rollouts import assert_same
+from support.training.rollouts import assert_same
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
@@ -65,7 +65,8 @@ def test_forgeries_are_dropped_counted_and_reported(
     def fly(kinds: tuple[str, ...]) -> None:
         known = set(errors.texts)
         forger = processes.start(
-            'python', '-m', 'support.forger', '--ros-args', '-p', f'kinds:={",".join(kinds)}')
+            'python', '-m', 'support.invalid_data.forger', '--ros-args',
+            '-p', f'kinds:={",".join(kinds)}')
         forger.wait_for('forging', 30.0)
         end = time.monotonic() + 30.0
         missing = {SERVICES if kind == 'services' else f'/?{kind}' for kind in kinds

@@ -14,13 +14,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rocket_msgs import msg
 from rocket_msgs import srv
 from scipy import stats
-from support.fuzzing import DAMAGES
-from support.fuzzing import damaged
+from support.invalid_data.fuzzing import DAMAGES
+from support.invalid_data.fuzzing import damaged
+from support.invalid_data.rubbish import N
+from support.invalid_data.rubbish import Rubbish
 from support.processes import Process
 from support.processes import Processes
-from support.rollouts import assert_same
-from support.rubbish import N
-from support.rubbish import Rubbish
+from support.training.rollouts import assert_same
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos

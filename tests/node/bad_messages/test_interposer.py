@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import interposer
+from support.network import interposer
 from support.processes import Processes
-from support.rollouts import assert_same
-from support.training_runs import LOW
-from support.training_runs import agent
-from support.training_runs import assert_same_run
-from support.training_runs import train_in_process
+from support.training.rollouts import assert_same
+from support.training.training_runs import LOW
+from support.training.training_runs import agent
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import train_in_process
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.worlds import make

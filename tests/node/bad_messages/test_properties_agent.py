@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rocket_msgs import msg
 from rocket_msgs import srv
-from support.fuzzing import ANY_F32
-from support.fuzzing import ANY_FLOAT
-from support.fuzzing import ANY_U64
-from support.fuzzing import WIRE_TEXT
-from support.fuzzing import damage
+from support.invalid_data.fuzzing import ANY_F32
+from support.invalid_data.fuzzing import ANY_FLOAT
+from support.invalid_data.fuzzing import ANY_U64
+from support.invalid_data.fuzzing import WIRE_TEXT
+from support.invalid_data.fuzzing import damage
 
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers

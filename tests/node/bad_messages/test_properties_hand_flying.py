@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import settings
 from hypothesis import strategies as st
 from rocket_msgs import msg
-from support.fuzzing import ANY_F32
-from support.fuzzing import ANY_FLOAT
+from support.invalid_data.fuzzing import ANY_F32
+from support.invalid_data.fuzzing import ANY_FLOAT
 from test_properties_recorder import WORLDS
 from test_properties_recorder import good
 from test_properties_recorder import harmed

@@ -19,11 +19,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from rocket_msgs import msg
-from support.bags import flight_messages
-from support.fuzzing import ANY_F32
-from support.fuzzing import ANY_FLOAT
-from support.fuzzing import ANY_U64
-from support.fuzzing import WIRE_TEXT
+from support.invalid_data.fuzzing import ANY_F32
+from support.invalid_data.fuzzing import ANY_FLOAT
+from support.invalid_data.fuzzing import ANY_U64
+from support.invalid_data.fuzzing import WIRE_TEXT
+from support.recording.bags import flight_messages
 
 from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import Terminal

@@ -16,16 +16,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rocket_msgs import msg
 from rocket_msgs import srv
-from support.forged_files import contents
-from support.forged_files import packed
-from support.fuzzing import ANY_F32
-from support.fuzzing import ANY_FLOAT
-from support.fuzzing import ANY_I64
-from support.fuzzing import ANY_U64
-from support.fuzzing import WIRE_TEXT
-from support.fuzzing import archive
-from support.fuzzing import damage
-from support.fuzzing import npy
+from support.invalid_data.forged_files import contents
+from support.invalid_data.forged_files import packed
+from support.invalid_data.fuzzing import ANY_F32
+from support.invalid_data.fuzzing import ANY_FLOAT
+from support.invalid_data.fuzzing import ANY_I64
+from support.invalid_data.fuzzing import ANY_U64
+from support.invalid_data.fuzzing import WIRE_TEXT
+from support.invalid_data.fuzzing import archive
+from support.invalid_data.fuzzing import damage
+from support.invalid_data.fuzzing import npy
 
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.messages import conversion

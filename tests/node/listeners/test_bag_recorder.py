@@ -19,8 +19,8 @@ from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
-from support.falling_rockets import FALL
-from support.falling_rockets import Simulator
+from support.nodes.falling_rockets import FALL
+from support.nodes.falling_rockets import Simulator
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until

@@ -16,14 +16,14 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from rocket_msgs import msg
-from support.falling_rockets import FALL
-from support.falling_rockets import ROCKETS
-from support.falling_rockets import Simulator
+from support.nodes.falling_rockets import FALL
+from support.nodes.falling_rockets import ROCKETS
+from support.nodes.falling_rockets import Simulator
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.recordings import rows_of
-from support.recordings import view_classes
+from support.recording.recordings import rows_of
+from support.recording.recordings import view_classes
 
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.recording import reader

@@ -29,12 +29,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from support.falling_rockets import FALL
-from support.falling_rockets import Simulator
-from support.foxglove_viewer import Viewer
+from support.nodes.falling_rockets import FALL
+from support.nodes.falling_rockets import Simulator
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
+from support.users.foxglove_viewer import Viewer
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rocket_msgs import msg
 from support.processes import Processes
-from support.rollouts import assert_same
+from support.training.rollouts import assert_same
 
 from rocket_sim_node import frames
 from rocket_sim_node import worlds

@@ -13,12 +13,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from rocket_msgs import srv
-from support.faults import Moments
 from support.processes import Process
 from support.processes import Processes
-from support.rollouts import assert_same
-from support.training_runs import make_world
-from support.training_runs import simulator
+from support.training.faults import Moments
+from support.training.rollouts import assert_same
+from support.training.training_runs import make_world
+from support.training.training_runs import simulator
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.service_call import ServiceCall

@@ -19,7 +19,7 @@ from rocket_msgs import msg
 from rocket_msgs import srv
 from support.processes import Process
 from support.processes import Processes
-from support.rollouts import assert_same
+from support.training.rollouts import assert_same
 
 from rocket_sim_node.telemetry.gaps import GapCounter
 from rocket_sim_node.wire.client.client import Client

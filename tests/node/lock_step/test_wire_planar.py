@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rocket_msgs import msg
 from support.processes import Processes
-from support.rollouts import assert_same
+from support.training.rollouts import assert_same
 
 from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.expert.expert import ExpertPilot

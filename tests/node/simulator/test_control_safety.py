@@ -22,11 +22,11 @@ from rclpy.parameter import Parameter
 from rocket_msgs import msg
 from rocket_msgs import srv
 from rosgraph_msgs.msg import Clock
+from support.invalid_data.rubbish import Rubbish
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.rollouts import assert_same
-from support.rubbish import Rubbish
+from support.training.rollouts import assert_same
 
 from rocket_sim_node import wire
 from rocket_sim_node.wire.client.client import Client

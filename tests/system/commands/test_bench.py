@@ -20,8 +20,8 @@ from benchmarks.learner_sides import Case
 from benchmarks.learner_sides import Options
 from benchmarks.learner_sides import Ours
 from benchmarks.learner_sides import StableBaselines3
-from support.hosts import missing
-from support.hosts import missing_loss
+from support.network.hosts import missing
+from support.network.hosts import missing_loss
 from support.processes import Processes
 
 pytest.importorskip('Box2D')

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from rocket_msgs import msg
+from support.machine.stepped_clock import SteppedClock
 from support.processes import Processes
 from support.processes import ros_args
 from support.processes import wait_until
-from support.stepped_clock import SteppedClock
 
 from rocket_sim_node.wire.dds import qos
 

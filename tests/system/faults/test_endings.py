@@ -7,12 +7,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support.faults import END
-from support.faults import Moments
 from support.processes import Process
 from support.processes import Processes
-from support.training_runs import agent
-from support.training_runs import simulator
+from support.training.faults import END
+from support.training.faults import Moments
+from support.training.training_runs import agent
+from support.training.training_runs import simulator
 
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
 START = 2.0

@@ -12,12 +12,12 @@ from collections import deque
 from pathlib import Path
 
 import pytest
-from support.faults import FAULTS
-from support.faults import Moments
-from support.faults import Training
 from support.processes import Processes
-from support.training_runs import assert_same_run
-from support.training_runs import train_in_process
+from support.training.faults import FAULTS
+from support.training.faults import Moments
+from support.training.faults import Training
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import train_in_process
 
 SETTINGS = {'iterations': 24, 'selection_interval': 8}
 ROUNDS = {True: 1, False: 0}

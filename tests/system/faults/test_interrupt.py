@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from support.processes import Process
 from support.processes import Processes
-from support.pseudo_terminal import PseudoTerminal
-from support.training_runs import LOW
-from support.training_runs import SMALL
-from support.training_runs import assert_same_run
-from support.training_runs import evaluate_in_process
-from support.training_runs import train_in_process
+from support.training.training_runs import LOW
+from support.training.training_runs import SMALL
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import evaluate_in_process
+from support.training.training_runs import train_in_process
+from support.users.pseudo_terminal import PseudoTerminal
 
 TRAIN = str(Path(__file__).parents[3] / 'launch_scripts' / 'train')
 ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in {**SMALL, **LOW}.items()))

@@ -10,11 +10,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from support.faults import Moments
-from support.faults import Training
 from support.processes import Processes
-from support.training_runs import assert_same_run
-from support.training_runs import train_in_process
+from support.training.faults import Moments
+from support.training.faults import Training
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import train_in_process
 
 MOMENTS = (
     'run /', 'expert flies 1/', 'cloning 1/', 'DAgger round 1', 'saved cloned.safetensors',

@@ -19,15 +19,15 @@ import time
 from pathlib import Path
 
 import pytest
-from support import exchange_probe
-from support import timed_agent
-from support.faults import Moments
+from support.nodes import exchange_probe
+from support.nodes import timed_agent
 from support.processes import Process
 from support.processes import Processes
 from support.processes import ros_args
 from support.processes import wait_until
-from support.training_runs import SMALL
-from support.training_runs import simulator
+from support.training.faults import Moments
+from support.training.training_runs import SMALL
+from support.training.training_runs import simulator
 
 ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 3, 9, 50
 """kills; more of them where the machine was busy with something else in most of the first"""

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-from support.disks import Disk
-from support.disks import read_only
+from support.machine.disks import Disk
+from support.machine.disks import read_only
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.training_runs import agent
-from support.training_runs import assert_same_run
-from support.training_runs import simulator
-from support.training_runs import train_in_process
+from support.training.training_runs import agent
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import simulator
+from support.training.training_runs import train_in_process
 
 from ppo_agent_node.runs.folder import RunFolder
 from rocket_sim_node.recording import reader

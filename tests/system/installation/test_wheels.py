@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-USER = ROOT / 'tests' / 'support' / 'wheel_user.py'
+USER = ROOT / 'tests' / 'support' / 'users' / 'wheel_user.py'
 PACKAGES = ('rocket_sim_node', 'ppo_agent_node')
 _KEPT = ('PIP_', 'SSL_', 'REQUESTS_', 'HTTP_PROXY', 'HTTPS_PROXY', 'NO_PROXY')
 """Beginnings of what decides how pip reaches its index."""

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 import yaml
-from support import intruder
-from support.hosts import Hosts
+from support.network import intruder
+from support.network.hosts import Hosts
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until

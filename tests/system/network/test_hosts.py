@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from support.hosts import Hosts
-from support.training_runs import agent
-from support.training_runs import assert_same_run
-from support.training_runs import simulator
-from support.training_runs import train_in_process
+from support.network.hosts import Hosts
+from support.training.training_runs import agent
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import simulator
+from support.training.training_runs import train_in_process
 
 
 def test_two_hosts_train_together(hosts: Hosts, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.loss import HEAD
 from benchmarks.loss import line
 from benchmarks.loss import measure
-from support.hosts import missing_loss
+from support.network.hosts import missing_loss
 
 N = 64
 P99 = 20.0

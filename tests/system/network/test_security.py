@@ -15,7 +15,7 @@ import pytest
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.pseudo_terminal import PseudoTerminal
+from support.users.pseudo_terminal import PseudoTerminal
 
 from rocket_sim_node.wire.dds import security
 

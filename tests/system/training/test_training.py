@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from support.forger import KINDS
+from support.invalid_data.forger import KINDS
 from support.processes import Processes
-from support.training_runs import SMALL
-from support.training_runs import agent
-from support.training_runs import assert_same_run
-from support.training_runs import evaluate_in_process
-from support.training_runs import log_without_times
-from support.training_runs import simulator
-from support.training_runs import train_in_process
+from support.training.training_runs import SMALL
+from support.training.training_runs import agent
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import evaluate_in_process
+from support.training.training_runs import log_without_times
+from support.training.training_runs import simulator
+from support.training.training_runs import train_in_process
 
 RESULTS = (
     'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',
@@ -76,8 +76,8 @@ def test_training_among_forgeries_equals_training_in_process(
     run = tmp_path / 'run'
     node = simulator(processes)
     processes.start(
-        'python', '-m', 'support.forger', '--ros-args', '-p', f'kinds:={",".join(KINDS)}',
-        '-p', 'every:=10').wait_for('forging', 30.0)
+        'python', '-m', 'support.invalid_data.forger', '--ros-args',
+        '-p', f'kinds:={",".join(KINDS)}', '-p', 'every:=10').wait_for('forging', 30.0)
     trainer = agent(processes, run)
     assert trainer.wait(240.0) == 0, processes.logs()
     lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from support.processes import Processes
-from support.training_runs import agent
-from support.training_runs import assert_same_run
-from support.training_runs import simulator
-from support.training_runs import train_in_process
+from support.training.training_runs import agent
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import simulator
+from support.training.training_runs import train_in_process
 
 from rocket_sim_node.recording.reader import trajectories
 

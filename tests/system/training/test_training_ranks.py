@@ -9,13 +9,13 @@ from pathlib import Path
 from support.processes import Process
 from support.processes import Processes
 from support.processes import ros_args
-from support.rank_program import free_port
-from support.rank_program import train
-from support.rank_program import variables
-from support.training_runs import LOW
-from support.training_runs import SMALL
-from support.training_runs import assert_same_run
-from support.training_runs import simulator
+from support.training.rank_program import free_port
+from support.training.rank_program import train
+from support.training.rank_program import variables
+from support.training.training_runs import LOW
+from support.training.training_runs import SMALL
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import simulator
 
 from ppo_agent_node.config.presets import load_preset
 

@@ -17,7 +17,7 @@ from rocket_msgs import msg
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.pseudo_terminal import PseudoTerminal
+from support.users.pseudo_terminal import PseudoTerminal
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos

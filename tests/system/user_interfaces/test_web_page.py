@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from PIL import Image
-from support.browser import Browser
-from support.browser import BrowserMissing
 from support.processes import Processes
+from support.users.browser import Browser
+from support.users.browser import BrowserMissing
 
 from rocket_sim_node import palette
 from rocket_sim_node.recording.sinks import rerun_program

@@ -610,7 +610,7 @@ def test_a_value_of_another_type_is_refused_and_no_abort(
 def test_a_decompression_bomb_is_not_played(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from support.bags import write_records
+    from support.recording.bags import write_records
     bomb = zstandard.compress(bytes(1 << 30))
     write_records(tmp_path / 'bag_0.mcap', [
         Schema(data=b'', encoding='ros2msg', id=1, name='a/msg/A'),

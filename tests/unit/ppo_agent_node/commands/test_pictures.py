@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from support import rendering
+from support.recording import rendering
 
 from ppo_agent_node.commands import pictures
 from rocket_sim_node import palette

@@ -11,13 +11,13 @@ from unittest import mock
 
 import pytest
 import torch
-from support.rank_program import PATIENCE
-from support.rank_program import free_port
-from support.rank_program import train
-from support.training_runs import GENTLE
-from support.training_runs import left_by
-from support.training_runs import log_without_times
-from support.training_runs import weights
+from support.training.rank_program import PATIENCE
+from support.training.rank_program import free_port
+from support.training.rank_program import train
+from support.training.training_runs import GENTLE
+from support.training.training_runs import left_by
+from support.training.training_runs import log_without_times
+from support.training.training_runs import weights
 
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import make_config

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.reports import flown
+from support.training.reports import flown
 
 from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from support.reports import flown
+from support.training.reports import flown
 
 from ppo_agent_node.evaluation import failures
 from ppo_agent_node.evaluation.flying_quality import figures

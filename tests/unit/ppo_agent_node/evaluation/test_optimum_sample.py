@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.reports import flown
+from support.training.reports import flown
 
 from ppo_agent_node.commands.report import write_report
 from ppo_agent_node.evaluation import episode_table

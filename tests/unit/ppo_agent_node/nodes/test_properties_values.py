@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from rocket_msgs import msg
-from support.fuzzing import ANY_BYTES
-from support.fuzzing import ANY_F32
-from support.fuzzing import ANY_FLOAT
-from support.fuzzing import ANY_U64
-from support.fuzzing import damage
+from support.invalid_data.fuzzing import ANY_BYTES
+from support.invalid_data.fuzzing import ANY_F32
+from support.invalid_data.fuzzing import ANY_FLOAT
+from support.invalid_data.fuzzing import ANY_U64
+from support.invalid_data.fuzzing import damage
 
 from ppo_agent_node.config import training_config
 from ppo_agent_node.nodes import evaluate

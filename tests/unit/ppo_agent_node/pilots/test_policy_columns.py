@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.reports import flown
+from support.training.reports import flown
 
 from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.evaluation.runner import evaluate

@@ -7,7 +7,7 @@ import math
 
 import pytest
 import torch
-from support.line_world import LineWorld
+from support.training.line_world import LineWorld
 from torch.distributions import Categorical
 
 from ppo_agent_node import random_streams

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.training_runs import SMALL
-from support.training_runs import assert_same_run
-from support.training_runs import log_without_times
+from support.training.training_runs import SMALL
+from support.training.training_runs import assert_same_run
+from support.training.training_runs import log_without_times
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.presets import load_preset

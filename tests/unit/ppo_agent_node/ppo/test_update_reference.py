@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import torch
-from support import ppo_reference
+from support.training import ppo_reference
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import PPOConfig

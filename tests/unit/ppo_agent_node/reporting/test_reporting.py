@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.image import imread
-from support.reports import flown
-from support.reports import write_evaluation
-from support.reports import write_training
+from support.training.reports import flown
+from support.training.reports import write_evaluation
+from support.training.reports import write_training
 
 from ppo_agent_node.commands import report
 from ppo_agent_node.evaluation.episode_table import EpisodeTable

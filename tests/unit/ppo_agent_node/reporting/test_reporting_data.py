@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from support.reports import flown
-from support.reports import write_evaluation
-from support.reports import write_training
+from support.training.reports import flown
+from support.training.reports import write_evaluation
+from support.training.reports import write_training
 
 from ppo_agent_node.commands.report import write_comparison
 from ppo_agent_node.evaluation import episode_table

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import safetensors.torch
 import torch
-from support.line_world import LineWorld
+from support.training.line_world import LineWorld
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import NetworkConfig

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from support.fuzzing import archive
-from support.fuzzing import damage
+from support.invalid_data.fuzzing import archive
+from support.invalid_data.fuzzing import damage
 from hypothesis import assume
 from hypothesis import given
 from hypothesis import strategies as st

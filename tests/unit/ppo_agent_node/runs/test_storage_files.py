@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.disks import writers
-from support.line_world import LineWorld
+from support.machine.disks import writers
+from support.training.line_world import LineWorld
 from support.processes import wait_until
-from support.training_runs import log_without_times
+from support.training.training_runs import log_without_times
 
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.runs import sealed_file

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import torch
 from matplotlib.image import imread
-from support.line_world import LEFT
-from support.line_world import RIGHT
-from support.line_world import LineWorld
-from support.line_world import walker
-from support.training_runs import left_by
+from support.training.line_world import LEFT
+from support.training.line_world import RIGHT
+from support.training.line_world import LineWorld
+from support.training.line_world import walker
+from support.training.training_runs import left_by
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.presets import load_preset

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.training_runs import left_by
-from support.training_runs import log_without_times
+from support.training.training_runs import left_by
+from support.training.training_runs import log_without_times
 
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.runs.folder import RunFolder

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from benchmarks import seeds as bench_seeds
 from numpy.typing import NDArray
-from support.training_runs import SMALL
+from support.training.training_runs import SMALL
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.commands import pictures

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support.training_runs import GENTLE
-from support.training_runs import left_by
+from support.training.training_runs import GENTLE
+from support.training.training_runs import left_by
 
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import describe

@@ -19,8 +19,8 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rocket_msgs import msg
 from rosbags.highlevel import AnyReader
-from support.bags import flight_messages
-from support.bags import write
+from support.recording.bags import flight_messages
+from support.recording.bags import write
 from tf2_msgs.msg import TFMessage
 
 from rocket_sim_node.bags import bag_file

@@ -19,7 +19,7 @@ from mcap.records import Message
 from mcap.records import Schema
 from mcap.writer import CompressionType
 from mcap.writer import Writer
-from support.bags import write_records
+from support.recording.bags import write_records
 
 from rocket_sim_node.bags import bag_file
 from rocket_sim_node.bags import mcap_file

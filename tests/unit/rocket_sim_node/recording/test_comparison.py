@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 import yaml
 from rerun.chunk import RrdReader
-from support.recordings import lines_of
-from support.recordings import record
-from support.recordings import view_classes
+from support.recording.recordings import lines_of
+from support.recording.recordings import record
+from support.recording.recordings import view_classes
 
 from ppo_agent_node.commands import compare
 from ppo_agent_node.commands import recorded_flights

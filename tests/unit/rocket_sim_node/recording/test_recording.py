@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
-from support.recordings import rows_of
-from support.recordings import view_classes
+from support.recording.recordings import rows_of
+from support.recording.recordings import view_classes
 
 from rocket_sim_node import command_line
 from rocket_sim_node import frames

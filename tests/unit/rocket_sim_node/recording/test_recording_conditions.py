@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
-from support.recordings import record
-from support.recordings import rows_of
-from support.recordings import view_classes
+from support.recording.recordings import record
+from support.recording.recordings import rows_of
+from support.recording.recordings import view_classes
 
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording.drawing import entities

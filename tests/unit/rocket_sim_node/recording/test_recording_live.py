@@ -16,7 +16,7 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 from support.processes import wait_until
-from support.recordings import fly
+from support.recording.recordings import fly
 
 from rocket_sim_node.recording import reader
 from rocket_sim_node.recording.drawing import entities

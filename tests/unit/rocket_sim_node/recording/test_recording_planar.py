@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.recordings import fly
-from support.recordings import record
-from support.recordings import rows_of
-from support.recordings import view_classes
+from support.recording.recordings import fly
+from support.recording.recordings import record
+from support.recording.recordings import rows_of
+from support.recording.recordings import view_classes
 
 from rocket_sim_node import frames
 from rocket_sim_node import palette

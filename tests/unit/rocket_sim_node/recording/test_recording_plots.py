@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
-from support.recordings import record
+from support.recording.recordings import record
 
 from ppo_agent_node.commands import recorded_flights
 from ppo_agent_node.pilots.scripted import scripted_pilot

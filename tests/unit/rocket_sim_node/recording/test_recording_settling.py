@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import rendering
-from support.recordings import lines_of
-from support.recordings import record
-from support.recordings import rows_of
+from support.recording import rendering
+from support.recording.recordings import lines_of
+from support.recording.recordings import record
+from support.recording.recordings import rows_of
 
 from rocket_sim_node import worlds
 from rocket_sim_node.recording import reader

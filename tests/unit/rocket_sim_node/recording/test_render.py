@@ -10,8 +10,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind
 from rerun.blueprint.encodings import VisualizerComponentMapping
-from support import rendering
-from support.recordings import record
+from support.recording import rendering
+from support.recording.recordings import record
 
 from ppo_agent_node.commands import recorded_flights
 from ppo_agent_node.pilots.scripted import scripted_pilot

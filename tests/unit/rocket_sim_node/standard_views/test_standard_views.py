@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from support.recordings import fly
+from support.recording.recordings import fly
 
 from rocket_sim_node import palette
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import TrainingStatus
-from support.recordings import fly
-from support.recordings import lines_of
-from support.recordings import record
-from support.recordings import rows_of
+from support.recording.recordings import fly
+from support.recording.recordings import lines_of
+from support.recording.recordings import record
+from support.recording.recordings import rows_of
 
 from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.runs.folder import RunFolder

@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 import pytest
 from numpy.typing import NDArray
-from support.forged_files import assert_value_refused
-from support.forged_files import contents
+from support.invalid_data.forged_files import assert_value_refused
+from support.invalid_data.forged_files import contents
 
 from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from rocket_sim_node import worlds

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.forged_files import assert_value_refused
+from support.invalid_data.forged_files import assert_value_refused
 
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.planar.world import RocketPlanarWorld

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.forged_files import assert_refused
-from support.forged_files import assert_value_refused
-from support.forged_files import contents
-from support.forged_files import packed
+from support.invalid_data.forged_files import assert_refused
+from support.invalid_data.forged_files import assert_value_refused
+from support.invalid_data.forged_files import contents
+from support.invalid_data.forged_files import packed
 
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import Episodes

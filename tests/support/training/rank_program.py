@@ -51,7 +51,7 @@ def train(
     for rank in range(count):
         told = {'path': str(path), 'values': values, **given, **(on_rank or {}).get(rank, {})}
         processes.append(subprocess.Popen(
-            [sys.executable, '-m', 'support.rank_program', json.dumps(told)],
+            [sys.executable, '-m', 'support.training.rank_program', json.dumps(told)],
             env={**os.environ, **variables(rank, count, port), 'OMP_NUM_THREADS': '1',
                  'TMPDIR': str(path.parent), 'PYTHONPATH': os.pathsep.join(sys.path)},
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))

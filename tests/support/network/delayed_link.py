@@ -3,7 +3,7 @@
 
 A program: it makes a TUN device in each namespace and carries the packets from one to the other.
 
-    python -m support.delayed_link NAMESPACE NAMESPACE ADDRESS ADDRESS MILLISECONDS
+    python -m support.network.delayed_link NAMESPACE NAMESPACE ADDRESS ADDRESS MILLISECONDS
 """
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def start(processes: Processes, seed: int, share: float) -> tuple[Process, Path]
     """Start the node; return it and the file that it writes its counts into."""
     output = processes.folder / f'interposer_{seed}.json'
     node = processes.start(
-        'python', '-m', 'support.interposer', '--ros-args', '-p', f'seed:={seed}',
+        'python', '-m', 'support.network.interposer', '--ros-args', '-p', f'seed:={seed}',
         '-p', f'share:={share}',
         '-p', f'output:={output}')
     node.wait_for('interposed', 30.0)

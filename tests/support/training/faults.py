@@ -15,8 +15,8 @@ from rocket_sim_node.recording.reader import trajectories
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.training_runs import agent
-from support.training_runs import simulator
+from support.training.training_runs import agent
+from support.training.training_runs import simulator
 
 LONGEST_STOP = 2.5
 """s; longer than a call of a service is waited for before it is repeated"""

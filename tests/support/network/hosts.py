@@ -115,7 +115,7 @@ class Hosts(Processes):
     def delay(self, milliseconds: float) -> None:
         """Make a second link, with other addresses, that has a one-way delay."""
         link = self.start(
-            sys.executable, '-m', 'support.delayed_link', *self._names,
+            sys.executable, '-m', 'support.network.delayed_link', *self._names,
             *map(self.far_address, range(2)), str(milliseconds))
         link.wait_for('ready', 20.0)
 

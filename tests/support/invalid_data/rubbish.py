@@ -9,8 +9,8 @@ from rocket_msgs import msg
 
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.messages.cdr import Codec
-from support.fuzzing import DAMAGES
-from support.fuzzing import damaged
+from support.invalid_data.fuzzing import DAMAGES
+from support.invalid_data.fuzzing import damaged
 
 N = 8
 """rockets that a valid action is for"""
