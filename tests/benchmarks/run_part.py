@@ -5,13 +5,14 @@ from __future__ import annotations
 import runpy
 import sys
 
+from benchmarks.parts import MODULES
 from rocket_sim_node.command_line import interruptible
 
 
 def main() -> None:
     """Run the part PART [OPTION ...]."""
     with interruptible():
-        runpy.run_module(f'benchmarks.{sys.argv.pop(1)}', run_name='__main__', alter_sys=True)
+        runpy.run_module(MODULES[sys.argv.pop(1)], run_name='__main__', alter_sys=True)
 
 
 if __name__ == '__main__':

@@ -15,6 +15,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
+from benchmarks.parts import MODULES
 from support.documented_commands import KINDS
 from support.documented_commands import ROOT
 from support.documented_commands import Command
@@ -84,9 +85,8 @@ def test_arguments_of_a_command_are_known(
 def test_options_of_a_benchmark_are_known(
         command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     _, part, *options = shlex.split(command.text.replace('NAME', 'claims'))
-    name = f'benchmarks.{part}.__main__' if part == 'experiments' else f'benchmarks.{part}'
     try:
-        main = importlib.import_module(name).main
+        main = importlib.import_module(MODULES[part]).main
     except ModuleNotFoundError as missing:
         pytest.skip(f'{missing.name} is not installed; ./launch_scripts/bench installs it')
     parse = argparse.ArgumentParser.parse_args

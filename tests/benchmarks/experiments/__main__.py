@@ -13,16 +13,16 @@ import torch
 
 from benchmarks import machine
 from benchmarks.experiments import claims
-from benchmarks.experiments.plots import claims_plot
 from benchmarks.experiments import ingredients
-from benchmarks.experiments.plots import ingredients_plot
-from benchmarks.experiments import page
 from benchmarks.experiments import reverse
-from benchmarks.experiments.plots import reverse_plot
 from benchmarks.experiments import transfer
-from benchmarks.experiments.plots import transfer_plot
 from benchmarks.experiments.flights import Sample
 from benchmarks.experiments.options import Options
+from benchmarks.experiments.plots import claims_plot
+from benchmarks.experiments.plots import ingredients_plot
+from benchmarks.experiments.plots import reverse_plot
+from benchmarks.experiments.plots import transfer_plot
+from benchmarks.reports import page
 from ppo_agent_node.evaluation.conditions_files import aligned
 from ppo_agent_node.evaluation.metrics import write_json
 

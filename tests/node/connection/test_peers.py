@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from benchmarks.soak_samples import own_memory
+from benchmarks.reliability.soak_samples import own_memory
 from support.processes import Processes
 from support.processes import wait_until
 

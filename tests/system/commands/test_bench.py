@@ -15,11 +15,12 @@ from pathlib import Path
 import psutil
 import pytest
 import torch
-from benchmarks.learner_sides import CASES
-from benchmarks.learner_sides import Case
-from benchmarks.learner_sides import Options
-from benchmarks.learner_sides import Ours
-from benchmarks.learner_sides import StableBaselines3
+from benchmarks.networks.learner_sides import CASES
+from benchmarks.networks.learner_sides import Case
+from benchmarks.networks.learner_sides import Options
+from benchmarks.networks.learner_sides import Ours
+from benchmarks.networks.learner_sides import StableBaselines3
+from benchmarks.parts import MODULES
 from support.network.hosts import missing
 from support.network.hosts import missing_loss
 from support.processes import Processes
@@ -32,7 +33,7 @@ def run(part: str, output: Path, *options: str) -> tuple[str, dict]:
     """Run a part in a process of its own, as the command does."""
     path = os.pathsep.join(filter(None, (str(TESTS), os.environ.get('PYTHONPATH'))))
     with subprocess.Popen(
-            [sys.executable, '-m', f'benchmarks.{part}', '--output', str(output), *options],
+            [sys.executable, '-m', MODULES[part], '--output', str(output), *options],
             env={**os.environ, 'PYTHONPATH': path}, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True, start_new_session=True) as benchmark:
         try:
@@ -281,8 +282,8 @@ def test_an_interrupted_soak_ends_its_nodes_and_writes_figures(
         filter(None, (str(TESTS), os.environ.get('PYTHONPATH')))))
     output = tmp_path / 'out.json'
     soak = processes.start(
-        sys.executable, '-m', 'benchmarks.soak', '--every', '2', '--period', '0.5', '--num-envs',
-        '4', '--steps', '16', '--output', str(output))
+        sys.executable, '-m', 'benchmarks.reliability.soak', '--every', '2', '--period', '0.5',
+        '--num-envs', '4', '--steps', '16', '--output', str(output))
     soak.wait_for('killed', 100.0)
     soak.signal(signal.SIGTERM)
     assert soak.wait(60.0) == 0, soak.output()

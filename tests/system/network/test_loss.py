@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from benchmarks.loss import HEAD
-from benchmarks.loss import line
-from benchmarks.loss import measure
+from benchmarks.wire.loss import HEAD
+from benchmarks.wire.loss import line
+from benchmarks.wire.loss import measure
 from support.network.hosts import missing_loss
 
 N = 64

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import examples
-from benchmarks.examples_run import ReachedError
-from benchmarks.examples_run import Recorder
+from benchmarks.learning import examples
+from benchmarks.learning.examples_run import ReachedError
+from benchmarks.learning.examples_run import Recorder
 
 
 def call(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> None:

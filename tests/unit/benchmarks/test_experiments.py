@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 from benchmarks.experiments import __main__ as command
 from benchmarks.experiments import claims
-from benchmarks.experiments.plots import claims_plot
 from benchmarks.experiments import flights
 from benchmarks.experiments import ingredients
-from benchmarks.experiments.plots import ingredients_plot
-from benchmarks.experiments import page
 from benchmarks.experiments import reverse
-from benchmarks.experiments.plots import reverse_plot
 from benchmarks.experiments import statistics
 from benchmarks.experiments import training
 from benchmarks.experiments import transfer
-from benchmarks.experiments.plots import transfer_plot
 from benchmarks.experiments import variants
 from benchmarks.experiments.flights import Sample
 from benchmarks.experiments.flights import Task
 from benchmarks.experiments.options import Options
+from benchmarks.experiments.plots import claims_plot
+from benchmarks.experiments.plots import ingredients_plot
+from benchmarks.experiments.plots import reverse_plot
+from benchmarks.experiments.plots import transfer_plot
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import Trained
+from benchmarks.reports import page
 from matplotlib.image import imread
 
 from ppo_agent_node.config import training_config

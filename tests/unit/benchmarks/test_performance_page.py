@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from benchmarks import performance
-from benchmarks import performance_plots
-from benchmarks.performance_text import SECTIONS
+from benchmarks.reports import performance
+from benchmarks.reports import performance_plots
+from benchmarks.reports.performance_text import SECTIONS
 from matplotlib.image import imread
 
 HOSTS = {'256': {

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks import soak
-from benchmarks.soak_slopes import at_age
-from benchmarks.soak_slopes import fit
-from benchmarks.soak_slopes import in_blocks
+from benchmarks.reliability import soak
+from benchmarks.reliability.soak_slopes import at_age
+from benchmarks.reliability.soak_slopes import fit
+from benchmarks.reliability.soak_slopes import in_blocks
 
 HOURS = np.tile(np.linspace(0.0, 0.5, 30), 3) + np.repeat([0.0, 0.5, 1.0], 30)
 LIVES = np.repeat([0.0, 1.0, 2.0], 30)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import seeds as bench_seeds
+from benchmarks.learning import seeds as bench_seeds
 from numpy.typing import NDArray
 from support.training.training_runs import SMALL
 

@@ -18,8 +18,8 @@ from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 pytest.importorskip('Box2D')
 gymnasium = pytest.importorskip('gymnasium')
 
-from benchmarks import gymnasium_lander  # noqa: E402 - needs what is looked for above
-from benchmarks.intervals import difference  # noqa: E402
+from benchmarks.evaluation import gymnasium_lander  # noqa: E402 - needs what is looked for above
+from benchmarks.evaluation.intervals import difference  # noqa: E402
 
 TOLERANCE = np.array((0.002, 0.002, 0.005, 0.005, 0.01, 0.03, 0, 0))
 """of observations after a second of free flight: Box2D's legs follow the hull at once, ours within

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trains a preset with several seeds and flies each policy from fresh starts without noise.
+
+Trainings run one after the other through `launch_scripts/train`, with simulator and agent as nodes
+over DDS, or all in this process with --in-process, which is slower on an idle machine and faster
+on a busy one. An existing run is used as it is. Clone and policy then fly in process, which gives
+the same results as over DDS, bit for bit.
+"""
+from __future__ import annotations
+
+import argparse
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks import machine
+from benchmarks.experiments.training import Recipe
+from benchmarks.experiments.training import train as train_in_process
+from ppo_agent_node.evaluation import conditions_files
+from ppo_agent_node.evaluation import metrics
+from ppo_agent_node.evaluation.conditions_files import aligned
+from ppo_agent_node.evaluation.conditions_files import percent
+from ppo_agent_node.evaluation.conditions_table import fly_table
+from ppo_agent_node.evaluation.metrics import write_json
+from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.runner import evaluate
+from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.pilots import choice
+from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.runs.folder import RunFolder
+from ppo_agent_node.statistics import mean_interval
+from ppo_agent_node.statistics import wilson
+from rocket_sim_node import worlds
+
+ROOT = Path(__file__).parents[3]
+ROCKETS = 500
+SEED = 40_000_000
+"""of the fresh starts"""
+_ALIASES = {'scripted': choice.EXPERT}
+
+
+def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
+    """Train with a seed; return the run and its seconds, None if it was there.
+
+    They are seconds of wall clock, or of processor time for a training in this process.
+
+    :raises CalledProcessError: when the training failed.
+    """
+    name = f'{options.world}-{options.preset}'
+    run = options.runs / f'{name}-{seed}'
+    if (run / 'evaluation.json').exists():
+        return run, None
+    if options.in_process:
+        recipe = Recipe(name, options.preset, {}, options.num_envs, options.world)
+        return run, train_in_process(recipe, seed, options.runs).cpu_seconds
+    began = time.monotonic()
+    subprocess.run(
+        [ROOT / 'launch_scripts' / 'train', f'world:={options.world}',
+         f'preset:={options.preset}', f'seed:={seed}', f'run_dir:={run}'], check=True,
+        stdout=subprocess.DEVNULL)
+    return run, time.monotonic() - began
+
+
+def figures(result: EvaluationResult) -> dict[str, Any]:
+    """Return the figures of an evaluation that a table shows."""
+    flown, landed = result.episodes, result.landed
+    count = int(landed.sum())
+    if not result.is_rocket:
+        return {
+            'landed': count, 'episodes': len(flown),
+            'mean_return': float(flown.episode_return.mean()),
+            'mean_return_interval': mean_interval(flown.episode_return),
+            'solved': float((flown.episode_return >= 200).mean())}
+    speed = flown.touchdown_speed[landed]
+    return {
+        'landed': count, 'episodes': len(flown),
+        'landing_rate_interval': wilson(count, len(flown)),
+        'mean_return': float(flown.episode_return.mean()),
+        'mean_return_interval': mean_interval(flown.episode_return),
+        'fuel_ratio': metrics.fuel_ratio(result),
+        'touchdown_speed_p95': float(np.quantile(speed, 0.95)) if count else None,
+        'tanks_dry': float((flown.fuel_left <= 0).mean())}
+
+
+def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, Any]:
+    """Fly a pilot on a task such as `mix:7` from fresh starts.
+
+    :param pilot: a policy file, or a name as `evaluate` takes it; `scripted` is the expert.
+    """
+    name, _, level = task.partition(':')
+    settings: dict[str, Any] = {}
+    if options.world != 'lunar_lander':
+        settings = {'conditions': name, 'observation': 'extended'}
+    world = worlds.make(options.world, ROCKETS, **settings)
+    chosen: Pilot = (
+        PolicyPilot(pilot, world.spec) if isinstance(pilot, Path) else
+        choice.choose(_ALIASES.get(pilot, pilot), world.spec, options.seed).pilot)
+    return figures(evaluate(
+        world, chosen, options.episodes, options.seed,
+        **({'level': int(level)} if level else {})))
+
+
+def markdown(flown: Sequence[dict[str, Any]]) -> str:
+    """Return the rows of a table for the documents: a line a pilot, two columns a task."""
+    tasks = list(dict.fromkeys(one['task'] for one in flown))
+    found = {(one['pilot'], one['task']): one for one in flown}
+    heads = [text for task in tasks
+             for text in (f'{task.replace(":", ", level ")}: landed', 'mean return')]
+    lines = [['pilot', *heads]]
+    for pilot in dict.fromkeys(one['pilot'] for one in flown):
+        line = [pilot]
+        for task in tasks:
+            one = found[pilot, task]
+            low, high = one['mean_return_interval']
+            line += [f'{percent(one["landed"] / one["episodes"])} %',
+                     f'{one["mean_return"]:.2f} [{low:.2f}, {high:.2f}]']
+        lines.append(line)
+    return aligned(lines)
+
+
+def row(label: str, task: str, one: dict[str, Any]) -> str:
+    """Return a line of the table."""
+    low, high = one['mean_return_interval']
+    text = (f'{label:<16} {task:<12} {100 * one["landed"] / one["episodes"]:7.2f} %  '
+            f'{one["mean_return"]:8.3f} [{low:.3f}, {high:.3f}]')
+    if 'solved' in one:
+        return f'{text}  solved {100 * one["solved"]:.2f} %'
+    if one['landed']:
+        text += f'  fuel {one["fuel_ratio"]:.4f}  p95 {one["touchdown_speed_p95"]:.4f} m/s'
+    return f'{text}  dry {100 * one["tanks_dry"]:.2f} %'
+
+
+def main() -> None:
+    """Train, fly, print and write the figures."""
+    parser = argparse.ArgumentParser(prog='bench seeds', description=__doc__)
+    parser.add_argument('--world', default='rocket', choices=worlds.names(), help='world')
+    parser.add_argument('--preset', default='default', help='preset')
+    parser.add_argument(
+        '--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5], help='training seeds')
+    parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
+                        help='conditions and level, such as mix:7; for the lander: nominal')
+    parser.add_argument(
+        '--pilots', nargs='*', default=['scripted'],
+        help='further pilots besides clone and policy: scripted, random, expert_estimator, names '
+        'of shipped policies, policy files')
+    parser.add_argument('--table', type=int, metavar='LEVEL', help=(
+        'also fly all policies under each condition of the table of evaluate, on this level'))
+    parser.add_argument('--episodes', type=int, default=10_000, help='episodes for each task')
+    parser.add_argument('--seed', type=int, default=SEED, help='seed of the fresh starts')
+    parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
+    parser.add_argument('--in-process', action='store_true', help='train without nodes')
+    parser.add_argument(
+        '--num-envs', type=int, default=256, help='number of rockets or landers with --in-process')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}
+
+    def show(label: str, task: str, pilot: str | Path) -> None:
+        one = fly(options, pilot, task)
+        found['flown'].append({'pilot': label, 'task': task, **one})
+        print(row(label, task, one), flush=True)
+
+    for name in options.pilots:
+        for task in options.tasks:
+            show(name, task, name)
+    policies: dict[str, Path] = {}
+    for seed in options.seeds:
+        run, seconds = train(options, seed)
+        assert RunFolder(run, resume=True).read_config()['training']['seed'] == seed
+        kind = ' of processor time' if options.in_process else ''
+        print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s{kind}'),
+              flush=True)
+        found[f'seconds_{seed}'] = seconds
+        for name, label in (('cloned', f'clone {seed}'), ('policy', f'policy {seed}')):
+            path = run / f'{name}.safetensors'
+            for task in options.tasks if path.exists() else ():
+                show(label, task, path)
+        policies[f'policy {seed}'] = run / 'policy.safetensors'
+    print(f'\n{markdown(found["flown"])}')
+    if options.table:
+        world = worlds.make(options.world, ROCKETS, observation='extended')
+        found['table'] = fly_table(
+            world, {label: PolicyPilot(path, world.spec) for label, path in policies.items()},
+            options.episodes, options.seed, (options.table,))
+        print(conditions_files.markdown(found['table']))
+    if options.output:
+        write_json(options.output, found)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measurements of a soak: each node's memory, open files and threads, and steps."""
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from support.processes import Process
+
+from benchmarks.training_speed.recorder import cpu_seconds
+from benchmarks.training_speed.recorder import node_of
+
+FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu')
+"""s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
+_MIB = 2.0**20
+Row = dict[str, Any]
+
+
+def own_memory(pid: int) -> float:
+    """Return the memory of a process that is of no file, MiB.
+
+    Processes that share its libraries do not change it, as they do PSS.
+    """
+    status = Path(f'/proc/{pid}/status').read_text('utf-8')
+    line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))
+    return int(line.split()[1]) / 1024.0
+
+
+def piece_of_work() -> float:
+    """Return the processor time that a fixed piece of work takes, s.
+
+    The speed of a shared machine changes from minute to minute, for all its processes alike.
+    A single measurement says little, as processor time may be counted in ticks of milliseconds.
+    """
+    began = time.process_time()
+    numbers = np.linspace(-3.0, 3.0, 20_000, dtype=np.float32)
+    for _ in range(20):
+        names = {str(number): number for number in range(2000)}
+        numbers = np.tanh(numbers)
+    assert len(names) == 2000
+    return time.process_time() - began
+
+
+class Samples:
+    """Looks at the nodes now and then; each look is a few lines of a table on disk."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin a table."""
+        self.rows: list[Row] = []
+        self._file = path.open('w', newline='', encoding='utf-8')
+        self._table = csv.DictWriter(self._file, FIELDS)
+        self._table.writeheader()
+
+    def take(self, seconds: float, nodes: Mapping[str, Process], lives: Mapping[str, int]) -> None:
+        """Look at all nodes."""
+        for name, node in nodes.items():
+            try:
+                pid = node_of(node)
+                process = psutil.Process(pid)
+                memory = process.memory_full_info()
+                row = {
+                    'time': round(seconds, 2), 'node': name, 'life': lives[name],
+                    'own': round(own_memory(pid), 3), 'rss': round(memory.rss / _MIB, 3),
+                    'pss': round(memory.pss / _MIB, 3),
+                    'files': process.num_fds(), 'threads': process.num_threads(),
+                    'cpu': cpu_seconds(pid)}
+            except (OSError, psutil.Error, IndexError, StopIteration):
+                continue  # it is just starting, or has just died
+            self.rows.append(row)
+            self._table.writerow(row)
+        self._file.flush()
+
+    def close(self) -> None:
+        """End the table."""
+        self._file.close()
+
+
+def read(path: Path) -> list[Row]:
+    """Return the looks at nodes, from a table that Samples wrote."""
+    with path.open(newline='', encoding='utf-8') as file:
+        return [{name: text if name == 'node' else float(text)
+                 for name, text in line.items() if text} for line in csv.DictReader(file)]
+
+
+class Iterations:
+    """The iterations of a run, as its log grows, with the processor time they took."""
+
+    def __init__(self, path: Path, spell: float) -> None:
+        """Begin at the end of what is there.
+
+        :param spell: s of training, with nothing else happening, that make a point.
+        """
+        self._path, self._file, self._read = path, 0, 0
+        self._spell = spell
+        self._cpu: float | None = None
+        self._steps = self._seconds = 0.0
+        self._pieces: list[float] = []
+        self.rows: list[dict[str, float]] = []
+        self._follow()
+
+    def _follow(self) -> list[dict[str, Any]]:
+        """Return the lines that are new; a resumed run's log is another file, cut short."""
+        try:
+            stat = self._path.stat()
+        except FileNotFoundError:
+            return []
+        if stat.st_ino != self._file:
+            self._file, self._read, self._cpu = stat.st_ino, stat.st_size, None
+        if stat.st_size <= self._read:
+            return []
+        with self._path.open('rb') as file:
+            file.seek(self._read)
+            text = file.read()
+        whole = text[:text.rfind(b'\n') + 1]
+        self._read += len(whole)
+        return [json.loads(line) for line in whole.splitlines()]
+
+    def disturbed(self) -> None:
+        """Begin again: something happens to a node."""
+        self._cpu = None
+
+    def look(self, seconds: float, nodes: Mapping[str, Process]) -> None:
+        """Take down the iterations that ended since the last look.
+
+        A spell begins anew after one that flew a selection beside its roll-out, or a new level.
+        """
+        lines = self._follow()
+        if not lines:
+            return
+        try:
+            cpu = sum(
+                cpu_seconds(node_of(node)) for name, node in nodes.items()
+                if not name.startswith('recorder'))
+        except OSError:
+            self._cpu = None
+            return
+        self._pieces.append(piece_of_work())
+        if self._cpu is not None:
+            self._steps += sum(line['steps_per_second'] * line['seconds'] for line in lines)
+            self._seconds += sum(line['seconds'] for line in lines)
+        unlike = any(line.get('message') or 'selection_return' in line for line in lines)
+        if self._cpu is not None and not unlike and self._seconds < self._spell:
+            return
+        if self._cpu is not None and not unlike and cpu > self._cpu:
+            rate = self._steps / (cpu - self._cpu)
+            self.rows.append({
+                'time': seconds, 'steps_per_second': self._steps / self._seconds,
+                'steps_per_cpu_second': rate,
+                'steps_per_piece': rate * statistics.mean(self._pieces)})
+        self._cpu, self._steps, self._seconds = cpu, 0.0, 0.0
+        self._pieces.clear()

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speed of simulator and agent, with and without a recorder.
+
+One simulator and one agent run all the time, and the recorder is started and ended alternately. In
+this way both cases have the same processes and the same disturbances. Each turn with a recorder is
+compared with the turns before and after it. The interval is Student's, for the mean logarithm of
+these ratios. Turns differ by more than a recorder costs, so many of them are needed. This is done
+for an agent that trains, some of whose flights are recorded, and for a policy that flies, with all
+flights of the first four rockets recorded.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from dataclasses import field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from support.processes import Process
+from support.processes import Processes
+from support.processes import wait_until
+
+from ppo_agent_node.evaluation.metrics import write_json
+
+PARTS = ('training', 'flying')
+_START = 60.0
+"""s that a node may take to start"""
+
+
+@dataclass
+class Speeds:
+    """Steps/s of n turns beside a recorder and n + 1 between them; its share of a core."""
+
+    without: list[float] = field(default_factory=list)
+    beside: list[float] = field(default_factory=list)
+    cpu: list[float] = field(default_factory=list)
+
+    def summary(self) -> dict[str, Any]:
+        """Return medians, and the mean ratio with its 95 % interval."""
+        around = np.log(self.without)
+        change = np.log(self.beside) - (around[:-1] + around[1:]) / 2
+        # Neighbours share a turn: their covariance is a sixth of the variance when all turns
+        # scatter alike, which makes that of the mean 4/3 of what independent ones would have.
+        mean, error = float(change.mean()), float(change.std(ddof=1)) * (4 / 3 / len(change))**0.5
+        reach = float(stats.t.ppf(0.975, len(change) - 1)) * error
+        return {
+            'without': statistics.median(self.without), 'with': statistics.median(self.beside),
+            'ratio': math.exp(mean), 'low': math.exp(mean - reach),
+            'high': math.exp(mean + reach), 'recorder_cpu': statistics.median(self.cpu),
+            'turns': len(self.beside), 'all_without': self.without, 'all_with': self.beside}
+
+
+def cpu_seconds(pid: int) -> float:
+    """Return the time that a process has computed for."""
+    fields = Path(f'/proc/{pid}/stat').read_text('utf-8').rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def node_of(process: Process) -> int:
+    """Return the id of the node that a `ros2 run` has become or has started."""
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text('utf-8').split()
+    return int(children[0]) if children else process.pid
+
+
+@contextmanager
+def recorder(processes: Processes, number: int) -> Iterator[int]:
+    """Run a recorder, and yield the id of its process."""
+    path = processes.folder / f'{number}.rrd'
+    node = processes.run_node('rocket_sim_node', 'rerun_recorder', output=path)
+    node.wait_for('recording to', _START)
+    try:
+        yield node_of(node)
+    finally:
+        node.end()
+        path.unlink(missing_ok=True)
+
+
+class Log:
+    """The log of a training run, read as it grows."""
+
+    def __init__(self, path: Path, agent: Process) -> None:
+        self._path, self._agent = path, agent
+        self._read = 0
+
+    def _lines(self) -> list[dict[str, Any]]:
+        text = self._path.read_text('utf-8') if self._path.exists() else ''
+        return [json.loads(line) for line in text.splitlines(keepends=True)
+                if line.endswith('\n')]
+
+    def next(self, count: int) -> list[float]:
+        """Return the steps/s of so many iterations that begin from now on."""
+        first = len(self._lines()) + 1  # the one under way began before
+        wait_until(
+            lambda: len(self._lines()) >= first + count or not self._agent.running, 600.0,
+            self._agent.output)
+        rates = [line['steps_per_second'] for line in self._lines()[first:first + count]]
+        assert len(rates) == count, self._agent.output()
+        return rates
+
+
+def measure(
+    processes: Processes, turns: int, rate: Callable[[], float], speeds: Speeds,
+) -> None:
+    """Measure a rate in turns, with a recorder and without."""
+    speeds.without.append(rate())
+    for turn in range(turns):
+        with recorder(processes, turn) as pid:
+            began, used = time.monotonic(), cpu_seconds(pid)
+            speeds.beside.append(rate())
+            speeds.cpu.append((cpu_seconds(pid) - used) / (time.monotonic() - began))
+        speeds.without.append(rate())
+
+
+def training(folder: Path, turns: int, iterations: int) -> Speeds:
+    """Measure while an agent trains."""
+    processes, speeds = Processes(folder), Speeds()
+    try:
+        simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=256)
+        simulator.wait_for('waiting for an agent', _START)
+        run = folder / 'run'
+        agent = processes.run_node(
+            'ppo_agent_node', 'ppo_agent', run_dir=run, iterations=1000,
+            demonstration_episodes=0, selection_interval=1_000_000)
+        log = Log(run / 'train.jsonl', agent)
+        log.next(2)
+
+        def rate() -> float:
+            return statistics.mean(log.next(iterations))
+
+        measure(processes, turns, rate, speeds)
+    finally:
+        processes.end()
+    return speeds
+
+
+def flying(folder: Path, turns: int, seconds: float) -> Speeds:
+    """Measure while a policy flies."""
+    from benchmarks.wire.agent_node import agent_node
+    from ppo_agent_node.pilots.policy import PolicyPilot
+    from ppo_agent_node.pilots.search import find_policy
+    from rocket_sim_node.wire.client.client import Client
+
+    processes, speeds = Processes(folder), Speeds()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    with agent_node('bench_recorder', processes.domain) as (node, executor):
+        try:
+            processes.run_node('rocket_sim_node', 'simulator', num_envs=256).wait_for(
+                'waiting for an agent', _START)
+            with Client(node, executor) as client:
+                pilot = PolicyPilot(find_policy('', 'rocket', folder), client.spec)
+                observation = client.reset(0)
+
+                def rate() -> float:
+                    nonlocal observation
+                    count, start = 0, time.perf_counter()
+                    while (elapsed := time.perf_counter() - start) < seconds:
+                        for _ in range(50):
+                            observation = client.step(pilot(observation))[0]
+                        count += 50 * client.spec.num_envs
+                    return count / elapsed
+
+                rate()
+                measure(processes, turns, rate, speeds)
+        finally:
+            processes.end()
+    return speeds
+
+
+def main() -> None:
+    """Print the table, write the figures."""
+    parser = argparse.ArgumentParser(prog='bench recorder', description=__doc__.split('\n')[0])
+    parser.add_argument(
+        '--turns', type=int, default=7, help='turns with a recorder, and as many without')
+    parser.add_argument(
+        '--iterations', type=int, default=3, help='iterations of training per turn')
+    parser.add_argument('--seconds', type=float, default=8.0, help='seconds of flying per turn')
+    parser.add_argument(
+        '--parts', nargs='+', choices=PARTS, default=list(PARTS), help='parts to measure')
+    parser.add_argument('--output', type=Path, help='JSON file for the figures')
+    options = parser.parse_args()
+    if options.turns < 2:
+        parser.error(f'--turns: got {options.turns}, expected 2 or more: one has no interval')
+    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"95 %":>16}'
+          f'{"turns":>7}{"recorder":>18}')
+    figures = {}
+    for name in options.parts:
+        with tempfile.TemporaryDirectory() as folder:
+            speeds = (
+                training(Path(folder), options.turns, options.iterations) if name == 'training'
+                else flying(Path(folder), options.turns, options.seconds))
+        figures[name] = summary = speeds.summary()
+        share = f'{100 * summary["recorder_cpu"]:.1f} % of a core'
+        interval = f'[{summary["low"]:.3f}, {summary["high"]:.3f}]'
+        print(f'{name:<16}{summary["without"]:>12,.0f}{summary["with"]:>12,.0f}'
+              f'{summary["ratio"]:>8.3f}{interval:>16}{summary["turns"]:>7}{share:>18}',
+              flush=True)
+    if options.output:
+        write_json(options.output, figures)
+
+
+if __name__ == '__main__':
+    main()

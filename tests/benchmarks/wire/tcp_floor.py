@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The floor under every exchange: the same bytes to and fro over a TCP socket on this machine.
+
+Run as a program it is the far end: `python -m benchmarks.wire.tcp_floor N CORE`, which prints its
+port.
+"""
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+
+OBSERVATION, ACTION = 15, 3
+"""numbers of a rocket"""
+
+
+def sizes(num_envs: int) -> tuple[int, int]:
+    """Return how many bytes travel to the simulator and back: data, session and step."""
+    return num_envs * 4 * ACTION + 16, num_envs * (4 * OBSERVATION + 4 + 2) + 32
+
+
+def exactly(connection: socket.socket, view: memoryview) -> bool:
+    """Fill a view from a connection; false when the far end is gone."""
+    done = 0
+    while done < len(view):
+        count = connection.recv_into(view[done:])
+        if not count:
+            return False
+        done += count
+    return True
+
+
+class TcpFloor:
+    """A far end in a process of its own, and what plays ping-pong with it."""
+
+    def __init__(self, num_envs: int, core: int | None = None) -> None:
+        """Start it and connect.
+
+        :param core: which of the cores that there are it stays on; None: wherever it is put.
+        """
+        there, back = sizes(num_envs)
+        self._child = subprocess.Popen(
+            [sys.executable, '-m', 'benchmarks.wire.tcp_floor', str(num_envs),
+             '' if core is None else str(core)],
+            stdout=subprocess.PIPE, text=True)
+        assert self._child.stdout is not None
+        port = int(self._child.stdout.readline())
+        self._connection = socket.create_connection(('127.0.0.1', port))
+        self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._ping, self._pong = bytes(there), memoryview(bytearray(back))
+
+    def __call__(self) -> None:
+        """Send an action's bytes and wait for an answer's."""
+        self._connection.sendall(self._ping)
+        if not exactly(self._connection, self._pong):
+            raise RuntimeError('tcp_floor: the far end is gone')
+
+    def close(self) -> None:
+        """End it."""
+        self._connection.close()
+        self._child.wait(10.0)
+
+
+def main() -> None:
+    """Answer until the other end goes."""
+    there, back = sizes(int(sys.argv[1]))
+    if sys.argv[2]:
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(sys.argv[2]) % len(cores)]})
+    with socket.socket() as listener:
+        listener.bind(('127.0.0.1', 0))
+        listener.listen()
+        print(listener.getsockname()[1], flush=True)
+        connection, _ = listener.accept()
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    ping, pong = memoryview(bytearray(there)), bytes(back)
+    # An end that is killed with an answer unread resets the connection instead of closing it.
+    with contextlib.suppress(ConnectionError):
+        while exactly(connection, ping):
+            connection.sendall(pong)
+
+
+if __name__ == '__main__':
+    main()
