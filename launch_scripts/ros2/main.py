@@ -40,7 +40,7 @@ def _choose(argv: list[str]) -> tuple[Verb, int]:
         raise CommandError(
             f"ros2: error: argument Call `ros2 <command> -h` for more detailed usage.: invalid "
             f"choice: '{command}' (choose from {', '.join(map(repr, _COMMANDS))}); {FULL}")
-    module = 'ros2.launch.command' if command == 'launch' else f'ros2.{command}'
+    module = 'ros2.launch.command' if command == 'launch' else f'ros2.commands.{command}'
     verbs: dict[str, Verb] = importlib.import_module(module).VERBS
     if '' in verbs:
         return verbs[''], 1

@@ -102,7 +102,7 @@ KINDS = (
     Kind(r'export \w+=.*'),
     Kind(r'python', reason='it waits for input; the Python after it is run'),
     Kind(r'\./launch_scripts/(land|evaluate) .*\.onnx',
-         tested='tests/node/agent/test_onnx.py::test_nodes_fly_an_onnx_file_without_torch'),
+         tested='tests/node/agent/test_onnx_flight.py::test_nodes_fly_an_onnx_file_without_torch'),
     # Training
     Kind(r'\./launch_scripts/train loggers:=.*',
          tested='tests/unit/ppo_agent_node/runs/test_loggers.py::'

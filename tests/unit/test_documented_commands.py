@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every command in README and docs has a test, and its arguments and names exist.
 
-`tests/system/commands/test_documented_commands.py` runs the commands.
+`tests/system/commands/test_commands_of_documents.py` runs the commands.
 """
 from __future__ import annotations
 

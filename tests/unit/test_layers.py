@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -114,9 +115,18 @@ def test_cores_import_no_ros(module: str) -> None:
 
 
 def test_no_folder_holds_more_than_a_dozen_modules() -> None:
-    counted = Counter(
-        name.rpartition('.')[0] for name in MODULES if name not in IS_PACKAGE)
-    assert {name: count for name, count in counted.items() if count > MOST_MODULES} == {}
+    listed = subprocess.run(
+        ['git', 'ls-files', '--cached', '--others', '--exclude-standard', '*.py'], cwd=ROOT,
+        check=True, capture_output=True, text=True).stdout.split()
+    paths = [path for name in listed if (path := ROOT / name).exists()]
+    counted = Counter(path.parent for path in paths if path.name != '__init__.py')
+    assert {str(path): count for path, count in counted.items() if count > MOST_MODULES} == {}
+
+
+def test_names_of_test_files_are_unique() -> None:
+    """Else pytest could not collect them together."""
+    counted = Counter(path.name for path in (ROOT / 'tests').rglob('test_*.py'))
+    assert {name: count for name, count in counted.items() if count > 1} == {}
 
 
 def test_every_folder_has_a_docstring() -> None:

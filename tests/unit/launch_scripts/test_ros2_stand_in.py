@@ -20,7 +20,7 @@ from mcap.records import Channel
 from mcap.records import Chunk
 from mcap.records import Schema
 
-from ros2 import bag
+from ros2.commands import bag
 from ros2.errors import CommandError
 from ros2.launch.actions import ProcessPlan
 from ros2.launch.actions import carry_out
