@@ -131,9 +131,10 @@ def _learner(axes: Axes, f: Figures) -> None:
 
 
 def _recorder(axes: Axes, f: Figures) -> None:
-    _bars(axes, list(f), {
-        'without': [part['without'] / 1e3 for part in f.values()],
-        'with a recorder': [part['with'] / 1e3 for part in f.values()]}, '1 000 rocket steps/s')
+    _bars(axes, [name.replace(', ', ',\n') for name in f], {
+        'without the node': [part['without'] / 1e3 for part in f.values()],
+        'with it': [part['with'] / 1e3 for part in f.values()]}, '1 000 rocket steps/s')
+    axes.tick_params(axis='x', labelsize=8)
 
 
 def _loss(axes: Axes, f: Figures) -> None:
@@ -240,8 +241,9 @@ def _learner_finding(f: Figures) -> str:
 
 
 def _recorder_finding(f: Figures) -> str:
-    return '\n'.join(f'With a recorder, {name} runs at {part["ratio"]:.1%} of its speed'
-                     for name, part in f.items())
+    shares = [part['ratio'] for part in f.values()]
+    return (f'Beside a node that listens, training and flying run\nat {min(shares):.0%} to '
+            f'{max(shares):.0%} of their speed')
 
 
 def _loss_finding(f: Figures) -> str:

@@ -189,13 +189,17 @@ def _result(f: Figures) -> str:
 
 
 def _recorder(f: Figures) -> str:
+    bags = [part for name, part in f.items() if name.startswith('bag_recorder')]
+    bag = '' if not bags else (
+        f' `bag_recorder` recorded {sum(part["recorded"] for part in bags):,} messages and missed '
+        f'{sum(part["missed"] for part in bags):,}.')
     return (
-        'Speed of simulator and agent with a recorder, as a share of the speed without one, '
-        'measured alternately: '
-        + ' and '.join(
+        'Speed of simulator and agent beside a node that listens, as a share of the speed without '
+        'it, measured alternately: '
+        + '; '.join(
             f'{name} {part["ratio"]:.3f} ({part["low"]:.3f} to {part["high"]:.3f})'
             for name, part in f.items())
-        + ', mean and 95 % interval.')
+        + f', mean and 95 % interval.{bag}')
 
 
 def _loss(f: Figures) -> str:
@@ -258,7 +262,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     'result': ('Time to a result', _result),
     'heuristic': ("Gymnasium's pilot in our lander", _heuristic),
     'transfer': ("Our policy in Gymnasium's lander", _transfer),
-    'recorder': ('The recorder', _recorder),
+    'recorder': ('Recorders and views', _recorder),
     'stopping': ('Stopping', _stopping),
     'key_latency': ('From key to state', _key_latency),
 }

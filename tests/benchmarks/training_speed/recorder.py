@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of simulator and agent, with and without a recorder.
+"""Speed of simulator and agent, with and without a node that listens.
 
-One simulator and one agent run all the time, and the recorder is started and ended alternately. In
-this way both cases have the same processes and the same disturbances. Each turn with a recorder is
+The nodes are `rerun_recorder`, `bag_recorder`, which records all topics, and `ros_bridge`. One
+simulator and one agent run all the time, and the node is started and ended alternately. In this
+way both cases have the same processes and the same disturbances. Each turn with the node is
 compared with the turns before and after it. The interval is Student's, for the mean logarithm of
-these ratios. Turns differ by more than a recorder costs, so many of them are needed. This is done
-for an agent that trains, some of whose flights are recorded, and for a policy that flies, with all
+these ratios. Turns differ by more than a node costs, so many of them are needed. This is done for
+an agent that trains, some of whose flights are recorded, and for a policy that flies, with all
 flights of the first four rockets recorded.
 """
 from __future__ import annotations
@@ -14,6 +15,8 @@ import argparse
 import json
 import math
 import os
+import re
+import shutil
 import statistics
 import tempfile
 import time
@@ -26,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from scipy import stats
 from support.processes import Process
 from support.processes import Processes
@@ -33,18 +37,27 @@ from support.processes import wait_until
 
 from ppo_agent_node.evaluation.metrics import write_json
 
+NODES = {
+    'rerun_recorder': 'recording to', 'bag_recorder': 'recording to',
+    'ros_bridge': 'publishing standard views'}
+"""nodes, and what each logs when it has begun"""
 PARTS = ('training', 'flying')
+_MISSED = re.compile(r'(\d+)(?= steps were not received)|(?<=DDS lost )(\d+)')
 _START = 60.0
 """s that a node may take to start"""
 
 
 @dataclass
 class Speeds:
-    """Steps/s of n turns beside a recorder and n + 1 between them; its share of a core."""
+    """Steps/s of n turns beside a node and n + 1 between them; its share of a core."""
 
     without: list[float] = field(default_factory=list)
     beside: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
+    recorded: int = 0
+    """messages in bags"""
+    missed: int = 0
+    """messages that are missing in bags, as the recorder says"""
 
     def summary(self) -> dict[str, Any]:
         """Return medians, and the mean ratio with its 95 % interval."""
@@ -57,7 +70,8 @@ class Speeds:
         return {
             'without': statistics.median(self.without), 'with': statistics.median(self.beside),
             'ratio': math.exp(mean), 'low': math.exp(mean - reach),
-            'high': math.exp(mean + reach), 'recorder_cpu': statistics.median(self.cpu),
+            'high': math.exp(mean + reach), 'node_cpu': statistics.median(self.cpu),
+            'recorded': self.recorded, 'missed': self.missed,
             'turns': len(self.beside), 'all_without': self.without, 'all_with': self.beside}
 
 
@@ -74,15 +88,21 @@ def node_of(process: Process) -> int:
 
 
 @contextmanager
-def recorder(processes: Processes, number: int) -> Iterator[int]:
-    """Run a recorder, and yield the id of its process."""
-    path = processes.folder / f'{number}.rrd'
-    node = processes.run_node('rocket_sim_node', 'rerun_recorder', output=path)
-    node.wait_for('recording to', _START)
+def listener(processes: Processes, name: str, number: int, speeds: Speeds) -> Iterator[int]:
+    """Run a node that listens, and yield the id of its process; note what a bag has and lacks."""
+    path = processes.folder / f'{number}.{"rrd" if name == "rerun_recorder" else "bag"}'
+    output = {} if name == 'ros_bridge' else {'output': path}
+    node = processes.run_node('rocket_sim_node', name, **output)
+    node.wait_for(NODES[name], _START)
     try:
         yield node_of(node)
     finally:
         node.end()
+        if path.is_dir():
+            told = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))
+            speeds.recorded += told['rosbag2_bagfile_information']['message_count']
+            speeds.missed += sum(int(found[0]) for found in _MISSED.finditer(node.output()))
+            shutil.rmtree(path)
         path.unlink(missing_ok=True)
 
 
@@ -110,19 +130,19 @@ class Log:
 
 
 def measure(
-    processes: Processes, turns: int, rate: Callable[[], float], speeds: Speeds,
+    processes: Processes, name: str, turns: int, rate: Callable[[], float], speeds: Speeds,
 ) -> None:
-    """Measure a rate in turns, with a recorder and without."""
+    """Measure a rate in turns, with a node and without."""
     speeds.without.append(rate())
     for turn in range(turns):
-        with recorder(processes, turn) as pid:
+        with listener(processes, name, turn, speeds) as pid:
             began, used = time.monotonic(), cpu_seconds(pid)
             speeds.beside.append(rate())
             speeds.cpu.append((cpu_seconds(pid) - used) / (time.monotonic() - began))
         speeds.without.append(rate())
 
 
-def training(folder: Path, turns: int, iterations: int) -> Speeds:
+def training(folder: Path, name: str, turns: int, iterations: int) -> Speeds:
     """Measure while an agent trains."""
     processes, speeds = Processes(folder), Speeds()
     try:
@@ -138,13 +158,13 @@ def training(folder: Path, turns: int, iterations: int) -> Speeds:
         def rate() -> float:
             return statistics.mean(log.next(iterations))
 
-        measure(processes, turns, rate, speeds)
+        measure(processes, name, turns, rate, speeds)
     finally:
         processes.end()
     return speeds
 
 
-def flying(folder: Path, turns: int, seconds: float) -> Speeds:
+def flying(folder: Path, name: str, turns: int, seconds: float) -> Speeds:
     """Measure while a policy flies."""
     from benchmarks.wire.agent_node import agent_node
     from ppo_agent_node.pilots.policy import PolicyPilot
@@ -171,7 +191,7 @@ def flying(folder: Path, turns: int, seconds: float) -> Speeds:
                     return count / elapsed
 
                 rate()
-                measure(processes, turns, rate, speeds)
+                measure(processes, name, turns, rate, speeds)
         finally:
             processes.end()
     return speeds
@@ -181,7 +201,9 @@ def main() -> None:
     """Print the table, write the figures."""
     parser = argparse.ArgumentParser(prog='bench recorder', description=__doc__.split('\n')[0])
     parser.add_argument(
-        '--turns', type=int, default=7, help='turns with a recorder, and as many without')
+        '--nodes', nargs='+', choices=list(NODES), default=list(NODES), help='nodes that listen')
+    parser.add_argument(
+        '--turns', type=int, default=7, help='turns with a node, and as many without')
     parser.add_argument(
         '--iterations', type=int, default=3, help='iterations of training per turn')
     parser.add_argument('--seconds', type=float, default=8.0, help='seconds of flying per turn')
@@ -191,20 +213,23 @@ def main() -> None:
     options = parser.parse_args()
     if options.turns < 2:
         parser.error(f'--turns: got {options.turns}, expected 2 or more: one has no interval')
-    print(f'{"rocket steps/s":<16}{"without":>12}{"with":>12}{"ratio":>8}{"95 %":>16}'
-          f'{"turns":>7}{"recorder":>18}')
+    print(f'{"rocket steps/s":<26}{"without":>10}{"with":>10}{"ratio":>8}{"95 %":>16}'
+          f'{"turns":>7}{"node":>18}{"messages":>12}{"missed":>8}')
     figures = {}
-    for name in options.parts:
-        with tempfile.TemporaryDirectory() as folder:
-            speeds = (
-                training(Path(folder), options.turns, options.iterations) if name == 'training'
-                else flying(Path(folder), options.turns, options.seconds))
-        figures[name] = summary = speeds.summary()
-        share = f'{100 * summary["recorder_cpu"]:.1f} % of a core'
-        interval = f'[{summary["low"]:.3f}, {summary["high"]:.3f}]'
-        print(f'{name:<16}{summary["without"]:>12,.0f}{summary["with"]:>12,.0f}'
-              f'{summary["ratio"]:>8.3f}{interval:>16}{summary["turns"]:>7}{share:>18}',
-              flush=True)
+    for name in options.nodes:
+        for part in options.parts:
+            with tempfile.TemporaryDirectory() as folder:
+                speeds = (
+                    training(Path(folder), name, options.turns, options.iterations)
+                    if part == 'training'
+                    else flying(Path(folder), name, options.turns, options.seconds))
+            figures[f'{name}, {part}'] = summary = speeds.summary()
+            share = f'{100 * summary["node_cpu"]:.1f} % of a core'
+            interval = f'[{summary["low"]:.3f}, {summary["high"]:.3f}]'
+            kept = f'{summary["recorded"]:>12,}{summary["missed"]:>8,}'
+            print(f'{name + ", " + part:<26}{summary["without"]:>10,.0f}{summary["with"]:>10,.0f}'
+                  f'{summary["ratio"]:>8.3f}{interval:>16}{summary["turns"]:>7}{share:>18}'
+                  + (kept if name == 'bag_recorder' else ''), flush=True)
     if options.output:
         write_json(options.output, figures)
 

@@ -121,15 +121,18 @@ def test_onnx(tmp_path: Path, long_enough: None) -> None:
 
 def test_recorder(tmp_path: Path, long_enough: None) -> None:
     text, figures = run(
-        'recorder', tmp_path / 'out.json', '--turns', '2', '--seconds', '0.5', '--parts', 'flying')
-    flying = figures['flying']
+        'recorder', tmp_path / 'out.json', '--turns', '2', '--seconds', '0.5', '--parts', 'flying',
+        '--nodes', 'bag_recorder', 'ros_bridge')
+    flying = figures['bag_recorder, flying']
+    assert flying['recorded'] > 100
+    assert figures['ros_bridge, flying']['recorded'] == 0
     assert len(flying['all_with']) == flying['turns'] == 2
     before, between, after = flying['all_without']
     first, second = flying['all_with']
     assert flying['ratio']**2 == pytest.approx(
         first * second / between / (before * after)**0.5)
     assert flying['low'] < flying['ratio'] < flying['high']
-    assert 'flying' in text
+    assert 'ros_bridge, flying' in text
 
 
 def test_exchange(tmp_path: Path) -> None:

@@ -55,10 +55,10 @@ def test_plots_that_a_part_drew_itself_are_kept(tmp_path: Path) -> None:
 def test_a_part_without_figures_stays_as_it_is(tmp_path: Path) -> None:
     write(tmp_path, 'bench-1', 'hosts', {'hosts': HOSTS}, 'a table')
     before = (
-        '# Performance\n\n## The recorder\n\nIt costs nothing.\n\n```\n# table\n```\n\n'
+        '# Performance\n\n## Recorders and views\n\nIt costs nothing.\n\n```\n# table\n```\n\n'
         '## Two hosts\n\nstale\n')
     page = '\n'.join(performance.sections(tmp_path, tmp_path, before))
-    assert '## The recorder\n\nIt costs nothing.\n\n```\n# table\n```\n' in page
+    assert '## Recorders and views\n\nIt costs nothing.\n\n```\n# table\n```\n' in page
     assert 'stale' not in page
     assert 'a table' in page
     again = '\n'.join(performance.sections(tmp_path, tmp_path, page))
@@ -112,7 +112,7 @@ def test_text_of_roll_outs_and_many_simulators() -> None:
         {'samples_per_second': {'ours': 9.0}, 'SB3': 3.0},
         {'samples_per_second': {'ours': 22.0}, 'SB3': 2.0}]}, '3.0 to 11.0 times'),
     ('learner', {'learner': [{'samples_per_second': {'ours': 9.0}}]}, 'of the bare products'),
-    ('recorder', {'training': {'ratio': 0.956}}, 'training runs at 95.6%'),
+    ('recorder', {'ros_bridge, training': {'ratio': 0.956}}, 'run\nat 96% to 96% of'),
 ])
 def test_titles_state_the_finding(part: str, figures: dict, title: str) -> None:
     assert title in performance_plots.FINDINGS[part](figures)
