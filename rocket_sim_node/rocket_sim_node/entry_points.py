@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _EXTRAS = {
     'foxglove': 'foxglove', 'rerun': 'recording', 'pyarrow': 'recording', 'mcap': 'bags',
@@ -24,7 +27,9 @@ def run(module: str) -> None:
     """
     _open_streams()
     try:
-        importlib.import_module(module).main()
+        with _ended_by_signals():
+            program = importlib.import_module(module)
+        program.main()
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
         if not missing or missing == module.partition('.')[0]:
@@ -32,6 +37,20 @@ def run(module: str) -> None:
         name = module.rpartition('.')[2]
         sys.stderr.write(f'{name}: module {missing!r} is missing; {_advice(missing)}\n')
         sys.exit(2)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """End the process without a traceback on SIGINT and SIGTERM, as there is nothing to save."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    caught = [number for number, handler in before.items() if handler != signal.SIG_IGN]
+    for number in caught:
+        signal.signal(number, lambda *_: os._exit(0))
+    try:
+        yield
+    finally:
+        for number in caught:
+            signal.signal(number, before[number])
 
 
 def _open_streams() -> None:

@@ -39,7 +39,10 @@ class PolicyPilot:
         """Differences between this world and that of the training; empty if there are none."""
 
     def __call__(self, observation: F32) -> NDArray[Any]:
-        """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete."""
+        """Return the actions for observations `(N, D)`: `(N, A)` float32, or `(N,)` discrete.
+
+        Continuous actions are within their bounds.
+        """
         if self._columns is not None:
             # Contiguous: another memory layout might change the order of summation.
             observation = np.ascontiguousarray(observation[:, self._columns])
@@ -54,7 +57,12 @@ def _load(path: Path, spec: WorldSpec) -> tuple[onnx_file.Fly, dict[str, Any]]:
     from ppo_agent_node.ppo.policies.file import load_policy
 
     policy, description = load_policy(path, spec)
-    return without_noise(policy), description
+    mean = without_noise(policy)
+    if not spec.continuous:
+        return mean, description
+    # The world would clip them as well, and report each of them in real time. NaN stays NaN.
+    low, high = (np.asarray(bound, np.float32) for bound in (spec.action_low, spec.action_high))
+    return lambda observation: np.clip(mean(observation), low, high), description
 
 
 def columns(wanted: Sequence[str], given: Sequence[str]) -> slice | list[int] | None:

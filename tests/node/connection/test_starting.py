@@ -54,6 +54,20 @@ def test_a_signal_during_the_imports_ends_the_node(
     assert 'Traceback' not in process.output()
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_during_the_import_of_its_module_ends_a_program(
+        processes: Processes, tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / 'slow_module.py').write_text('print("loading", flush=True)\nimport time\n'
+                                             'time.sleep(60)\n')
+    process = processes.start(
+        sys.executable, '-c', f'import sys; sys.path.insert(0, {str(tmp_path)!r})\n'
+        'from rocket_sim_node.entry_points import run\nrun("slow_module")')
+    process.wait_for('loading', 30.0)
+    process.signal(number)
+    assert process.wait(10.0) == 0
+    assert 'Traceback' not in process.output()
+
+
 def test_an_import_that_fails_ends_the_node(processes: Processes, tmp_path: Path) -> None:
     go = tmp_path / 'fails'
     go.touch()

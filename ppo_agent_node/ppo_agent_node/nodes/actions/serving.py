@@ -44,6 +44,8 @@ class Actions:
         self._ended: Any = None
         """Future: the processes of that goal have ended"""
         self._running_until = self._told = -math.inf
+        self._untold = False
+        """whether flights have ended since the last feedback"""
         for name, kind in KINDS.items():
             ActionServer(
                 node, kind, name, partial(self._execute, name),
@@ -63,11 +65,14 @@ class Actions:
         """Stop the processes of the goal when asked to, and note their end."""
         if self._execution is None:
             return
+        self._tell()
         if self._stopped:
             self._execution.job.interrupt()
         if not self._execution.job.ended:
             self._running_until = time.monotonic()
         elif time.monotonic() > self._running_until + _DRAIN and not self._ended.done():
+            self._told = -math.inf
+            self._tell()
             self._ended.set_result(None)
 
     @property
@@ -95,6 +100,7 @@ class Actions:
                 return kind(code=kind.INVALID, figures=no_figures(),
                             message=' '.join(str(error).split()))
             self._handle, self._ended = handle, Future(executor=self._executor)
+            self._untold = False
             try:
                 log.info(f'{name}: started')
                 await self._ended
@@ -124,9 +130,16 @@ class Actions:
     def _on_episodes(self, name: str, message: Episodes) -> None:
         if self._execution is None or self._execution.command != name:
             return
+        self._execution.tally.add(message)
+        self._untold = True
+        self._tell()
+
+    def _tell(self) -> None:
+        """Publish the newest figures of flights as feedback, but not too often."""
+        if (self._execution is None or not self._untold
+                or time.monotonic() < self._told + _FEEDBACK_PERIOD):
+            return
+        self._told, self._untold = time.monotonic(), False
         tally = self._execution.tally
-        tally.add(message)
-        if time.monotonic() >= self._told + _FEEDBACK_PERIOD:
-            self._told = time.monotonic()
-            self._handle.publish_feedback(KINDS[name].Feedback(
-                figures=tally.figures(), text=tally.text()))
+        self._handle.publish_feedback(KINDS[self._execution.command].Feedback(
+            figures=tally.figures(), text=tally.text()))
