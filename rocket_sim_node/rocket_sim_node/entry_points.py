@@ -6,8 +6,6 @@ import importlib
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 _EXTRAS = {
     'foxglove': 'foxglove', 'rerun': 'recording', 'pyarrow': 'recording', 'mcap': 'bags',
@@ -27,9 +25,8 @@ def run(module: str) -> None:
     """
     _open_streams()
     try:
-        with _ended_by_signals():
-            program = importlib.import_module(module)
-        program.main()
+        _end_on_signals()
+        importlib.import_module(module).main()
     except ModuleNotFoundError as error:
         missing = (error.name or '').partition('.')[0]
         if not missing or missing == module.partition('.')[0]:
@@ -39,18 +36,11 @@ def run(module: str) -> None:
         sys.exit(2)
 
 
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """End the process without a traceback on SIGINT and SIGTERM, as there is nothing to save."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    caught = [number for number, handler in before.items() if handler != signal.SIG_IGN]
-    for number in caught:
-        signal.signal(number, lambda *_: os._exit(0))
-    try:
-        yield
-    finally:
-        for number in caught:
-            signal.signal(number, before[number])
+def _end_on_signals() -> None:
+    """Let SIGINT and SIGTERM end the process without a traceback until `main` handles them."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(0))
 
 
 def _open_streams() -> None:

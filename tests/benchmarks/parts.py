@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Modules of the parts of `./launch_scripts/bench`: each part is named after its module."""
+"""The module of each part of `./launch_scripts/bench`."""
 from __future__ import annotations
 
 _FOLDERS = {

@@ -118,7 +118,7 @@ KINDS = (
     Kind(r'\./launch_scripts/train .*serve_web:=true',
          f'{TRAIN} record:=true web_port:=$PORT'),
     Kind(r'\./launch_scripts/train .*connect:=.*', f'{TRAIN} record:=true'),
-    Kind(r'\./launch_scripts/train .*from_scratch', reason='it learns for an hour before it lands;'
+    Kind(r'\./launch_scripts/train .*from_scratch', reason='it learns for five minutes;'
          ' its arguments are checked'),
     Kind(r'\./launch_scripts/train( .*)?', TRAIN),
     # Flying and evaluating

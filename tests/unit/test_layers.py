@@ -124,7 +124,7 @@ def test_no_folder_holds_more_than_a_dozen_modules() -> None:
 
 
 def test_names_of_test_files_are_unique() -> None:
-    """Else pytest could not collect them together."""
+    """Pytest cannot collect two files of the same name together."""
     counted = Counter(path.name for path in (ROOT / 'tests').rglob('test_*.py'))
     assert {name: count for name, count in counted.items() if count > 1} == {}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import io
 import logging
 import warnings
@@ -35,7 +36,10 @@ class DeterministicPolicy(nn.Module):
     def __init__(self, policy: Policy, spec: WorldSpec) -> None:
         """Take over the weights of a policy for a world."""
         super().__init__()
-        self.normaliser, self.network = policy.normaliser, policy.network
+        self.normaliser, self.network = copy.deepcopy(policy.normaliser), policy.network
+        if self.normaliser.features is not None:
+            # ONNX has Asinh, but no Log1p, without which small numbers would lose digits.
+            self.normaliser.features.compress = torch.asinh
         width = policy.normaliser.width
         self.register_buffer('bends', width > 0)
         self.register_buffer('width', torch.where(width > 0, width, torch.ones_like(width)))

@@ -5,13 +5,14 @@ Schulman et al., 'Proximal policy optimization algorithms', 2017, equation 7 (th
 objective), with the usual details of Huang et al., 'The 37 implementation details of proximal
 policy optimization', 2022.
 
-Policy and critic share only the samples and their order, so each learns in its own loop and in its
-own thread. Where no critic learns, two threads share the policy's minibatches. Gradients are in
-closed form: of the losses in `losses`, of the distributions in the policies, of the networks in
-`backpropagation`.
+Policy and critic share only the samples and their order, so each learns in its own loop, and on a
+CPU in its own thread. Where no critic learns, two threads share the policy's minibatches.
+Gradients are in closed form: of the losses in `losses`, of the distributions in the policies, of
+the networks in `backpropagation`.
 """
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -229,8 +230,11 @@ class PolicyUpdate:
         wait = begin(lambda: self._other_gradient.add(pieces[half:], entropy_coefficient))
         try:
             self._gradient.add(pieces[:half], entropy_coefficient)
-        finally:
-            wait()
+        except BaseException:
+            with contextlib.suppress(Exception):
+                wait()
+            raise
+        wait()
         self.optimiser.gradient.add_(self._other_half)
 
     def _divergence(self, log_ratio: Tensor, poll: Poll) -> float:

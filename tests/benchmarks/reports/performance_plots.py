@@ -242,8 +242,9 @@ def _learner_finding(f: Figures) -> str:
 
 def _recorder_finding(f: Figures) -> str:
     shares = [part['ratio'] for part in f.values()]
-    return (f'Beside a node that listens, training and flying run\nat {min(shares):.0%} to '
-            f'{max(shares):.0%} of their speed')
+    least, most = f'{min(shares):.0%}', f'{max(shares):.0%}'
+    reached = least if least == most else f'{least} to {most}'
+    return f'Beside a node that listens, training and flying run\nat {reached} of their speed'
 
 
 def _loss_finding(f: Figures) -> str:

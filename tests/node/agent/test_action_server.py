@@ -169,7 +169,8 @@ def test_evaluate_and_land_fly_a_policy_that_ships(
     assert (status, result.code) == (GoalStatus.STATUS_SUCCEEDED, Evaluate.Result.OK), result
     assert (result.figures.episodes, result.figures.landed, result.output) == (32, 32, '')
     assert result.figures.mean_return > 290.0
-    assert heard[-1].figures.landed == heard[-1].figures.episodes == 32
+    operator.wait(lambda: heard[-1].figures.episodes == 32)
+    assert heard[-1].figures.landed == 32
     assert '/32 episodes: landed 100.0%' in heard[-1].text
 
     # The client of the documents.

@@ -42,7 +42,7 @@ def test_a_node_signalled_during_its_start_leaves_nothing(
         # Some within the first milliseconds.
         moments.wait(moments.random.choice([0.05, START]))
         process.signal(told)
-        # Before the node handles signals, the signal ends it, and Python prints a traceback.
+        # While Python itself starts, the signal ends it, and Python prints a traceback.
         status = process.wait(END)
         assert status in (0, -told, 130) or (
             status == 1 and 'KeyboardInterrupt' in process.output()), process.output()

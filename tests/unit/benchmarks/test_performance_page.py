@@ -112,7 +112,7 @@ def test_text_of_roll_outs_and_many_simulators() -> None:
         {'samples_per_second': {'ours': 9.0}, 'SB3': 3.0},
         {'samples_per_second': {'ours': 22.0}, 'SB3': 2.0}]}, '3.0 to 11.0 times'),
     ('learner', {'learner': [{'samples_per_second': {'ours': 9.0}}]}, 'of the bare products'),
-    ('recorder', {'ros_bridge, training': {'ratio': 0.956}}, 'run\nat 96% to 96% of'),
+    ('recorder', {'ros_bridge, training': {'ratio': 0.956}}, 'run\nat 96% of'),
 ])
 def test_titles_state_the_finding(part: str, figures: dict, title: str) -> None:
     assert title in performance_plots.FINDINGS[part](figures)

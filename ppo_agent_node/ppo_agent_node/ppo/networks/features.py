@@ -9,6 +9,7 @@ zero and logarithmic beyond, so that millimetres and hundreds of metres are both
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 
@@ -50,7 +51,7 @@ def asinh(x: Tensor) -> Tensor:
     """Return the inverse hyperbolic sine of numbers.
 
     PyTorch's own is not vectorised and takes several times as long. The relative error is that of
-    float32, up to 1e19.
+    float32, up to 1e19; infinity gives NaN.
     """
     size = x.abs()
     root = (x * x).add_(1.0).sqrt_().add_(1.0)
@@ -85,6 +86,7 @@ class DescentFeatures(nn.Module):
         :raises ValueError: for a world whose observations are not those of a rocket.
         """
         super().__init__()
+        self.compress: Callable[[Tensor], Tensor] = asinh
         missing = sorted(set(_NEEDED) - set(names))
         if missing:
             raise ValueError(
@@ -125,7 +127,7 @@ class DescentFeatures(nn.Module):
             fall * fall.abs() / (2 * gravity * above), time, fall / above,
             x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time,
             *guidance))
-        compressed = asinh(features.div_(self.width))
+        compressed = self.compress(features.div_(self.width))
         return compressed.T.reshape(*observation.shape[:-1], self.count)
 
 

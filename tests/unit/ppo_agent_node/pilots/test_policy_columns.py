@@ -30,6 +30,23 @@ def saved(path: Path, spec: WorldSpec) -> Path:
     return path
 
 
+def test_actions_are_within_their_bounds_and_nan_stays(tmp_path: Path) -> None:
+    spec = worlds.make('rocket').spec
+    network = NetworkConfig(hidden_sizes=(8,))
+    policy = make_policy(spec, network, torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        policy.network.linear[-1].bias.copy_(torch.tensor([30.0, -30.0, 0.25]))
+    save_policy(tmp_path / 'bold.safetensors', policy, spec, network, 1, {})
+    pilot = PolicyPilot(tmp_path / 'bold.safetensors', spec)
+    observation = np.zeros((2, spec.observation_size), np.float32)
+    observation[1] = np.nan
+    action = pilot(observation)
+    assert action.dtype == np.float32
+    assert action[0, :2].tolist() == [1.0, -1.0]
+    assert -1.0 < action[0, 2] < 1.0
+    assert np.isnan(action[1]).all()
+
+
 @pytest.mark.parametrize(('wanted', 'given', 'found'), [
     ('abc', 'abc', None), ('ab', 'abc', slice(0, 2)), ('bc', 'abc', slice(1, 3)),
     ('ca', 'abc', [2, 0]), ('c', 'abc', slice(2, 3)), ('ac', 'abc', [0, 2])])

@@ -235,6 +235,31 @@ def test_halves_of_a_minibatch_are_added(monkeypatch: pytest.MonkeyPatch) -> Non
     assert told[0].grad_norm == pytest.approx(told[1].grad_norm, rel=1e-5)
 
 
+def test_an_error_in_a_half_ends_the_update(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backpropagation, '_CACHED_ROWS', 24)
+    add, before = update.PolicyGradient.add, torch.get_num_threads()
+    for failing in ((0,), (1,), (0, 1)):
+        calls: list[update.PolicyGradient] = []
+
+        def fail(self: update.PolicyGradient, *given: object, failing: object = failing,
+                 calls: list = calls) -> None:
+            if id(self) not in map(id, calls):
+                calls.append(self)
+            # The second half is begun first.
+            if [id(one) for one in calls].index(id(self)) in failing:
+                raise MemoryError('no gradient')
+            add(self, *given)
+
+        monkeypatch.setattr(update.PolicyGradient, 'add', fail)
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            calls.clear()
+            with pytest.raises(MemoryError, match='no gradient'):
+                run(train_critic=False)
+            assert torch.get_num_threads() == threads
+    torch.set_num_threads(before)
+
+
 @pytest.mark.parametrize('threads', [1, 2])
 def test_an_error_in_the_second_half_is_raised(threads: int) -> None:
     before = torch.get_num_threads()
