@@ -84,7 +84,7 @@ class FlightSummary:
         return cls(
             spec.outcomes[int(episodes.outcome[index])], float(episodes.episode_return[index]),
             float(episodes.length[index]) * spec.dt, float(episodes.touchdown_speed[index]),
-            float(episodes.tilt[index]), float(episodes.distance[index]),
+            math.degrees(episodes.tilt[index]), float(episodes.distance[index]),
             float(episodes.fuel_used[index]))
 
     @property

@@ -87,7 +87,7 @@ def from_result(result: EvaluationResult, optimum: OptimumSample | None = None) 
         numbers={
             'row': flown.row.astype(np.float64), 'episode': flown.episode.astype(np.float64),
             'return': flown.episode_return, 'length_steps': flown.length.astype(np.float64),
-            'touchdown_speed_m_s': flown.touchdown_speed, 'tilt_deg': flown.tilt,
+            'touchdown_speed_m_s': flown.touchdown_speed, 'tilt_deg': np.rad2deg(flown.tilt),
             'distance_m': flown.distance,
             'fuel_bound_kg': result.fuel_bound, 'end_x_m': result.end_position[:, 0],
             'end_z_m': result.end_position[:, 1], 'standing': standing,

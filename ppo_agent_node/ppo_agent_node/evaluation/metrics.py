@@ -71,7 +71,7 @@ def summarise(result: EvaluationResult, **extra: Any) -> dict[str, Any]:
         'reset_settings': result.reset_settings,
         **success(result),
         'touchdown_speed': spread(episodes.touchdown_speed[ground]),
-        'tilt': spread(episodes.tilt[ground]),
+        'tilt': spread(np.rad2deg(episodes.tilt[ground])),
         'distance': spread(episodes.distance[ground]),
         'fuel_used_kg': spread(episodes.fuel_used if result.is_rocket else np.zeros(0)),
         'fuel_bound_kg': mean(result.fuel_bound[landed]),

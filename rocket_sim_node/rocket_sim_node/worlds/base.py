@@ -62,7 +62,7 @@ class WorldSpec:
 class Episodes:
     """Episodes that ended at a step, one entry each; all arrays `(K,)`.
 
-    Speed (m/s), tilt (deg) and distance (m, horizontally from the pad) are those of the last
+    Speed (m/s), tilt (rad) and distance (m, horizontally from the pad) are those of the last
     step, which for a touchdown of `rocket` is the first step at or below touchdown height. In
     `rocket_planar`, where the rocket may stand for a while, a touchdown's speed and tilt are
     those at first contact.

@@ -236,10 +236,6 @@ _EPISODE_KINDS = {
     'hover_time': np.float64, 'ignitions': np.int64, 'control_effort': np.float64,
 }
 
-_EPISODE_FIELDS = {'tilt': 'tilt_deg'}
-"""Fields of the message that are not named as in process."""
-
-
 def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
     """Return finished episodes in the order of the message's fields."""
     return [getattr(episodes, name) for name in _EPISODE_KINDS]
@@ -248,7 +244,7 @@ def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
 def episodes_from_message(message: Any) -> Episodes:
     """Return finished episodes as arrays, with the same types as those of a world in process."""
     return Episodes(**{
-        name: getattr(message, _EPISODE_FIELDS.get(name, name)).astype(dtype)
+        name: getattr(message, name).astype(dtype)
         for name, dtype in _EPISODE_KINDS.items()})
 
 

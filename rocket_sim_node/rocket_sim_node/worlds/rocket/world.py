@@ -285,7 +285,7 @@ class RocketWorld(RocketDynamics):
             'episodes': Episodes(
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
-                outcome=outcome, touchdown_speed=speed, tilt=tilt, distance=distance,
+                outcome=outcome, touchdown_speed=speed, tilt=np.deg2rad(tilt), distance=distance,
                 fuel_used=self.vehicles.fuel[done] - self.fuel[done], fuel_left=self.fuel[done],
                 hover_time=self.log.hover_time(done, self.settings.dt),
                 ignitions=self.engines.ignitions[done],

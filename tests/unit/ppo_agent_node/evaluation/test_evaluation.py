@@ -184,7 +184,7 @@ def test_the_summary_describes_the_evaluation_and_is_json() -> None:
     low, high = summary['mean_return_interval']
     assert low < summary['mean_return'] < high
     assert summary['mean_return'] == pytest.approx(e.episode_return.mean())
-    for name, values in (('touchdown_speed', e.touchdown_speed), ('tilt', e.tilt),
+    for name, values in (('touchdown_speed', e.touchdown_speed), ('tilt', np.rad2deg(e.tilt)),
                          ('distance', e.distance), ('fuel_used_kg', e.fuel_used)):
         assert summary[name] == {
             'mean': pytest.approx(values.mean()), 'p95': pytest.approx(np.quantile(values, 0.95))}

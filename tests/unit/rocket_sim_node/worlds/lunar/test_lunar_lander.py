@@ -525,4 +525,4 @@ def test_tilt_is_that_of_an_upright_lander_however_often_it_turned() -> None:
         if len(info['final_rows']):
             tilts += info['episodes'].tilt.tolist()
     assert tilts
-    assert 0 <= min(tilts) <= max(tilts) <= 180
+    assert 0 <= min(tilts) <= max(tilts) <= np.pi

@@ -168,7 +168,7 @@ def test_a_landing_is_rewarded_by_its_first_contact() -> None:
     put(world, 0, x=3.0, velocity=(0.5, -1.0), tilt=4.0)
     episodes, last, reward = ends(world)
     assert outcome(world, episodes) == 'landed'
-    speed, tilt = episodes.touchdown_speed[0], episodes.tilt[0]
+    speed, tilt = episodes.touchdown_speed[0], np.rad2deg(episodes.tilt[0])
     assert speed == pytest.approx(np.hypot(0.5, 1.0 + 9.81 * 0.02), abs=0.01)
     assert tilt == pytest.approx(4.0, abs=1e-9)
     assert episodes.distance[0] == pytest.approx(last.position[0, 0])
@@ -237,7 +237,7 @@ def test_a_rocket_that_leans_too_much_may_still_stand() -> None:
     put(world, 0, tilt=15.0, above=0.001)
     episodes, last, reward = ends(world)
     assert outcome(world, episodes) == 'landed'
-    assert episodes.tilt[0] == pytest.approx(15.0, abs=1e-6)
+    assert np.rad2deg(episodes.tilt[0]) == pytest.approx(15.0, abs=1e-6)
     assert last.orientation[0, 2] == pytest.approx(0.0, abs=1e-3)
     assert reward == pytest.approx(
         -0.01 + 100 + (1 - episodes.touchdown_speed[0] / 3) * 100

@@ -107,7 +107,7 @@ def test_touchdown_outcomes_and_rewards(
     episodes = info['episodes']
     assert episodes.episode_return == pytest.approx([expected], abs=1e-9)
     assert episodes.touchdown_speed == pytest.approx([speed], abs=1e-12)
-    assert episodes.tilt == pytest.approx([tilt], abs=1e-12)
+    assert np.rad2deg(episodes.tilt) == pytest.approx([tilt], abs=1e-12)
     assert episodes.distance == pytest.approx([x], abs=1e-12)
     assert (episodes.length[0], episodes.fuel_used[0]) == (1, 0)
 
