@@ -12,7 +12,7 @@ HASHES = {
     'msg/Action':
         'RIHS01_fc17d0b647d5d22386b0f3937802467e6d05a1cfff8e9fb112540e3b9d968e74',
     'msg/Episodes':
-        'RIHS01_151f9851310e3bd8c53f45fcc1ccb4bb607f7e1742412f7f34241c0c2ebf7a8b',
+        'RIHS01_478db54ea988a62ea57ea20571b08d969df35fbe3558b718eae3662c93f1e560',
     'msg/FlightFigures':
         'RIHS01_befa137545f9f4077329c42837d75f767a80a1de015299e6e4263cef0c2d7935',
     'msg/Observation':
