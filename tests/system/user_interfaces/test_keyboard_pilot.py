@@ -68,7 +68,8 @@ def test_keys_fly_the_rocket_and_q_restores_the_terminal(
         make_client: Callable[..., Client]) -> None:
     looker = Looker(make_client())
     child = terminal.fly(processes.env, level=1, seed=3, repeat_delay=2.0)
-    assert looker.idle(0.3) == 0  # nothing falls before the first flight
+    # Nothing falls before the first flight; the state of the reset may arrive late.
+    wait_until(lambda: looker.idle(0.3) == 0, 10.0)
     terminal.press(b'r')
     state = looker.wait(lambda s: s.time[-1] > 0.1)
     assert state.throttle[-1] == 0.0
