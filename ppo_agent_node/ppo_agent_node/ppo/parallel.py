@@ -12,6 +12,8 @@ from typing import TypeVar
 
 import torch
 
+from ppo_agent_node.threads import tensor_threads
+
 A = TypeVar('A')
 B = TypeVar('B')
 Poll = Callable[[], None]
@@ -80,10 +82,6 @@ def second_thread() -> Iterator[Begin]:
     if threads == 1:
         yield run_now
         return
-    try:
-        torch.set_num_threads(threads - threads // 2)
-        with ThreadPoolExecutor(1, initializer=torch.set_num_threads, initargs=(
-                threads // 2,)) as pool:
-            yield lambda compute: pool.submit(compute).result
-    finally:
-        torch.set_num_threads(threads)
+    with tensor_threads(threads - threads // 2), ThreadPoolExecutor(
+            1, initializer=torch.set_num_threads, initargs=(threads // 2,)) as pool:
+        yield lambda compute: pool.submit(compute).result

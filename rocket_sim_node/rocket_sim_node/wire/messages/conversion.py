@@ -236,6 +236,7 @@ _EPISODE_KINDS = {
     'hover_time': np.float64, 'ignitions': np.int64, 'control_effort': np.float64,
 }
 
+
 def episode_arrays(episodes: Episodes) -> list[NDArray[Any]]:
     """Return finished episodes in the order of the message's fields."""
     return [getattr(episodes, name) for name in _EPISODE_KINDS]

@@ -46,9 +46,9 @@ def hull_velocity(pose: F64, velocity: F64) -> tuple[F64, F64]:
 
 
 def tilt(pose: F64) -> F64:
-    """Return the hulls' tilt from upright, `(K,)` deg, 0 to 180, regardless of full turns."""
+    """Return the hulls' tilt from upright, `(K,)` rad, 0 to pi, regardless of full turns."""
     angle = pose[:, 2]
-    leaning: F64 = np.rad2deg(np.abs(np.arctan2(np.sin(angle), np.cos(angle))))
+    leaning: F64 = np.abs(np.arctan2(np.sin(angle), np.cos(angle)))
     return leaning
 
 

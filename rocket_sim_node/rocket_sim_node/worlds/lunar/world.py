@@ -241,7 +241,7 @@ class LunarLanderWorld(StateCapture):
                 row=done, episode=self.episode[done],
                 episode_return=self.episode_return[done], length=self.age[done],
                 outcome=outcome, touchdown_speed=np.hypot(speed_x, speed_y),
-                tilt=np.deg2rad(view.tilt(self._lanes.pose[done, 0])), distance=np.abs(x),
+                tilt=view.tilt(self._lanes.pose[done, 0]), distance=np.abs(x),
                 fuel_used=(none := np.zeros(len(done))), fuel_left=none, hover_time=none,
                 ignitions=none.astype(np.int64), control_effort=none,
             ),

@@ -19,6 +19,7 @@ from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 from ppo_agent_node.ppo.rollout_buffer import Batch
+from ppo_agent_node.threads import tensor_threads
 
 CONFIG = PPOConfig(
     n_epochs=2, batch_size=64, clip_range=0.2, target_kl=0.0, normalise_advantages=True)
@@ -180,8 +181,6 @@ def test_entropy_bonus_widens_the_policy() -> None:
 def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(
     threads: int, train_critic: bool,
 ) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(threads)
     polls = 0
 
     def stop() -> None:
@@ -190,15 +189,13 @@ def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(
         if polls == 5:
             raise KeyboardInterrupt
 
-    try:
+    with tensor_threads(threads):
         with pytest.raises(KeyboardInterrupt):
             run(poll=stop, train_critic=train_critic)
         assert polls == 5
         assert torch.get_num_threads() == threads
         run(poll=stop, train_critic=train_critic)
         assert polls >= 5 + 8  # at least once for each of the policy's minibatches
-    finally:
-        torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize(('train_policy', 'train_critic'), [
@@ -207,17 +204,13 @@ def test_one_thread_and_two_are_equal_bit_for_bit(
     train_policy: bool, train_critic: bool, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(backpropagation, '_CACHED_ROWS', 24)  # three pieces of each minibatch
-    before = torch.get_num_threads()
     found = []
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
+    for threads in (1, 2):
+        with tensor_threads(threads):
             policy, critic, told, _ = run(
                 train_policy=train_policy, train_critic=train_critic)
             found.append((*policy.parameters(), *critic.parameters(), torch.tensor(
                 list(dataclasses.astuple(told))).nan_to_num()))
-    finally:
-        torch.set_num_threads(before)
     assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
 
 
@@ -237,7 +230,7 @@ def test_halves_of_a_minibatch_are_added(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_an_error_in_a_half_ends_the_update(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backpropagation, '_CACHED_ROWS', 24)
-    add, before = update.PolicyGradient.add, torch.get_num_threads()
+    add = update.PolicyGradient.add
     for failing in ((0,), (1,), (0, 1)):
         calls: list[update.PolicyGradient] = []
 
@@ -252,28 +245,22 @@ def test_an_error_in_a_half_ends_the_update(monkeypatch: pytest.MonkeyPatch) -> 
 
         monkeypatch.setattr(update.PolicyGradient, 'add', fail)
         for threads in (1, 2):
-            torch.set_num_threads(threads)
             calls.clear()
-            with pytest.raises(MemoryError, match='no gradient'):
-                run(train_critic=False)
-            assert torch.get_num_threads() == threads
-    torch.set_num_threads(before)
+            with tensor_threads(threads):
+                with pytest.raises(MemoryError, match='no gradient'):
+                    run(train_critic=False)
+                assert torch.get_num_threads() == threads
 
 
 @pytest.mark.parametrize('threads', [1, 2])
 def test_an_error_in_the_second_half_is_raised(threads: int) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(threads)
-
     def fail() -> None:
         raise MemoryError('second half')
 
-    try:
+    with tensor_threads(threads):
         with parallel.second_thread() as begin, pytest.raises(MemoryError, match='second half'):
             begin(fail)()
         assert torch.get_num_threads() == threads
-    finally:
-        torch.set_num_threads(before)
 
 
 def test_explained_variance() -> None:
