@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
-from rocket_sim_node.nodes.bridge.publishers import Topics
+from rocket_sim_node.nodes.bridge.topics import Topics
 from rocket_sim_node.nodes.listening import NICENESS
 from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
@@ -44,7 +44,7 @@ class BridgeParameters:
         (0, 1, 2, 3), '', 'numbers of the rockets to show, of those that the simulator publishes',
         0, 1e9)
     max_rate: float = setting(
-        100.0, 'Hz', 'maximum number of steps published per second of wall clock; 0: every step. '
+        60.0, 'Hz', 'maximum number of steps published per second of wall clock; 0: every step. '
         'Starts and ends of episodes are always published', 0.0, 1e6)
     clock: bool = setting(
         False, '', 'whether to publish /clock, for nodes with use_sim_time')
@@ -101,11 +101,11 @@ class BridgeNode:
                     throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
 
     def summary(self) -> str:
-        """Return how many steps were published, left out and missed."""
+        """Return how many steps were shown, left out and missed."""
         views = self._views
         left_out = f'; {views.skipped} skipped because of max_rate' if views.skipped else ''
         lost = f'; {views.missed} steps were not received' if views.missed else ''
-        return f'{views.shown} states published{left_out}{lost}'
+        return f'{views.shown} states shown{left_out}{lost}'
 
 
 def bridge(node: Node, executor: Executor) -> None:

@@ -130,8 +130,8 @@ class RocketMarkers:
             (0.02, -1.0, (248, 126, 30)), (0.66, -0.25, (255, 214, 130)),
             (0.55, 0.0, (255, 255, 255))), 8)
 
-    def of(self, view: RocketView) -> list[Marker]:
-        """Return the markers at a state; the path grows by it."""
+    def add(self, view: RocketView) -> None:
+        """Extend the path by a state."""
         if view.begins:
             self._path, self._stride, self._seen = [], 1, 0
         burns = view.throttle > 0.0
@@ -141,6 +141,9 @@ class RocketMarkers:
         if len(self._path) > PATH_POINTS:
             del self._path[1::2]
             self._stride *= 2
+
+    def of(self, view: RocketView) -> list[Marker]:
+        """Return the markers at a state; it has been added."""
         return [
             self._flame_marker(view), self._path_marker(), self._wind_marker(view),
             self._label(view), self._terrain_marker(view)]

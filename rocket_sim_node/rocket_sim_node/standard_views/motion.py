@@ -146,22 +146,22 @@ class MotionViews:
         self, session: int, samples: Samples, world: WorldInfo,
     ) -> Iterator[Moment]:
         views = self._views(samples, world)
+        steps, rows = samples.step.tolist(), samples.row.tolist()
         groups: list[list[int]] = []
-        for index, (step, row) in enumerate(zip(
-                samples.step.tolist(), samples.row.tolist(), strict=True)):
-            last = groups[-1] if groups else None
-            if last is None or samples.step[last[0]] != step or row in samples.row[last]:
+        seen: set[int] = set()
+        for index, (step, row) in enumerate(zip(steps, rows, strict=True)):
+            if not groups or steps[groups[-1][0]] != step or row in seen:
                 groups.append([])
+                seen.clear()
             groups[-1].append(index)
-        needed = [
-            any(samples.outcome[i] != NO_OUTCOME or views(i).begins for i in group)
-            for group in groups]
-        kept = self._allowed(needed)
+            seen.add(row)
+        ends = ((samples.outcome != NO_OUTCOME) | _begins(samples)).tolist()
+        kept = self._allowed([any(ends[index] for index in group) for group in groups])
         for k, group in enumerate(groups):
             # Stamps of what is left out are given as well, so that they do not depend on it.
-            again = k > 0 and samples.step[groups[k - 1][0]] == samples.step[group[0]]
-            stamp = (self._stamps.next() if again else
-                     self._stamps.of(session, int(samples.step[group[0]]), world.dt))
+            step = steps[group[0]]
+            again = k > 0 and steps[groups[k - 1][0]] == step
+            stamp = self._stamps.next() if again else self._stamps.of(session, step, world.dt)
             if kept[k]:
                 self.shown += 1
                 yield Moment(stamp, tuple(views(index) for index in group))
@@ -195,7 +195,7 @@ class MotionViews:
         torque = frames.to_body(orientation, of('torque'))
         force = self._specific_force(samples, velocity, orientation, world)
         position, disturbance = of('position'), of('disturbance')
-        begins = of('time')[:, 0] == 0.0
+        begins = _begins(samples)
         legs, terrain, drawn = of('leg_angle'), of('terrain'), of('conditions')
         scalars = {
             name: of(name)[:, 0].tolist()
@@ -234,6 +234,12 @@ class MotionViews:
         felt[:, 2] += gravity
         felt[np.isnan(felt).any(axis=1)] = np.nan
         return frames.to_body(orientation, felt)
+
+
+def _begins(samples: Samples) -> NDArray[np.bool_]:
+    """Return which samples are starts of episodes."""
+    begins: NDArray[np.bool_] = samples.values[:, samples.layout.place('time')][:, 0] == 0.0
+    return begins
 
 
 def _name(outcome: int, names: tuple[str, ...]) -> str:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed of simulator and agent, with and without a node that listens.
 
-The nodes are `rerun_recorder`, `bag_recorder`, which records all topics, and `ros_bridge`. One
-simulator and one agent run all the time, and the node is started and ended alternately. In this
-way both cases have the same processes and the same disturbances. Each turn with the node is
-compared with the turns before and after it. The interval is Student's, for the mean logarithm of
-these ratios. Turns differ by more than a node costs, so many of them are needed. This is done for
-an agent that trains, some of whose flights are recorded, and for a policy that flies, with all
-flights of the first four rockets recorded.
+The nodes are `rerun_recorder`, `bag_recorder`, which records all topics, and `ros_bridge`, alone
+and with a viewer that subscribes to all of its topics. One simulator and one agent run all the
+time, and the node is started and ended alternately. In this way both cases have the same processes
+and the same disturbances. Each turn with the node is compared with the turns before and after it.
+The interval is Student's, for the mean logarithm of these ratios. Turns differ by more than a node
+costs, so many of them are needed. This is done for an agent that trains, some of whose flights are
+recorded, and for a policy that flies, with all flights of the first four rockets recorded.
 """
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import os
 import re
 import shutil
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -39,8 +40,9 @@ from ppo_agent_node.evaluation.metrics import write_json
 
 NODES = {
     'rerun_recorder': 'recording to', 'bag_recorder': 'recording to',
-    'ros_bridge': 'publishing standard views'}
-"""nodes, and what each logs when it has begun"""
+    'ros_bridge': 'publishing standard views',
+    'ros_bridge_viewed': 'publishing standard views'}
+"""nodes, and what each logs when it has begun; the last is `ros_bridge` with a viewer"""
 PARTS = ('training', 'flying')
 _MISSED = re.compile(r'(\d+)(?= steps were not received)|(?<=DDS lost )(\d+)')
 _START = 60.0
@@ -91,12 +93,19 @@ def node_of(process: Process) -> int:
 def listener(processes: Processes, name: str, number: int, speeds: Speeds) -> Iterator[int]:
     """Run a node that listens, and yield the id of its process; note what a bag has and lacks."""
     path = processes.folder / f'{number}.{"rrd" if name == "rerun_recorder" else "bag"}'
-    output = {} if name == 'ros_bridge' else {'output': path}
-    node = processes.run_node('rocket_sim_node', name, **output)
+    views = name.startswith('ros_bridge')
+    node = processes.run_node(
+        'rocket_sim_node', 'ros_bridge' if views else name, **({} if views else {'output': path}))
     node.wait_for(NODES[name], _START)
+    viewer = None
+    if name == 'ros_bridge_viewed':
+        viewer = processes.start(sys.executable, '-m', 'support.users.views_subscriber')
+        viewer.wait_for('subscribed', _START)
     try:
         yield node_of(node)
     finally:
+        if viewer is not None:
+            viewer.end()
         node.end()
         if name == 'bag_recorder':
             told = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))

@@ -197,8 +197,31 @@ def test_messages_agree_with_the_state(
     assert str(info[0].topic_type_hash) == TF_HASH
     bridge.signal(signal.SIGTERM)
     assert bridge.wait(10.0) == 0
-    assert f'{expected} states published' in bridge.output()
+    assert f'{expected} states shown' in bridge.output()
     assert 'Traceback' not in bridge.output()
+
+
+def test_a_late_viewer_sees_the_whole_path(
+    processes: Processes, simulator: Simulator, listener: Listener,
+) -> None:
+    start(processes, rows='[0]', max_rate=0.0)
+    poses = listener.listen('rocket_0/pose', PoseStamped)
+    simulator.begin(training=False)
+    listener.wait_until(lambda: listener.node.count_publishers('rocket_0/pose') > 0)
+    simulator.fall(60)
+
+    def falls_on_until(received: Callable[[], bool]) -> Callable[[], bool]:
+        def look() -> bool:
+            simulator.fall(1)
+            return received()
+        return look
+
+    listener.wait_until(falls_on_until(
+        lambda: bool(poses) and stamp_of(poses[-1]) >= 1_200_000_000))
+    markers = listener.listen('rocket_0/markers', MarkerArray)
+    listener.wait_until(falls_on_until(lambda: bool(markers)))
+    paths = [marker for marker in markers[0].markers if marker.ns == 'path']
+    assert len(paths[0].points) > 60
 
 
 def test_late_joiners_receive_latched_messages(

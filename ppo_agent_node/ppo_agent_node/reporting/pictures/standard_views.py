@@ -40,16 +40,17 @@ def views_figure(views: Sequence[RocketView], info: WorldInfo) -> Figure:
     burning = max(
         (k for k, view in enumerate(views) if view.throttle > 0.0 and view.position[2] > 25.0),
         default=len(views) // 2)
-    found = [markers.of(view) for view in views[:burning + 1]]
+    for view in views[:burning + 1]:
+        markers.add(view)
     figure = Figure(figsize=(12.0, 6.4), facecolor=_INK)
     overview = figure.add_subplot(1, 2, 1, projection='3d')
-    _draw(overview, [*scene(info, ends), *found[-1]], views[burning], info)
+    _draw(overview, [*scene(info, ends), *markers.of(views[burning])], views[burning], info)
     _frame(overview, np.array((0.0, 0.0, 55.0)), 75.0, 'rocket_0 during its burn')
     for view in views[burning + 1:]:
-        last = markers.of(view)
+        markers.add(view)
     ends.add(views[-1])
     near = figure.add_subplot(1, 2, 2, projection='3d')
-    _draw(near, [*scene(info, ends), *last], views[-1], info)
+    _draw(near, [*scene(info, ends), *markers.of(views[-1])], views[-1], info)
     _frame(near, np.array((0.0, 0.0, 26.0)), 40.0, 'rocket_0 at the end of the flight')
     return figure
 

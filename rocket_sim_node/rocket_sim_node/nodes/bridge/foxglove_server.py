@@ -21,6 +21,7 @@ from foxglove.websocket import ServerListener
 from rclpy.serialization import serialize_message
 
 from rocket_sim_node.bags.definitions import definition
+from rocket_sim_node.nodes.bridge.topics import Outlet
 from rocket_sim_node.recording.sinks.destinations import check_page
 
 _BACKLOG = 100
@@ -49,8 +50,8 @@ class FoxgloveServer:
             raise ValueError(f'foxglove_port: {port}: {error}') from None
         self.url = f'ws://{host}:{port}'
 
-    def topic(self, kind: Any, topic: str, latched: bool) -> Callable[[Any], None]:
-        """Offer a topic; return the function that sends its messages.
+    def topic(self, kind: Any, topic: str, latched: bool) -> Outlet:
+        """Offer a topic.
 
         :param kind: of the messages, a class of an interface package.
         :param latched: whether viewers that come late get the last message.
@@ -67,13 +68,12 @@ class FoxgloveServer:
 
         def send(message: Any) -> None:
             nonlocal last
-            if latched or channel.has_sinks():
-                last = serialize_message(message)
-                send_last()
+            last = serialize_message(message)
+            send_last()
 
         if latched:
             self._latched[channel.id()] = send_last
-        return send
+        return Outlet(send, channel.has_sinks)
 
     def serve_latecomers(self) -> None:
         """Send the last message of latched topics that viewers have subscribed to since.

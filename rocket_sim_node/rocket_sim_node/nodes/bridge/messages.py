@@ -2,6 +2,7 @@
 """Standard messages of ROS from plain values."""
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +24,7 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 from rocket_sim_node.frames import WORLD
+from rocket_sim_node.palette import Colour
 from rocket_sim_node.standard_views import markers
 from rocket_sim_node.standard_views.motion import RocketView
 from rocket_sim_node.standard_views.vehicle_model import THROTTLE
@@ -139,6 +141,13 @@ def marker_array(
     return MarkerArray(markers=[_marker(one, stamp, number, body) for one in found])
 
 
+@functools.lru_cache
+def _colour(colour: Colour, opacity: float) -> Any:
+    """Return a colour as a message; a flame has a hundred of them, most of them equal."""
+    red, green, blue = colour
+    return ColorRGBA(r=red / 255, g=green / 255, b=blue / 255, a=opacity)
+
+
 def _marker(marker: markers.Marker, stamp: int, number: int, body: str) -> Marker:
     message = Marker(
         header=header(stamp, body if marker.on_body else WORLD), ns=marker.namespace, id=number,
@@ -150,9 +159,7 @@ def _marker(marker: markers.Marker, stamp: int, number: int, body: str) -> Marke
     message.pose.position = _point(marker.position)
     message.scale = _vector(marker.size)
     message.text = marker.text
-    colours: list[Any] = [ColorRGBA(
-        r=red / 255, g=green / 255, b=blue / 255, a=marker.opacity)
-        for red, green, blue in marker.colours]
+    colours = [_colour(colour, marker.opacity) for colour in marker.colours]
     if marker.points is not None:
         message.points = [_point(row) for row in marker.points.tolist()]
         if len(colours) == len(message.points):

@@ -2,18 +2,13 @@
 """Publishers of the standard messages: those of one rocket, and those of a whole world."""
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
 from typing import Any
-from typing import TypeAlias
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import AccelStamped
 from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from sensor_msgs.msg import JointState
@@ -22,6 +17,8 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from rocket_sim_node.nodes.bridge import messages
+from rocket_sim_node.nodes.bridge.topics import Topic
+from rocket_sim_node.nodes.bridge.topics import Topics
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.standard_views.markers import Ends
 from rocket_sim_node.standard_views.markers import RocketMarkers
@@ -34,40 +31,8 @@ from rocket_sim_node.standard_views.vehicle_model import vehicle_model
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 
-if TYPE_CHECKING:  # it needs foxglove-sdk
-    from rocket_sim_node.nodes.bridge.foxglove_server import FoxgloveServer
-
-Publish: TypeAlias = Callable[[Any], None]
-"""Publishes a message of one topic."""
 MARKER_PERIOD = 40_000_000
 """ns of simulated time between two sets of markers, which are larger than the rest."""
-
-
-class Topics:
-    """Creates publishers of a node, whose messages may go to Foxglove as well."""
-
-    def __init__(self, node: Node, foxglove: FoxgloveServer | None = None) -> None:
-        """Publish by a node, and by a server if there is one."""
-        self._node, self._foxglove = node, foxglove
-
-    def open(self, kind: Any, topic: str, profile: QoSProfile) -> Publish:
-        """Return the function that publishes on a topic."""
-        publish: Publish = self._node.create_publisher(kind, topic, profile).publish
-        if self._foxglove is None:
-            return publish
-        serve = self._foxglove.topic(
-            kind, self._node.resolve_topic_name(topic), profile is qos.LATCHED)
-
-        def both(message: Any) -> None:
-            publish(message)
-            serve(message)
-
-        return both
-
-    def set_time(self, stamp: int) -> None:
-        """Tell the simulated time, ns, of the messages that follow."""
-        if self._foxglove is not None:
-            self._foxglove.set_time(stamp)
 
 
 class RocketPublishers:
@@ -82,7 +47,7 @@ class RocketPublishers:
         self.frames = f'{prefix}{self.name}'
         self.body = f'{self.frames}/{BASE_LINK}'
         self._row = row
-        self._publish: dict[str, Publish] = {}
+        self._topics: dict[str, Topic] = {}
         for kind, topic, profile in (
             (Odometry, f'{self.name}/odom', qos.VIEWS),
             (PoseStamped, f'{self.name}/pose', qos.VIEWS),
@@ -93,7 +58,7 @@ class RocketPublishers:
             (DiagnosticStatus, f'{self.name}/conditions', qos.LATCHED),
             (MarkerArray, f'{self.name}/markers', qos.VIEWS),
         ):
-            self._publish[topic.rpartition('/')[2]] = topics.open(kind, topic, profile)
+            self._topics[topic.rpartition('/')[2]] = topics.open(kind, topic, profile)
         self._drawn_at = -MARKER_PERIOD
         self._told: tuple[int, bytes] | None = None
 
@@ -103,29 +68,36 @@ class RocketPublishers:
         self._markers = RocketMarkers(info)
         self._told = None
 
-    def publish(self, view: RocketView, stamp: int) -> list[Any]:
-        """Publish the messages of a state; return its transforms, which go into one message.
+    def publish(self, view: RocketView, stamp: int) -> None:
+        """Publish the messages of a state.
 
         :raises ValueError: when the state does not fit its world; then nothing is published.
         """
-        transforms = messages.transforms(view, stamp, self.frames, self.body, self._model)
-        say = self._publish
-        say['odom'](messages.odometry(view, stamp, self.body))
-        say['pose'](messages.pose(view, stamp))
-        say['imu'](messages.imu(view, stamp, self.body))
-        say['joint_states'](messages.joint_states(view, stamp, self.body, self._model))
-        say['wrench'](messages.wrench(view, stamp, self.body))
-        say['wind'](messages.wind(view, stamp))
+        self._model.positions(view)  # raises before anything is published
+        topics = self._topics
+        topics['odom'].publish(messages.odometry, view, stamp, self.body)
+        topics['pose'].publish(messages.pose, view, stamp)
+        topics['imu'].publish(messages.imu, view, stamp, self.body)
+        topics['joint_states'].publish(
+            messages.joint_states, view, stamp, self.body, self._model)
+        topics['wrench'].publish(messages.wrench, view, stamp, self.body)
+        topics['wind'].publish(messages.wind, view, stamp)
         drawn = view.episode, view.conditions.tobytes()
         if drawn != self._told:
             self._told = drawn
-            say['conditions'](messages.conditions(
-                view, self.name, self._info.condition_names))
-        found = self._markers.of(view)
+            topics['conditions'].publish(
+                messages.conditions, view, self.name, self._info.condition_names)
+        self._markers.add(view)
         if view.begins or view.outcome or stamp - self._drawn_at >= MARKER_PERIOD:
             self._drawn_at = stamp
-            say['markers'](messages.marker_array(found, stamp, self._row, self.body))
-        return transforms
+            topics['markers'].publish(self._marker_array, view, stamp)
+
+    def transforms(self, view: RocketView, stamp: int) -> list[Any]:
+        """Return the transforms of a state, which go into one message with those of others."""
+        return messages.transforms(view, stamp, self.frames, self.body, self._model)
+
+    def _marker_array(self, view: RocketView, stamp: int) -> MarkerArray:
+        return messages.marker_array(self._markers.of(view), stamp, self._row, self.body)
 
 
 class BridgePublishers:
@@ -142,7 +114,7 @@ class BridgePublishers:
         self._world = ''
         self._description = topics.open(String, 'robot_description', qos.LATCHED)
         self._scene = topics.open(MarkerArray, 'markers', qos.LATCHED)
-        self._transforms = topics.open(TFMessage, '/tf', qos.VIEWS)
+        self._tf = topics.open(TFMessage, '/tf', qos.VIEWS)
         self._clock = topics.open(Clock, '/clock', qos.CLOCK) if clock else None
 
     def begin(self, info: WorldInfo, num_envs: int, stamp: int) -> None:
@@ -159,24 +131,28 @@ class BridgePublishers:
             self._ends.clear()
         if (urdf := model.urdf()) != self._urdf:
             self._urdf = urdf
-            self._description(String(data=urdf))
+            self._description.publish(lambda: String(data=urdf))
         self._publish_scene(stamp)
 
     def publish(self, moment: Moment) -> None:
         """Publish the messages of a moment, the clock first."""
         self._topics.set_time(moment.stamp)
         if self._clock is not None:
-            self._clock(Clock(clock=conversion.time_of(moment.stamp)))
-        transforms: list[Any] = []
+            self._clock.publish(lambda: Clock(clock=conversion.time_of(moment.stamp)))
         for view in moment.rockets:
             if view.row in self._rockets:
-                transforms += self._rockets[view.row].publish(view, moment.stamp)
-        self._transforms(TFMessage(transforms=transforms))
+                self._rockets[view.row].publish(view, moment.stamp)
+        self._tf.publish(self._transforms, moment)
         ended = [view for view in moment.rockets if view.outcome]
         for view in ended:
             self._ends.add(view)
         if ended:
             self._publish_scene(moment.stamp)
 
+    def _transforms(self, moment: Moment) -> TFMessage:
+        return TFMessage(transforms=[
+            transform for view in moment.rockets if view.row in self._rockets
+            for transform in self._rockets[view.row].transforms(view, moment.stamp)])
+
     def _publish_scene(self, stamp: int) -> None:
-        self._scene(messages.marker_array(scene(self._info, self._ends), stamp))
+        self._scene.publish(lambda: messages.marker_array(scene(self._info, self._ends), stamp))

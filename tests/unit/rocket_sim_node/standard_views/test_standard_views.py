@@ -249,6 +249,7 @@ def test_the_markers_of_a_flight() -> None:
     paths = []
     for moment in views.add(1, samples):
         view = moment.rockets[0]
+        rocket.add(view)
         found = {marker.namespace: marker for marker in rocket.of(view)}
         assert found['flame'].hidden == (view.throttle == 0.0 or view.outcome != '')
         paths.append(len(found['path'].points))
