@@ -66,6 +66,9 @@ class DemonstrationConfig:
     teacher_speed_settling: float = setting(
         float(UNSET), '', "time constant of the teacher's speed errors, as a fraction of the "
         "remaining burn; -1: the teacher's own value", UNSET, 10.0)
+    teacher_least_settling: float = setting(
+        float(UNSET), 's', "lower bound of the time constant of the teacher's speed errors; -1: "
+        "the teacher's own value", UNSET, 10.0)
     teacher_attitude_rate: float = setting(
         float(UNSET), 'rad/s', "natural frequency of the teacher's attitude control; -1: the "
         "teacher's own value",

@@ -4,7 +4,8 @@
 Trainings run one after the other through `launch_scripts/train`, with simulator and agent as nodes
 over DDS, or all in this process with --in-process, which is slower on an idle machine and faster
 on a busy one. An existing run is used as it is. Clone and policy then fly in process, which gives
-the same results as over DDS, bit for bit.
+the same results as over DDS, bit for bit. The gain of PPO is the mean difference between policy and
+clone over the same starts, with the interval of these paired differences.
 """
 from __future__ import annotations
 
@@ -87,8 +88,8 @@ def figures(result: EvaluationResult) -> dict[str, Any]:
         'tanks_dry': float((flown.fuel_left <= 0).mean())}
 
 
-def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, Any]:
-    """Fly a pilot on a task such as `mix:7` from fresh starts.
+def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> EvaluationResult:
+    """Fly a pilot on a task such as `mix:7` from fresh starts, the same ones for each pilot.
 
     :param pilot: a policy file, or a name as `evaluate` takes it; `scripted` is the expert.
     """
@@ -100,9 +101,18 @@ def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> dict[str, 
     chosen: Pilot = (
         PolicyPilot(pilot, world.spec) if isinstance(pilot, Path) else
         choice.choose(_ALIASES.get(pilot, pilot), world.spec, options.seed).pilot)
-    return figures(evaluate(
+    return evaluate(
         world, chosen, options.episodes, options.seed,
-        **({'level': int(level)} if level else {})))
+        **({'level': int(level)} if level else {}))
+
+
+def gain(clone: EvaluationResult, policy: EvaluationResult) -> dict[str, Any]:
+    """Return the mean difference in return of a policy and its clone, which had the same starts.
+
+    The interval is that of the paired differences.
+    """
+    difference = policy.episodes.episode_return - clone.episodes.episode_return
+    return {'gain': float(difference.mean()), 'gain_interval': mean_interval(difference)}
 
 
 def markdown(flown: Sequence[dict[str, Any]]) -> str:
@@ -132,6 +142,9 @@ def row(label: str, task: str, one: dict[str, Any]) -> str:
         return f'{text}  solved {100 * one["solved"]:.2f} %'
     if one['landed']:
         text += f'  fuel {one["fuel_ratio"]:.4f}  p95 {one["touchdown_speed_p95"]:.4f} m/s'
+    if 'gain' in one:
+        text += f'  PPO {one["gain"]:+.3f} [{one["gain_interval"][0]:+.3f}, ' \
+                f'{one["gain_interval"][1]:+.3f}]'
     return f'{text}  dry {100 * one["tanks_dry"]:.2f} %'
 
 
@@ -161,10 +174,16 @@ def main() -> None:
     torch.set_num_threads(1)
     found: dict[str, Any] = {'commit': machine.commit(), 'flown': []}
 
-    def show(label: str, task: str, pilot: str | Path) -> None:
-        one = fly(options, pilot, task)
+    def show(
+        label: str, task: str, pilot: str | Path, clone: EvaluationResult | None = None,
+    ) -> EvaluationResult:
+        result = fly(options, pilot, task)
+        one = figures(result)
+        if clone is not None:
+            one |= gain(clone, result)
         found['flown'].append({'pilot': label, 'task': task, **one})
         print(row(label, task, one), flush=True)
+        return result
 
     for name in options.pilots:
         for task in options.tasks:
@@ -177,11 +196,11 @@ def main() -> None:
         print(f'seed {seed}: {run}' + ('' if seconds is None else f', {seconds:.0f} s{kind}'),
               flush=True)
         found[f'seconds_{seed}'] = seconds
-        for name, label in (('cloned', f'clone {seed}'), ('policy', f'policy {seed}')):
-            path = run / f'{name}.safetensors'
-            for task in options.tasks if path.exists() else ():
-                show(label, task, path)
-        policies[f'policy {seed}'] = run / 'policy.safetensors'
+        cloned, policy = run / 'cloned.safetensors', run / 'policy.safetensors'
+        for task in options.tasks:
+            flown = show(f'clone {seed}', task, cloned) if cloned.exists() else None
+            show(f'policy {seed}', task, policy, flown)
+        policies[f'policy {seed}'] = policy
     print(f'\n{markdown(found["flown"])}')
     if options.table:
         world = worlds.make(options.world, ROCKETS, observation='extended')

@@ -47,6 +47,8 @@ class ExpertSettings:
         0.0084, 'm/s', 'touchdown speed that the flare aims at', 1e-4, 2.0)
     speed_settling: float = setting(
         0.053, '', 'time constant of speed errors, as a fraction of the remaining burn', 0.0, 10.0)
+    least_settling: float = setting(
+        0.0, 's', 'lower bound of that time constant, which is at least one step', 0.0, 10.0)
     lateral_power: float = setting(
         5.2, '', 'power of the time to go with which the distance to the axis shrinks', 1.0, 20.0)
     lateral_time: float = setting(
@@ -201,7 +203,8 @@ class ExpertPilot:
         wanted = np.maximum(profile.next_speed(state.height, dt), 0.0)
         planned = profile.deceleration(wanted)
         excess = state.speed - wanted - planned * dt
-        return planned + excess / np.maximum(gain.speed_settling * to_go.burn, dt)
+        settling = np.maximum(gain.speed_settling * to_go.burn, max(gain.least_settling, dt))
+        return planned + excess / settling
 
     def _pull(self, state: ObservedState, push: F64, to_go: TimeToGo) -> Pull:
         """Return the lateral thrust to apply, given the present one, `push` `(2, N)` m/s^2."""
