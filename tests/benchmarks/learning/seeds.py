@@ -4,8 +4,8 @@
 Trainings run one after the other through `launch_scripts/train`, with simulator and agent as nodes
 over DDS, or all in this process with --in-process, which is slower on an idle machine and faster
 on a busy one. An existing run is used as it is. Clone and policy then fly in process, which gives
-the same results as over DDS, bit for bit. The gain of PPO is the mean difference between policy and
-clone over the same starts, with the interval of these paired differences.
+the same results as over DDS, bit for bit. The gain of PPO is the mean difference between policy
+and clone over the same starts, with the interval of these paired differences.
 """
 from __future__ import annotations
 
