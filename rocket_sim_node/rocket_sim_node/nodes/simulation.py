@@ -90,8 +90,7 @@ def _offer_services(
     except ImportError as error:
         if not str(error.name).startswith('simulation_interfaces'):
             raise
-        node.get_logger().info(
-            f'the services of simulation_interfaces 2.1 are not offered: {error}')
+        node.get_logger().info(f'the services of simulation_interfaces are not offered: {error}')
         return lambda: None
     return SimulationServices(node, server, world, seed).destroy
 

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of simulation_interfaces 2.1, the standard of simulators, below the simulator's name.
+"""Services of simulation_interfaces, the standard of simulators, below the simulator's name.
 
-Calls that move the world are refused while an agent has control, with the name of the agent.
+Calls that move the world are refused while an agent has control, with the name of the agent. All
+services of the standard are there: a caller would wait in vain for one that is absent.
 """
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from collections.abc import Sequence
 from functools import partial
@@ -16,6 +18,7 @@ from geometry_msgs.msg import Point
 from geometry_msgs.msg import Quaternion
 from geometry_msgs.msg import Vector3
 from rclpy.node import Node
+from simulation_interfaces import srv
 from simulation_interfaces.msg import Bounds
 from simulation_interfaces.msg import EntityState
 from simulation_interfaces.msg import Result
@@ -48,6 +51,11 @@ MOST_STEPS = 100_000
 """Maximum number of steps of a call: nothing else is served meanwhile."""
 _STATES = {
     State.STATE_STOPPED: 'stopped', State.STATE_PLAYING: 'playing', State.STATE_PAUSED: 'paused'}
+_UNSUPPORTED = (
+    'DeleteEntity', 'GetEntityBounds', 'GetEntityInfo', 'GetNamedPoseBounds', 'GetNamedPoses',
+    'GetSpawnables', 'LoadWorld', 'SetEntityInfo', 'SetEntityState', 'SpawnEntities',
+    'SpawnEntity', 'UnloadWorld')
+"""Services of the standard that would change or describe more than one world of equal rockets."""
 
 
 class Refused(Exception):
@@ -99,6 +107,11 @@ class SimulationServices:
         server.attend([
             node.create_service(kind, f'~/{name}', partial(_answer, handler))
             for kind, name, handler, _ in offered])
+        for name in _UNSUPPORTED:
+            # Older versions of the package lack some of them.
+            if (kind := getattr(srv, name, None)) is not None:
+                node.create_service(
+                    kind, f'~/{_snake(name)}', partial(_answer, partial(_refuse, name)))
 
     def destroy(self) -> None:
         """Remove the action; the services go with the node."""
@@ -287,6 +300,18 @@ def _answer(handler: Handler, request: Any, response: Any) -> Any:
     if hasattr(response, 'result'):
         response.result.result, response.result.error_message = code, why
     return response
+
+
+def _refuse(name: str, request: Any, response: Any) -> None:
+    """Answer a service that is not supported."""
+    raise Refused(Result.RESULT_FEATURE_UNSUPPORTED, (
+        f'{_snake(name)} is not supported: a simulator has one world of identical rockets, which '
+        'its parameters choose; GetSimulatorFeatures lists what is supported'))
+
+
+def _snake(name: str) -> str:
+    """Return the name of the service of a type, such as spawn_entity of SpawnEntity."""
+    return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', name).lower()
 
 
 def _world(name: str, description: str) -> Any:

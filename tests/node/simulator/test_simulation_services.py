@@ -59,11 +59,17 @@ SERVICES = {
     Features.WORLD_INFO_GETTING: 'GetCurrentWorld',
     Features.AVAILABLE_WORLDS: 'GetAvailableWorlds'}
 """Which service a feature stands for, as the comments of SimulatorFeatures.msg say."""
+UNSUPPORTED = (
+    'DeleteEntity', 'GetEntityBounds', 'GetEntityInfo', 'GetNamedPoseBounds', 'GetNamedPoses',
+    'GetSpawnables', 'LoadWorld', 'SetEntityInfo', 'SetEntityState', 'SpawnEntities',
+    'SpawnEntity', 'UnloadWorld')
 HASHES = {
     'srv/StepSimulation':
         'RIHS01_913fe0653690ce6bf8f09f316e6a626747012e9fca31e26719910d417aa8565c',
     'srv/GetEntitiesStates':
         'RIHS01_0a76170d0c1c90e1eaf805cfab78ea801d1f82df309a28c1f0fae4b570f19754',
+    'srv/SpawnEntities':
+        'RIHS01_41703a359ee032bf4fc230f144f531705ba039a2e97edeae1f7997dd83b04857',
     'action/SimulateSteps':
         'RIHS01_f0837c898e1219cd73bf4c041feab41e8c533e8e1057e982744dba7b093467eb'}
 """Type hashes: they change with any field of the definitions that are vendored."""
@@ -203,7 +209,18 @@ def test_features_agree_with_the_services(call: Caller) -> None:
     stand_for = {SERVICES[feature] for feature in features if feature in SERVICES}
     assert set(features) == SERVICES.keys() | {Features.STEP_SIMULATION_ACTION}
     assert any(name.endswith('/simulate_steps/_action/send_goal') for name, _ in known)
-    assert offered == stand_for | {'GetSimulatorFeatures', 'GetEntities', 'GetEntitiesStates'}
+    supported = stand_for | {'GetSimulatorFeatures', 'GetEntities', 'GetEntitiesStates'}
+    assert offered - set(UNSUPPORTED) == supported
+    assert offered == {
+        name for name in dir(srv) if name[0].isupper() and '_' not in name}
+
+
+@pytest.mark.parametrize('name', UNSUPPORTED)
+def test_other_services_of_the_standard_are_refused_by_its_code(
+        call: Caller, name: str) -> None:
+    found = call.motion('/lock')
+    call.refused(Result.RESULT_FEATURE_UNSUPPORTED, 'not supported', call=('/lock', name))
+    np.testing.assert_array_equal(call.motion('/lock')[1], found[1])
 
 
 def test_definitions_are_those_of_the_standard() -> None:
@@ -458,4 +475,4 @@ from rocket_sim_node.nodes.simulator import main
 main()
 """)
     without.wait_for('waiting for an agent', 30.0)
-    assert without.output().count('simulation_interfaces 2.1 are not offered') == 1
+    assert without.output().count('simulation_interfaces are not offered') == 1
