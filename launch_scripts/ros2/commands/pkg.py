@@ -23,9 +23,10 @@ def names(args: argparse.Namespace) -> None:
 
 
 def prefix(args: argparse.Namespace) -> None:
-    """Print the folder."""
+    """Print the folder in which a package is installed, or its share folder."""
+    find = packages.share_of if args.share else packages.prefix_of
     try:
-        print(packages.prefix_of(args.package_name))
+        print(find(args.package_name))
     except packages.PackageNotFoundError:
         raise CommandError('Package not found') from None
 
@@ -37,5 +38,7 @@ VERBS = {
     'list': Verb('Output a list of available packages', names),
     'prefix': Verb(
         'Output the prefix path of a package', prefix,
-        {'package_name': {'help': 'The package name'}}),
+        {'package_name': {'help': 'The package name'},
+         '--share': {
+             'action': 'store_true', 'help': 'Show share directory for the package'}}),
 }

@@ -284,6 +284,7 @@ def test_launch_arguments() -> None:
     (['run', 'dummies', 'x'], 'No executable found'),
     (['run', 'dummies', 'notes.txt'], 'No executable found'),
     (['pkg', 'prefix', 'nope'], 'Package not found'),
+    (['pkg', 'prefix', 'nope', '--share'], 'Package not found'),
     (['doctor'], "invalid choice: 'doctor' (choose from 'run', 'launch', "),
     (['doctor'], '; a full ROS 2 supports more'),
     (['pkg', 'xml'], "invalid choice: 'xml' (choose from 'executables', 'list', 'prefix'); a f"),
@@ -296,17 +297,19 @@ def test_errors_match_the_wording_of_the_real_command(
 
 
 def test_packages(index: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for argv in (['pkg', 'list'], ['pkg', 'executables', 'dummies'], ['pkg', 'prefix', 'dummies']):
+    for argv in (['pkg', 'list'], ['pkg', 'executables', 'dummies'], ['pkg', 'prefix', 'dummies'],
+                 ['pkg', 'prefix', '--share', 'dummies']):
         assert main(argv) == 0
-    assert capsys.readouterr().out == f'dummies\ndummies talker\n{index}\n'
+    assert capsys.readouterr().out == (
+        f'dummies\ndummies talker\n{index}\n{index}/share/dummies\n')
 
 
 def test_options_of_a_full_ros_2_are_refused_by_name(
         index: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for argv, text in (
-        (['pkg', 'prefix', '--share', 'dummies'],
-         "ros2 pkg prefix: error: argument '--share' is not supported here, only -h, --help, "
-         'package_name; a full ROS 2 supports more\n'),
+        (['pkg', 'executables', '--full-path', 'dummies'],
+         "ros2 pkg executables: error: argument '--full-path' is not supported here, only -h, "
+         '--help, package_name; a full ROS 2 supports more\n'),
         (['launch', '--show-args', 'x'], "ros2 launch: error: argument '--show-args' is not "
          'supported here, only -h, --help, -n, --noninteractive, '),
     ):
