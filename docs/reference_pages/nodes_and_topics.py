@@ -28,6 +28,7 @@ from rocket_sim_node.nodes import bag_recorder
 from rocket_sim_node.nodes import rerun_recorder
 from rocket_sim_node.nodes import ros_bridge
 from rocket_sim_node.nodes import simulation
+from rocket_sim_node.nodes import simulation_services
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import describe
@@ -99,13 +100,18 @@ large for the receive buffer ([rule 10](../explanation/lock-step.md#rules)).
 _SNAPSHOT = """
 These services are below the simulator's own name (`~/reset` …). For a simulator with another name,
 remap all four in the agent: `--ros-args -r simulator/reset:=my_simulator/reset` …, with full names
-(`/sim_1/simulator/reset`) if the simulator is in another namespace than the agent. Below the same
-name are the services of [`simulation_interfaces`](../how-to/simulation-interfaces.md).
+(`/sim_1/simulator/reset`) if the simulator is in another namespace than the agent.
 
 The names from before 1.0, `reset`, `snapshot`, `restore` and `release`, still answer. They are
 deprecated and will be removed in 2.0; the first call is logged as a warning.
 
 [Why a snapshot clears hidden state](../explanation/pymunk-batch.md) in worlds with contact.
+
+### Services of simulation_interfaces
+
+A simulator also answers the services of the standard, below its own name. A page of its own
+describes [their behaviour](../how-to/simulation-interfaces.md).
+
 """
 _ACTIONS = """
 ## Actions
@@ -123,6 +129,10 @@ warnings of other nodes.
 ## Most important parameters
 
 [All parameters](parameters.md) are read-only after start.
+"""
+_STEPS = """
+| `simulator/simulate_steps` | `simulation_interfaces/action/SimulateSteps` | Simulates a number of \
+steps ([details](../how-to/simulation-interfaces.md)). |
 """
 _INTERFACES = """## Messages, services and actions in full
 
@@ -152,14 +162,14 @@ def text() -> str:
     offered += [
         f'| `{name}` | {_type(known[name])} '
         f'| {_comment(interfaces[known[name].rpartition("/")[2]])} |' for name in services]
-    offered.append(_SNAPSHOT)
+    offered += [_SNAPSHOT.rstrip('\n'), '', *_standard()]
     executed = ['| name | type | does |', '| --- | --- | --- |']
     executed += [
         f'| `{name}` | {_type(f"rocket_msgs/action/{name.title()}")} '
         f'| {_comment(interfaces[name.title()])} |' for name in actions]
     return '\n'.join([
         _HEAD + '\n'.join(lines), _ACKNOWLEDGE + '\n'.join(offered),
-        _ACTIONS.lstrip('\n') + '\n'.join(executed), _SERVED, *_nodes(used),
+        _ACTIONS + '\n'.join(executed) + _STEPS.rstrip('\n'), _SERVED, *_nodes(used),
         _ROSOUT, *_parameters(), _INTERFACES, *map(_interface, interfaces.values())])
 
 
@@ -244,6 +254,19 @@ def _carries(path: Path) -> str:
     """Return two sentences of the comment of a message, without the name of its topic."""
     said = '. '.join(_comment(path).split('. ')[:2]).removesuffix('.') + '.'
     return re.sub(r', (latched )?on `\w+`', '', said)
+
+
+def _standard() -> Iterable[str]:
+    """Yield a table of the services of simulation_interfaces."""
+    vendored = ROOT / 'ros_ws' / 'vendor' / 'simulation_interfaces' / 'srv'
+    yield '| name | type | supported |'
+    yield '| --- | --- | --- |'
+    for name in sorted(path.stem for path in vendored.glob('*.srv')):
+        answer = (
+            'no: answers `RESULT_FEATURE_UNSUPPORTED`'
+            if name in simulation_services.UNSUPPORTED else 'yes')
+        yield (f'| `simulator/{simulation_services.service_name(name)}` '
+               f'| `simulation_interfaces/srv/{name}` | {answer} |')
 
 
 def _nodes(used: dict[str, dict[str, tuple[str, ...]]]) -> Iterable[str]:

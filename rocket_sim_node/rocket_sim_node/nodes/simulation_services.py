@@ -51,7 +51,7 @@ MOST_STEPS = 100_000
 """Maximum number of steps of a call: nothing else is served meanwhile."""
 _STATES = {
     State.STATE_STOPPED: 'stopped', State.STATE_PLAYING: 'playing', State.STATE_PAUSED: 'paused'}
-_UNSUPPORTED = (
+UNSUPPORTED = (
     'DeleteEntity', 'GetEntityBounds', 'GetEntityInfo', 'GetNamedPoseBounds', 'GetNamedPoses',
     'GetSpawnables', 'LoadWorld', 'SetEntityInfo', 'SetEntityState', 'SpawnEntities',
     'SpawnEntity', 'UnloadWorld')
@@ -107,11 +107,11 @@ class SimulationServices:
         server.attend([
             node.create_service(kind, f'~/{name}', partial(_answer, handler))
             for kind, name, handler, _ in offered])
-        for name in _UNSUPPORTED:
+        for name in UNSUPPORTED:
             # Older versions of the package lack some of them.
             if (kind := getattr(srv, name, None)) is not None:
                 node.create_service(
-                    kind, f'~/{_snake(name)}', partial(_answer, partial(_refuse, name)))
+                    kind, f'~/{service_name(name)}', partial(_answer, partial(_refuse, name)))
 
     def destroy(self) -> None:
         """Remove the action; the services go with the node."""
@@ -305,11 +305,11 @@ def _answer(handler: Handler, request: Any, response: Any) -> Any:
 def _refuse(name: str, request: Any, response: Any) -> None:
     """Answer a service that is not supported."""
     raise Refused(Result.RESULT_FEATURE_UNSUPPORTED, (
-        f'{_snake(name)} is not supported: a simulator has one world of identical rockets, which '
+        f'{service_name(name)} is not supported: a simulator has one world of identical rockets, which '
         'its parameters choose; GetSimulatorFeatures lists what is supported'))
 
 
-def _snake(name: str) -> str:
+def service_name(name: str) -> str:
     """Return the name of the service of a type, such as spawn_entity of SpawnEntity."""
     return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', name).lower()
 

@@ -89,9 +89,11 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
 
 
 @pytest.fixture(scope='module')
-def server(shared: Processes) -> Process:
-    """Return the server."""
-    process = shared.run_node('ppo_agent_node', 'action_server')
+def server(shared: Processes, tmp_path_factory: pytest.TempPathFactory) -> Process:
+    """Return the server, which makes its folder runs/ in one of the test."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp('project'))
+        process = shared.run_node('ppo_agent_node', 'action_server')
     process.wait_for('are served', 30.0)
     return process
 
@@ -104,7 +106,7 @@ def operator(shared: Processes, server: Process) -> Iterator[Operator]:
     rclpy.shutdown(context=made.context)
 
 
-def test_a_canceled_training_can_be_resumed_to_its_end(
+def test_a_cancelled_training_can_be_resumed_to_its_end(
     operator: Operator, server: Process, tmp_path: Path,
 ) -> None:
     run, heard = tmp_path / 'run', []  # type: tuple[Path, list[Any]]
@@ -118,7 +120,7 @@ def test_a_canceled_training_can_be_resumed_to_its_end(
     operator.cancel(first)
     status, result = operator.result(first)
     assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Train.Result.CANCELED), result
-    assert result.message == f'canceled; continue with the goal resume: true, run_dir: {run}'
+    assert result.message == f'cancelled; continue with the goal resume: true, run_dir: {run}'
     assert not (run / 'evaluation.json').exists()
     assert (run / 'checkpoints').is_dir()
     refused = operator.result(operator.send('train', **goal))[1]
@@ -173,6 +175,12 @@ def test_evaluate_and_land_fly_a_policy_that_ships(
     assert heard[-1].figures.landed == 32
     assert '/32 episodes: landed 100.0%' in heard[-1].text
 
+    status, result = operator.result(operator.send('land', policy='rocket', episodes=4))
+    assert (status, result.code) == (GoalStatus.STATUS_SUCCEEDED, Land.Result.OK), result
+    unnamed = Path(result.output)
+    assert unnamed.is_file()
+    assert unnamed.parent.name == 'runs'
+
     # The client of the documents.
     recording = tmp_path / 'landing.rrd'
     ended = subprocess.run(
@@ -221,7 +229,7 @@ def test_a_stopped_server_finishes_its_goal_first(
     operator.cancel(handle)
     status, result = operator.result(handle)
     assert (status, result.code) == (GoalStatus.STATUS_CANCELED, Land.Result.CANCELED), result
-    assert (result.message, result.output) == ('canceled', str(recording))
+    assert (result.message, result.output) == ('cancelled', str(recording))
     assert recording.is_file()
     assert result.figures.landed > 0
 

@@ -41,7 +41,8 @@ class Execution:
         launch = self._start.launch
         self._place = Path(launch['run_dir' if command == 'train' else 'output'])
         self._before = _mark(self._place / _FIGURES)
-        self._kept = bool(command == 'train' or goal.output)
+        # An evaluation without `output` leaves no files; a training and a recording always stay.
+        self._kept = command != 'evaluate' or bool(goal.output)
         self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0), command)
         self.job = Job([
             'ros2', 'launch', str(launch_file(command)),

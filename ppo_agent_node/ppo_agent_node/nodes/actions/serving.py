@@ -79,7 +79,7 @@ class Actions:
     def _stopped(self) -> str:
         """Why the goal has to be stopped; empty: it has not."""
         if self._handle.is_cancel_requested:
-            return 'canceled'
+            return 'cancelled'
         return 'the server was stopped' if stopping.requested() else ''
 
     async def _execute(self, name: str, handle: Any) -> Any:
