@@ -185,10 +185,12 @@ KINDS = (
     Kind(r'ros2 service call /simulator/get_simulator_features .*', until='custom_info=',
          beside=(SIMULATOR,)),
     Kind(r'ros2 service call /simulator/\w+ .*', until='result=1', beside=(SIMULATOR,)),
-    Kind(r'ros2 launch (rocket_sim_node|ppo_agent_node) .*|colcon build',
+    Kind(r'ros2 launch (rocket_sim_node|ppo_agent_node) .*|(python -m )?colcon build',
          tested='tests/system/installation/test_foreign_workspace.py::'
          'test_the_launch_files_start_from_the_share_folder'),
-    Kind(r'colcon test && colcon test-result',
+    Kind(r'rosdep install .*|python3 -m venv .* && touch .*|\. venv/bin/activate|'
+         r'python -m pip install .*', reason='it needs an installed ROS 2 and its package index'),
+    Kind(r'python -m colcon test && python -m colcon test-result',
          tested='tests/system/installation/test_foreign_workspace.py::'
          'test_colcon_runs_the_tests_of_the_packages_and_counts_them'),
     # Benchmarks
