@@ -62,9 +62,10 @@ sys.exit(0 if ok else 1)" > /dev/null 2>&1 || return 1
 
 # find_python: sets $python.
 find_python() {
-  local candidate
+  local candidate versions='3.11, 3.12 or 3.13' example=python3.12
+  [[ $mode == wheels* ]] || versions='3.11 or newer' example=python3
   if [[ -n ${PYTHON:-} ]]; then
-    usable "$PYTHON" || fail "PYTHON=$PYTHON is not a CPython 3.11, 3.12 or 3.13 that runs$wanted." \
+    usable "$PYTHON" || fail "PYTHON=$PYTHON is not a CPython $versions that runs$wanted." \
       'Name another one, or unset PYTHON.'
     python=$(command -v "$PYTHON")
     [[ $python != "$venv"/* ]] || fail "PYTHON=$PYTHON is inside .venv, which set-up is about to replace." \
@@ -74,9 +75,9 @@ find_python() {
   for candidate in python3.11 python3.12 python3.13 python3; do
     if usable "$candidate"; then python=$(command -v "$candidate"); return; fi
   done
-  fail "no CPython 3.11, 3.12 or 3.13 found$wanted." \
+  fail "no CPython $versions found$wanted." \
     'Install one, on Debian and Ubuntu: sudo apt install python3 python3-venv python3-dev' \
-    'or name one: PYTHON=/path/to/python3.12 ./launch_scripts/setup'
+    "or name one: PYTHON=/path/to/$example ./launch_scripts/setup"
 }
 
 # requirements FILE: writes the pinned versions that this mode needs to the file. NumPy is pinned even with a sourced

@@ -324,7 +324,7 @@ def test_two_set_ups_at_once_do_the_work_once(project: Project) -> None:
     ({'PIP_FAILS': 'some other trouble'}, 'some other trouble', '.setup.log'),
     ({'COLCON_FAILS': 'World.msg: syntax error'}, 'World.msg: syntax error', '.setup.log'),
     ({'ROS_DISTRO': 'x', 'AMENT_PREFIX_PATH': '/opt/ros/x', 'PYTHON_FITS': '1'},
-     'whose rclpy is that of the sourced ROS 2 x', 'apt install'),
+     'no CPython 3.11 or newer found whose rclpy is that of the sourced ROS 2 x', 'apt install'),
 ])
 def test_a_failure_is_named_and_the_next_set_up_succeeds(
         env: dict[str, str], message: str, advice: str, project: Project) -> None:
