@@ -525,6 +525,29 @@ def test_a_simulator_of_another_name_is_found_by_remapped_services(
         other.reset(0)
 
 
+@pytest.mark.parametrize(('kind', 'fields', 'code'), [
+    (srv.Reset, {'agent': 1, 'seed': 3}, srv.Reset.Response.OK),
+    (srv.Snapshot, {'agent': 1}, srv.Snapshot.Response.BUSY),
+    (srv.Restore, {'agent': 1, 'state': [1]}, srv.Restore.Response.INVALID),
+    (srv.Release, {'agent': 1}, srv.Release.Response.BUSY)])
+def test_names_of_before_1_0_answer_as_the_new_ones_do(
+        simulator: Process, make_client: MakeClient, kind: Any, fields: dict[str, Any],
+        code: int) -> None:
+    client = make_client()
+    client.connect()
+    name = kind.__name__.lower()
+    answers = []
+    for service in (f'simulator/{name}', name, name):
+        caller = client.node.create_client(kind, service)
+        assert client.waiter.until(caller.service_is_ready, 10.0)
+        future = caller.call_async(kind.Request(**fields))
+        assert client.waiter.until(future.done, 10.0)
+        answers.append((future.result().code, future.result().message))
+    assert [answer[0] for answer in answers] == [code] * 3
+    assert answers[0] == answers[1] == answers[2]
+    assert simulator.output().count(f'service /{name} is deprecated') == 1  # at the first call
+
+
 @pytest.mark.parametrize('name', ['simulator/reset', 'reset'])
 def test_services_can_be_called_by_hand(
         simulator: Process, make_client: MakeClient, name: str) -> None:
