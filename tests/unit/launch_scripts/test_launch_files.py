@@ -33,7 +33,8 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def told(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
     """Return the parameters of a node that a launch file starts, the later ones winning."""
-    path = ROOT / 'ppo_agent_node/launch' / f'{file}.launch.yaml'
+    package = 'rocket_sim_node' if file == 'simulate' else 'ppo_agent_node'
+    path = ROOT / package / 'launch' / f'{file}.launch.yaml'
     context = Context({**FOLDER, **arguments}, tmp_path / 'log')
     command, = (
         plan.command for plan in carry_out(path, context) if plan.command[0].endswith(f'/{node}'))
@@ -50,7 +51,7 @@ def parameter_file(path: Path, **values: object) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize('file', ['train', 'land', 'fly'])
+@pytest.mark.parametrize('file', ['train', 'land', 'fly', 'simulate'])
 @pytest.mark.parametrize(('given', 'expected'), [({}, 'harsh'), ({'conditions': 'mix'}, 'mix')])
 def test_given_conditions_override_those_of_a_file(
     tmp_path: Path, file: str, given: dict[str, str], expected: str,
@@ -62,10 +63,27 @@ def test_given_conditions_override_those_of_a_file(
     assert found['world'] == 'rocket_planar'
 
 
-@pytest.mark.parametrize('file', ['train', 'land', 'fly'])
+@pytest.mark.parametrize('file', ['train', 'land', 'fly', 'simulate'])
 def test_without_a_file_no_conditions_are_set(tmp_path: Path, file: str) -> None:
     found = told(tmp_path, file, 'simulator')
     assert 'conditions' not in found and found['world'] == 'rocket'
+
+
+@pytest.mark.parametrize(('given', 'expected'), [({}, 3), ({'level': '5'}, 5)])
+def test_a_given_level_overrides_that_of_a_file(
+    tmp_path: Path, given: dict[str, str], expected: int,
+) -> None:
+    vehicle = parameter_file(tmp_path / 'vehicle.yaml', level=3)
+    found = told(
+        tmp_path, 'simulate', 'simulator', simulator_parameters=vehicle, num_envs='4', **given)
+    assert (found['level'], found['num_envs']) == (expected, 4)
+
+
+@pytest.mark.parametrize('file', ['train', 'land', 'fly', 'simulate'])
+def test_port_and_address_of_the_page_reach_the_recorder(tmp_path: Path, file: str) -> None:
+    found = told(
+        tmp_path, file, 'rerun_recorder', serve_web='true', web_port='9123', web_host='127.0.0.2')
+    assert (found['web_port'], found['web_host']) == (9123, '127.0.0.2')
 
 
 def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:
