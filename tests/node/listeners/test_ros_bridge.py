@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import time
@@ -40,12 +41,14 @@ from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
 
 from rocket_sim_node.bags.definitions import definition
+from rocket_sim_node.nodes.ros_bridge import BridgeParameters
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Samples
 from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
+from rocket_sim_node.worlds.rocket import conditions
 
 STREAMS = {
     'odom': Odometry, 'pose': PoseStamped, 'imu': Imu, 'joint_states': JointState,
@@ -118,8 +121,7 @@ def test_messages_agree_with_the_state(
     transforms = listener.listen('/tf', TFMessage)
     streams = {name: listener.listen(f'rocket_1/{name}', kind) for name, kind in STREAMS.items()}
     # Publishers of a rocket come with the description of its world.
-    simulator.description.publish(conversion.world_to_message(
-        make('rocket', 2, level=1, spawn_angle=1.0).spec, 1, 0, msg.World.LOCKSTEP))
+    simulator.describe()
     listener.wait_until(lambda: all(
         listener.node.count_publishers(topic) for topic in listener.heard))
     wait_until(lambda: simulator.state.get_subscription_count() == 2, 20.0)
@@ -199,6 +201,72 @@ def test_messages_agree_with_the_state(
     assert bridge.wait(10.0) == 0
     assert f'{expected} states shown' in bridge.output()
     assert 'Traceback' not in bridge.output()
+
+
+@pytest.mark.parametrize(('world', 'drawn', 'legs', 'actions'), [
+    ('rocket', conditions.settings('mix'), 0, ([0.6, 0.5, -0.3], [-0.2, -0.4, 0.6])),
+    ('rocket_planar', conditions.settings('mix'), 0, ([0.6, 0.0, 0.5], [-0.2, 0.0, -0.4])),
+    ('lunar_lander', {}, 2, (2, 1, 3))])
+def test_engines_wind_joints_and_conditions_agree_with_the_state(
+    processes: Processes, simulator: Simulator, listener: Listener, world: str,
+    drawn: dict[str, Any], legs: int, actions: tuple[Any, ...],
+) -> None:
+    """A burning, turning flight."""
+    start(processes, rows='[0, 1]', max_rate=0.0)
+    states = listener.listen('state', msg.RocketState, qos.EVENTS)
+    streams = {name: listener.listen(f'rocket_1/{name}', kind) for name, kind in STREAMS.items()}
+    told = listener.listen('rocket_1/conditions', DiagnosticStatus, qos.LATCHED)
+    simulator.take(world, **drawn)
+    simulator.describe()
+    listener.wait_until(lambda: all(
+        listener.node.count_publishers(topic) for topic in listener.heard))
+    wait_until(lambda: simulator.state.get_subscription_count() == 2, 20.0)
+    simulator.begin(training=False)
+    for action in actions:
+        simulator.fall(20, action)
+    expected = 20 * len(actions) + 1
+    listener.wait_until(lambda: all(len(kept) == expected for kept in streams.values()) and sum(
+        np.count_nonzero(np.equal(state.row, 1)) for state in states) == expected)
+
+    def given(name: str, width: int) -> np.ndarray:
+        """Return a quantity of the second rocket, a row for each step."""
+        return np.concatenate([
+            np.reshape(getattr(state, name), (len(state.row), -1))[np.equal(state.row, 1)]
+            for state in states]).reshape(expected, width)
+
+    orientation, torque = given('orientation', 4), given('torque', 3)
+    thrust, lateral = given('thrust', 1)[:, 0], given('lateral_thrust', 1)[:, 0]
+    assert thrust.any()
+    assert lateral.any() or torque.any()
+    assert np.ptp(orientation, axis=0).max() > 0.01  # it turns
+    forces = np.array([numbers(one.wrench.force) for one in streams['wrench']])
+    np.testing.assert_array_equal(
+        forces, np.stack([lateral, np.zeros(expected), thrust], axis=1))
+    for k, one in enumerate(streams['wrench']):
+        assert one.header.frame_id == 'rocket_1/base_link'
+        np.testing.assert_allclose(
+            turned(orientation[k], np.array(numbers(one.wrench.torque))), torque[k],
+            rtol=1e-9, atol=1e-6)
+    wind = np.array([numbers(one.accel.linear) for one in streams['wind']])
+    np.testing.assert_array_equal(wind, given('disturbance', 3))
+    assert wind.any() == bool(drawn)
+    joints = streams['joint_states']
+    assert {tuple(one.name) for one in joints} == {
+        ('throttle', *('left_leg', 'right_leg')[:legs])}
+    positions = np.array([one.position for one in joints])
+    np.testing.assert_array_equal(positions[:, 0], given('throttle', 1)[:, 0])
+    if legs:
+        np.testing.assert_array_equal(positions[:, 1:], given('leg_angle', legs))
+    efforts = np.array([one.effort for one in joints])
+    np.testing.assert_array_equal(efforts[:, 0], thrust)
+    assert not efforts[:, 1:].any()
+    if drawn:
+        names = make(world, 1).spec.condition_names
+        listener.wait_until(lambda: bool(told))
+        kept = {item.key: float(item.value) for item in told[-1].values}
+        assert list(kept) == list(names)
+        assert list(kept.values()) == given('conditions', len(names))[-1].tolist()
+        assert any(kept.values())
 
 
 def test_a_late_viewer_sees_the_whole_path(
@@ -281,23 +349,33 @@ def test_invalid_descriptions_and_states_are_left_out_with_a_line(
     assert 'Traceback' not in bridge.output()
 
 
-def test_views_for_rviz_and_foxglove_are_installed_and_name_real_topics() -> None:
+def test_views_for_rviz_and_foxglove_show_all_that_is_drawn_and_name_real_topics() -> None:
     share = Path(get_package_share_directory('rocket_sim_node')) / 'views'
     rviz = yaml.safe_load((share / 'hoverslam.rviz').read_text())
     foxglove = json.loads((share / 'foxglove.json').read_text())
-    real = {'/robot_description', '/markers', *(
-        f'/rocket_{row}/{name}' for row in range(4) for name in (*STREAMS, 'markers'))}
+    rockets = [f'rocket_{row}' for row in BridgeParameters().rows]
+    drawn = {'/robot_description', '/markers', *(f'/{one}/markers' for one in rockets)}
+    real = drawn | {f'/{one}/{name}' for one in rockets for name in STREAMS}
     displays = rviz['Visualization Manager']['Displays']
     asked = {display.get('Topic', display.get('Description Topic'))['Value']
              for display in displays if 'Topic' in display or 'Description Topic' in display}
-    assert asked <= real
+    assert drawn <= asked <= real
+    assert [display['TF Prefix'] for display in displays if 'TF Prefix' in display] == rockets
     assert rviz['Visualization Manager']['Global Options']['Fixed Frame'] == 'world'
     view = foxglove['configById']['3D!views']
-    assert set(view['topics']) <= real
+    assert set(view['topics']) == drawn
+    models = [layer for layer in view['layers'].values() if layer.get('topic')]
+    assert {layer['topic'] for layer in models} == {'/robot_description'}
+    assert [layer['framePrefix'] for layer in models] == [f'{one}/' for one in rockets]
     plots = [path['value'] for config in foxglove['configById'].values()
              for path in config.get('paths', ())]
     assert plots
-    assert {path.partition('.')[0] for path in plots} <= real
+    for path in plots:
+        topic, *fields = re.split(r'\.|\[\d+\]', path)
+        assert topic in real
+        value = STREAMS[topic.rpartition('/')[2]]()
+        for field in filter(None, fields):
+            value = getattr(value, field)
 
 
 def test_foxglove_gets_the_same_messages(

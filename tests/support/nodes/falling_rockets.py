@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -44,9 +45,15 @@ class Simulator:
             self._node.destroy_node()  # what it latched would outlive its context
             rclpy.shutdown(context=self.context)
 
-    def take(self, world: str) -> None:
+    def take(self, world: str, **settings: Any) -> None:
         """Go on with another world."""
-        self._world = make(world, self._rockets)
+        self._world = make(world, self._rockets, **settings)
+        self._time = SimulatedTime(self._world.spec.dt)
+
+    def describe(self) -> None:
+        """Publish the description of the world, from which listeners know its topics."""
+        self.description.publish(
+            conversion.world_to_message(self._world.spec, 1, 0, msg.World.LOCKSTEP))
 
     def begin(self, training: bool = True) -> None:
         """Begin a session, once it has a subscriber.
@@ -79,14 +86,19 @@ class Simulator:
         self.fall(steps)
         self.state = state
 
-    def fall(self, steps: int) -> None:
-        """Fly for some steps and publish the states, 25 steps to a message."""
+    def fall(self, steps: int, action: Any = None) -> None:
+        """Fly for some steps and publish the states, 25 steps to a message.
+
+        :param action: of all rockets at each step: a row of numbers, or one number if they are
+            discrete; None: idle.
+        """
         spec = self._world.spec
-        idle = (
-            np.tile(np.float32(spec.action_idle), (self._rockets, 1)) if spec.continuous
-            else np.full(self._rockets, spec.action_idle[0], np.int32))
+        given = spec.action_idle if action is None else np.atleast_1d(action)
+        every = (
+            np.tile(np.float32(given), (self._rockets, 1)) if spec.continuous
+            else np.full(self._rockets, given[0], np.int32))
         for _ in range(steps):
-            self._world.step(idle)
+            self._world.step(every)
             self._step += 1
             self._add()
         for start in range(0, len(self._parts), 25):
