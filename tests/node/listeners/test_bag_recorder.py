@@ -122,6 +122,10 @@ def test_chosen_topics_missing_steps_and_a_late_start(
     metadata = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())[
         'rosbag2_bagfile_information']
     assert metadata['custom_data'] == {'/state': '30 steps were not received'}
+    received = {
+        step for one in messages(tmp_path / 'bag', topics=['/state'])
+        for step in one.message.step.tolist()}
+    assert len(received) + 30 == 1 + 100 + 30 + FALL  # with step 0: none is uncounted
     assert {one['topic_metadata']['name'] for one in metadata['topics_with_message_count']} == {
         '/state', '/world'}
 
