@@ -131,8 +131,8 @@ warnings of other nodes.
 [All parameters](parameters.md) are read-only after start.
 """
 _STEPS = """
-| `simulator/simulate_steps` | `simulation_interfaces/action/SimulateSteps` | Simulates a number of \
-steps ([details](../how-to/simulation-interfaces.md)). |
+| `simulator/simulate_steps` | `simulation_interfaces/action/SimulateSteps` \
+| Simulates a number of steps ([details](../how-to/simulation-interfaces.md)). |
 """
 _INTERFACES = """## Messages, services and actions in full
 

@@ -305,8 +305,8 @@ def _answer(handler: Handler, request: Any, response: Any) -> Any:
 def _refuse(name: str, request: Any, response: Any) -> None:
     """Answer a service that is not supported."""
     raise Refused(Result.RESULT_FEATURE_UNSUPPORTED, (
-        f'{service_name(name)} is not supported: a simulator has one world of identical rockets, which '
-        'its parameters choose; GetSimulatorFeatures lists what is supported'))
+        f'{service_name(name)} is not supported: a simulator has one world of identical rockets, '
+        'which its parameters choose; GetSimulatorFeatures lists what is supported'))
 
 
 def service_name(name: str) -> str:
