@@ -272,7 +272,8 @@ class Bridge:
             self.count += 1
             self.last[topic] = message
 
-        return SimpleNamespace(publish=publish)
+        # With a subscriber, so that every message is built.
+        return SimpleNamespace(publish=publish, get_subscription_count=lambda: 1)
 
     def hear(self, message: Any) -> None:
         """Take a message as from its topic."""
