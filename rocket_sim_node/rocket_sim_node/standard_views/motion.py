@@ -145,7 +145,8 @@ class MotionViews:
     def _moments(
         self, session: int, samples: Samples, world: WorldInfo,
     ) -> Iterator[Moment]:
-        views = self._views(samples, world)
+        begins = _begins(samples)
+        views = self._views(samples, world, begins)
         steps, rows = samples.step.tolist(), samples.row.tolist()
         groups: list[list[int]] = []
         seen: set[int] = set()
@@ -155,7 +156,7 @@ class MotionViews:
                 seen.clear()
             groups[-1].append(index)
             seen.add(row)
-        ends = ((samples.outcome != NO_OUTCOME) | _begins(samples)).tolist()
+        ends = ((samples.outcome != NO_OUTCOME) | begins).tolist()
         kept = self._allowed([any(ends[index] for index in group) for group in groups])
         for k, group in enumerate(groups):
             # Stamps of what is left out are given as well, so that they do not depend on it.
@@ -184,7 +185,9 @@ class MotionViews:
         self._allowance = max(self._allowance - sum(kept), 0.0)
         return kept
 
-    def _views(self, samples: Samples, world: WorldInfo) -> Callable[[int], RocketView]:
+    def _views(
+        self, samples: Samples, world: WorldInfo, begins: NDArray[np.bool_],
+    ) -> Callable[[int], RocketView]:
         """Return a function that gives the view of the sample at an index."""
         def of(name: str) -> F64:
             return samples.values[:, samples.layout.place(name)]
@@ -195,7 +198,6 @@ class MotionViews:
         torque = frames.to_body(orientation, of('torque'))
         force = self._specific_force(samples, velocity, orientation, world)
         position, disturbance = of('position'), of('disturbance')
-        begins = _begins(samples)
         legs, terrain, drawn = of('leg_angle'), of('terrain'), of('conditions')
         scalars = {
             name: of(name)[:, 0].tolist()

@@ -17,9 +17,7 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import AccelStamped
 from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -27,8 +25,6 @@ from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from rocket_msgs import msg
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from support.nodes.falling_rockets import FALL
 from support.nodes.falling_rockets import Simulator
@@ -36,6 +32,7 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 from support.users.foxglove_viewer import Viewer
+from support.users.views_subscriber import STREAMS
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 from visualization_msgs.msg import MarkerArray
@@ -50,9 +47,6 @@ from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.rocket import conditions
 
-STREAMS = {
-    'odom': Odometry, 'pose': PoseStamped, 'imu': Imu, 'joint_states': JointState,
-    'wrench': WrenchStamped, 'wind': AccelStamped}
 PATIENT = QoSProfile(depth=2000)
 TF_HASH = 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087'
 """of tf2_msgs/msg/TFMessage, as `ros2 topic info -v` of ROS 2's own packages prints it"""

@@ -26,16 +26,17 @@ ROCKETS = 4
 """rockets that `ros_bridge` shows by default"""
 STREAMS = {
     'odom': Odometry, 'pose': PoseStamped, 'imu': Imu, 'joint_states': JointState,
-    'wrench': WrenchStamped, 'wind': AccelStamped, 'conditions': DiagnosticStatus,
-    'markers': MarkerArray}
+    'wrench': WrenchStamped, 'wind': AccelStamped}
+"""topics of a rocket with a message for each step that is shown"""
 
 
 def main() -> None:
     """Receive messages until told to stop."""
     rclpy.init()
     node = Node('views_subscriber')
+    views = {**STREAMS, 'conditions': DiagnosticStatus, 'markers': MarkerArray}
     topics = {'/tf': TFMessage, 'markers': MarkerArray, **{
-        f'rocket_{row}/{name}': kind for row in range(ROCKETS) for name, kind in STREAMS.items()}}
+        f'rocket_{row}/{name}': kind for row in range(ROCKETS) for name, kind in views.items()}}
     for topic, kind in topics.items():
         node.create_subscription(kind, topic, lambda data: None, QoSProfile(depth=100), raw=True)
     print('subscribed to all views', flush=True)
