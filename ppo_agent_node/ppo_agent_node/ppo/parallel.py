@@ -45,24 +45,17 @@ def both(first: Callable[[Poll], A], second: Callable[[Poll], B], poll: Poll) ->
         if stop.is_set():
             raise _Stopped
 
-    def run_second() -> B:
-        torch.set_num_threads(threads // 2)
-        return second(poll_second)
-
-    try:
-        with ThreadPoolExecutor(1) as pool:
-            future = pool.submit(run_second)
-            try:
-                torch.set_num_threads(threads - threads // 2)
-                result = first(poll)
-                while not future.done():
-                    poll()
-                    wait([future], timeout=0.02)
-            except BaseException:
-                stop.set()
-                raise
-    finally:
-        torch.set_num_threads(threads)
+    with tensor_threads(threads - threads // 2), ThreadPoolExecutor(
+            1, initializer=torch.set_num_threads, initargs=(threads // 2,)) as pool:
+        future = pool.submit(second, poll_second)
+        try:
+            result = first(poll)
+            while not future.done():
+                poll()
+                wait([future], timeout=0.02)
+        except BaseException:
+            stop.set()
+            raise
     return result, future.result()
 
 
