@@ -115,8 +115,9 @@ def test_the_benchmark_of_seeds_puts_its_rows_into_a_table(
     monkeypatch.setattr(bench_seeds, 'ROCKETS', 8)
     options = argparse.Namespace(world='rocket', episodes=8, seed=77)
     task = 'mix:7'
-    flown = [{'pilot': name, 'task': task, **bench_seeds.fly(options, name, task)}
-             for name in ('random', 'robust')]
+    flown = [
+        {'pilot': name, 'task': task, **bench_seeds.figures(bench_seeds.fly(options, name, task))}
+        for name in ('random', 'robust')]
     crashed, landed = flown
     assert (crashed['landed'], crashed['fuel_ratio'], crashed['touchdown_speed_p95']) == (
         0, None, None)
