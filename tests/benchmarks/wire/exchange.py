@@ -25,7 +25,7 @@ import numpy as np
 from support.processes import Process
 from support.processes import Processes
 
-from benchmarks.wire import checks
+from benchmarks.wire import variants
 from benchmarks.wire.agent_node import agent_node
 from benchmarks.wire.tcp_floor import TcpFloor
 from ppo_agent_node.evaluation.metrics import write_json
@@ -118,16 +118,17 @@ def main() -> None:
     parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
     parser.add_argument('--count', type=int, default=400, help='exchanges per measurement')
     parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
-    parser.add_argument('--checks', action='store_true', help=(
-        'measure the cost of looking at the sender of each message instead'))
+    parser.add_argument('--variant', choices=list(variants.VARIANTS), help=(
+        'compare with a variant instead: without checks of the senders of messages, or with step '
+        'messages converted by rosidl'))
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    if options.checks:
-        costs = {size: checks.report(size, options.rounds, options.count)
+    if options.variant:
+        costs = {size: variants.report(options.variant, size, options.rounds, options.count)
                  for size in options.sizes}
         if options.output:
-            write_json(options.output, {'checks': costs})
+            write_json(options.output, {options.variant: costs})
         return
     print(f'one exchange, us: medians of {options.rounds} rounds; s: as scheduled, a: a core each')
     print(f'{"":>6}{"TCP":>14}{"DDS":>14}{"DDS / TCP":>21}{"p99":>14}')

@@ -2,12 +2,12 @@
 """A world of the shape of `rocket` in which nothing moves, and a simulator of it.
 
 It measures the cost of a lock-step exchange without physics. Run as a program it serves
-the world: `python -m benchmarks.wire.still_world N [--unchecked] [--ros-args ...]`.
+the world: `python -m benchmarks.wire.still_world N [VARIANT] [--ros-args ...]`.
 """
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -17,8 +17,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import World
 
-from benchmarks.wire.checks import UNCHECKED
-from benchmarks.wire.checks import Checks
+from benchmarks.wire.variants import VARIANTS
 from rocket_sim_node import worlds
 from rocket_sim_node.wire.node.running import run
 from rocket_sim_node.wire.server.server import Server
@@ -78,7 +77,9 @@ def serve(node: Node, executor: Executor) -> None:
 
 if __name__ == '__main__':
     arguments = sys.argv[2:]
-    Checks.on = UNCHECKED not in arguments
-    with nullcontext() if Checks.on else Checks.installed():
-        sys.exit(run(
-            'simulator', serve, args=[one for one in arguments if one != UNCHECKED]))
+    with ExitStack() as stack:
+        if arguments and arguments[0] in VARIANTS:
+            variant = VARIANTS[arguments.pop(0)]
+            variant.used = True
+            stack.enter_context(variant.installed())
+        sys.exit(run('simulator', serve, args=arguments))

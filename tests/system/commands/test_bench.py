@@ -143,6 +143,17 @@ def test_exchange(tmp_path: Path) -> None:
     assert 'TCP' in text
 
 
+@pytest.mark.parametrize('variant', ['unchecked', 'rosidl'])
+def test_exchange_with_a_variant(tmp_path: Path, variant: str) -> None:
+    text, figures = run(
+        'exchange', tmp_path / 'out.json', '--variant', variant, '--sizes', '8', '--rounds', '2',
+        '--count', '20')
+    one = figures[variant]['8']
+    assert one['low'] <= one['ratio'] <= one['high']
+    assert one['as_it_is'] > 0 and one[variant] > 0
+    assert text.startswith('batch 8: ')
+
+
 def test_carriers(tmp_path: Path) -> None:
     text, figures = run(
         'carriers', tmp_path / 'out.json', '--rounds', '1', '--count', '20', '--sizes', '8',
