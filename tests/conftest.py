@@ -2,6 +2,7 @@
 """Fixtures for tests that start processes or speak over DDS."""
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -34,10 +35,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Choose how thoroughly properties are tried: always the same examples, or many others."""
-    # Hypothesis keeps its files outside of the folder, and no examples.
-    home = tempfile.TemporaryDirectory(prefix='hypothesis-')
+    # Hypothesis keeps its files outside of the repository, and no examples.
+    home = tempfile.TemporaryDirectory(prefix='hoverslam-tests-')
     config.add_cleanup(home.cleanup)
     set_hypothesis_home_dir(home.name)
+    # Else stable-baselines3 leaves a folder of its own in /tmp for each learner.
+    os.environ['SB3_LOGDIR'] = home.name
     suite = settings(
         derandomize=True, database=None, deadline=None, print_blob=True, max_examples=50,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture])

@@ -2,7 +2,6 @@
 """Folder of a run of several ranks: rank 0 has it, the others a temporary copy."""
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.folder import RunFolderError
+from rocket_sim_node.scratch_folder import scratch_folder
 
 
 @contextmanager
@@ -45,8 +45,8 @@ def open_folder(
                 raise
             yield folder
         return
-    with tempfile.TemporaryDirectory(prefix='hoverslam-rank-') as scratch:
-        copy = Path(scratch) / 'run'
+    with scratch_folder() as scratch:
+        copy = scratch / 'run'
         received: dict[str, bytes] | str = ranks.main.of_first({}, poll)
         if isinstance(received, str):
             raise RunFolderError(f'rank 0: {received}')
