@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,22 +17,26 @@ from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import inbox
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.inbox import Polling
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 PATIENCE = 10.0
+PATIENT = Polling(seconds=PATIENCE, after=PATIENCE, serve_period=100.0, cores=2)
 
 
 class Line:
     """A publisher of observations, and an inbox that waits for them."""
 
-    def __init__(self, make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(
+        self, make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, polling: Polling,
+    ) -> None:
         self.looks = self.sleeps = 0
         self._step = 0
         sender, _ = make_node()
         node, executor = make_node()
         self.publisher = sender.create_publisher(msg.Observation, 'observation', qos.STREAM)
         self.box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
-        self.inbox = Inbox(node, executor)
+        self.inbox = Inbox(node, executor, polling)
         make = self.inbox._make
 
         def made(size: Any) -> None:
@@ -79,12 +84,17 @@ class Counting:
 
 
 @pytest.fixture
-def line(make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Line:
-    monkeypatch.setattr(inbox, '_CORES', 2)
-    monkeypatch.setattr(inbox, '_LOOK_OUT', PATIENCE)
-    monkeypatch.setattr(inbox, '_BRISK', PATIENCE)
-    monkeypatch.setattr(inbox, '_SERVE_PERIOD', 100.0)
-    return Line(make_node, monkeypatch)
+def make_line(
+        make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Line]:
+    def make(**changes: float) -> Line:
+        return Line(make_node, monkeypatch, replace(PATIENT, **changes))
+
+    return make
+
+
+@pytest.fixture
+def line(make_line: Callable[..., Line]) -> Line:
+    return make_line()
 
 
 def test_fast_exchanges_poll_without_sleeping(line: Line) -> None:
@@ -97,22 +107,19 @@ def test_fast_exchanges_poll_without_sleeping(line: Line) -> None:
     assert line.sleeps == 1
 
 
-def test_a_wait_after_a_long_wait_sleeps_without_polling(
-        line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wait_after_a_long_wait_sleeps_without_polling(make_line: Callable[..., Line]) -> None:
+    line = make_line(seconds=0.005)
     line.send()
     line.receive()
-    monkeypatch.setattr(inbox, '_LOOK_OUT', 0.0)
     assert line.inbox.wait([line.box], 0.01) == ([], False)
     looks = line.looks
-    assert looks <= 1 and line.sleeps == 2
-    monkeypatch.setattr(inbox, '_LOOK_OUT', PATIENCE)
+    assert looks and line.sleeps == 2
     assert line.inbox.wait([line.box], 0.01) == ([], False)
     assert line.looks == looks and line.sleeps == 3
 
 
-def test_a_machine_with_one_core_does_not_poll(
-        line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inbox, '_CORES', 1)
+def test_a_machine_with_one_core_does_not_poll(make_line: Callable[..., Line]) -> None:
+    line = make_line(cores=1)
     for _ in range(3):
         line.send()
         line.receive()

@@ -22,6 +22,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 from typing import ClassVar
 
@@ -37,16 +38,26 @@ from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.node import clock_steps
 from rocket_sim_node.wire.node.far_end import sender_of
 
-_SERVE_PERIOD = 0.05
-"""Seconds between executor runs that serve the rest of the node."""
-_LOOK_OUT = 0.0006
-"""Seconds of polling before sleeping: longer than most answers of a simulator take. Polling longer
-slows down other processes on a machine with two cores."""
-_BRISK = 0.0008
-"""Polling is used if the previous message arrived within this time, s."""
-_CORES = len(os.sched_getaffinity(0))
 _SERVED_AT_ONCE = 16
 """Maximum callbacks per run: `spin_once` serves one and does not report whether there was any."""
+
+
+@dataclass(frozen=True)
+class Polling:
+    """When and for how long an inbox polls before it sleeps."""
+
+    seconds: float = 0.0006
+    """Longer than most answers of a simulator take. Polling longer slows down other processes on a
+    machine with two cores."""
+    after: float = 0.0008
+    """An inbox polls if the previous message arrived within this time, s."""
+    serve_period: float = 0.05
+    """Seconds between executor runs that serve the rest of the node."""
+    cores: int = len(os.sched_getaffinity(0))
+    """An inbox does not poll when as many peers are busy as there are cores."""
+
+
+POLLING = Polling()
 
 
 class _Polled:
@@ -215,9 +226,9 @@ class Caller(_Polled):
 class Inbox:
     """Waits for mailboxes, and lets an executor serve the rest of a node."""
 
-    def __init__(self, node: Node, executor: Executor) -> None:
+    def __init__(self, node: Node, executor: Executor, polling: Polling = POLLING) -> None:
         """Set up without a wait set; `wait` creates it."""
-        self._node, self._executor = node, executor
+        self._node, self._executor, self._polling = node, executor, polling
         self._wait_set: Any = None
         self._guard: Any = None
         self._size: tuple[int, ...] = (0, 0, 0, 0)
@@ -227,7 +238,7 @@ class Inbox:
     @property
     def overdue(self) -> bool:
         """Whether it is time to serve the rest of the node."""
-        return time.monotonic() - self._served >= _SERVE_PERIOD
+        return time.monotonic() - self._served >= self._polling.serve_period
 
     def wait(
         self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
@@ -246,9 +257,9 @@ class Inbox:
         # down, and when timers are given, as a due timer must not wait for a flood of messages to
         # end.
         full = [mailbox for mailbox in mailboxes if mailbox.held is not None]
-        if (self._brisk and not full and not timers and len(mailboxes) < _CORES
+        if (self._brisk and not full and not timers and len(mailboxes) < self._polling.cores
                 and not self.overdue):
-            full = _look_out(mailboxes, min(seconds, _LOOK_OUT))
+            full = _look_out(mailboxes, min(seconds, self._polling.seconds))
         if full:
             return full, False
         rest = (subscriptions, clients, services, timers)
@@ -269,12 +280,12 @@ class Inbox:
             wait_set.add_service(service.handle)
         for timer in timers:
             wait_set.add_timer(timer.handle)
-        until = min(seconds, self._served + _SERVE_PERIOD - now)
+        until = min(seconds, self._served + self._polling.serve_period - now)
         wait_set.wait(int(1e9 * max(until, 0.0)))
         full = [
             mailbox for index, mailbox in enumerate(mailboxes)
             if wait_set.is_ready('subscription', index)]
-        self._brisk = bool(full) and time.monotonic() - began < _BRISK
+        self._brisk = bool(full) and time.monotonic() - began < self._polling.after
         serve = any(
             wait_set.is_ready(kind, index)
             for kind, begin, entities in (
@@ -295,7 +306,7 @@ class Inbox:
         """Wait as :meth:`wait` does, by the executor alone, which serves the whole node."""
         if any(mailbox.full for mailbox in mailboxes):
             seconds = 0.0
-        self._executor.spin_once(timeout_sec=max(min(seconds, _SERVE_PERIOD), 0.0))
+        self._executor.spin_once(timeout_sec=max(min(seconds, self._polling.serve_period), 0.0))
         return [mailbox for mailbox in mailboxes if mailbox.full], True
 
     def _make(self, size: tuple[int, ...]) -> None:
