@@ -44,6 +44,8 @@ from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 from rocket_sim_node.scratch_folder import remove_leftovers
 
 PLAN = 'plan.sh'
+SECOND = 'simulator_2'
+"""namespace of the second simulator of a training"""
 _NODES = {
     'simulator_parameters': 'simulator',
     **dict.fromkeys(('agent_parameters', 'agent_overrides', 'agent_settings'), 'ppo_agent')}
@@ -94,6 +96,8 @@ def decided(start: Start) -> dict[str, str]:
         seen = presets.preset_values(given.preset, given.world).get('observation')
         if seen:
             found.setdefault('observation', seen)
+        if _flies_two_groups(given):
+            found['second_simulator'] = SECOND
     else:
         # Keeps the nodes apart from those of a training that runs at the same time.
         if 'namespace' not in given.given:
@@ -104,6 +108,19 @@ def decided(start: Start) -> dict[str, str]:
     if command == 'fly' and given.launch.get('connect'):
         found['serve_web'] = 'false'
     return {name: value for name, value in found.items() if name not in given.launch}
+
+
+def _flies_two_groups(given: Arguments) -> bool:
+    """Return whether a training starts two simulators.
+
+    They fly two groups of a roll-out at the same time, with the same results. A file of parameters
+    may be for the first one only.
+    """
+    if given.given.keys() & {'second_simulator', 'simulators', 'simulator_parameters'}:
+        return False
+    groups = given.agent.get(
+        'num_groups', presets.preset_values(given.preset, given.world).get('num_groups', 1))
+    return bool(groups > 1 and (os.cpu_count() or 1) > 1)
 
 
 def prepare(start: Start) -> None:

@@ -253,6 +253,22 @@ def test_a_real_time_simulator_is_not_used(
     assert '/sim_1 is not used: its mode is realtime, expected lockstep' in text
 
 
+def test_several_patterns_and_the_root_namespace(
+    processes: Processes, make_node: Callable[..., Any], capfd: pytest.CaptureFixture[str],
+) -> None:
+    """As `train` starts them; the agent may be in another namespace."""
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    for number in (1, 2):
+        simulator(processes, number)
+    node, executor = make_node('/b')
+    with SimulatorFleet(
+            node, executor, ConnectionOptions(0.1, 20.0), 1, '/,/sim_[13]') as fleet:
+        text = fly_until('; simulators: 2', fleet, capfd)
+        assert_same_flights(flown(fleet, range(3), lambda: None), in_process(range(3)))
+    assert 'simulator has joined' in text and '/sim_1 has joined' in text
+    assert 'sim_2' not in text
+
+
 def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:
     with pytest.raises(ValueError, match=r"simulators: got 'sim_\*', expected .* begin with /"):
         make_fleet(pattern='sim_*')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import time
 from collections.abc import Iterator
+from collections.abc import Sequence
 
 from rclpy.node import Node
 
@@ -23,13 +24,24 @@ _WORLD_TYPE = 'rocket_msgs/msg/World'
 
 
 def check_pattern(pattern: str) -> None:
-    """Check a pattern for the namespaces of simulators.
+    """Check patterns, separated by commas, for the namespaces of simulators.
 
     :raises ValueError: when it is not a valid namespace pattern.
     """
-    if pattern and not pattern.startswith('/'):
+    if pattern and not all(part.startswith('/') for part in pattern.split(',')):
         raise ValueError(
-            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*')
+            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*, '
+            'separated by commas')
+
+
+def _matches(namespace: str, patterns: Sequence[str]) -> bool:
+    """Return whether one of several patterns is for a namespace.
+
+    Only `/` itself is for the root namespace: `/*` was never for a simulator there.
+    """
+    if namespace == '/':
+        return '/' in patterns
+    return any(fnmatch.fnmatchcase(namespace, pattern) for pattern in patterns)
 
 
 class FleetMembership:
@@ -45,6 +57,7 @@ class FleetMembership:
         """
         check_pattern(pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
+        self._patterns = [part.rstrip('/') or '/' for part in pattern.split(',')]
         self._health = DiagnosticsPublisher(node, quiet=True)
         self._dropped = 0
         self._workers: dict[str, FleetWorker] = {}
@@ -88,10 +101,10 @@ class FleetMembership:
         self._looked = now
         suffix = '/world'
         there = {
-            topic.removesuffix(suffix)
+            topic.removesuffix(suffix) or '/'
             for topic, kinds in self._node.get_topic_names_and_types()
             if topic.endswith(suffix) and _WORLD_TYPE in kinds
-            and fnmatch.fnmatchcase(topic.removesuffix(suffix), self._pattern)
+            and _matches(topic.removesuffix(suffix) or '/', self._patterns)
             and self._node.count_publishers(topic)}
         for namespace in sorted(there - self._workers.keys()):
             self._workers[namespace] = FleetWorker(

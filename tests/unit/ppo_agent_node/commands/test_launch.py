@@ -79,6 +79,28 @@ def test_the_preset_selects_the_observation(
     assert project.begin('train', *given).get('observation') == seen
 
 
+@pytest.mark.parametrize(('given', 'second'), [
+    ([], 'simulator_2'), (['preset:=robust', 'max_thrust:=500000'], 'simulator_2'),
+    (['preset:=from_scratch'], None), (['world:=lunar_lander'], None),
+    (['simulators:=/sim_*'], None), (['second_simulator:='], None),
+    (['world:=lunar_lander', 'num_groups:=4'], 'simulator_2'), (['second_simulator:=b'], 'b')])
+def test_two_groups_are_flown_by_two_simulators(
+        project: Project, given: list[str], second: str | None,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'cpu_count', lambda: 2)
+    assert project.begin('train', *given).get('second_simulator') == second
+    monkeypatch.setattr(os, 'cpu_count', lambda: 1)
+    assert project.begin('train', *given).get('second_simulator') == (
+        'b' if second == 'b' else None)
+
+
+def test_a_vehicle_from_a_file_is_flown_by_one_simulator(
+        project: Project, tmp_path: Path) -> None:
+    file = tmp_path / 'vehicle.yaml'
+    file.write_text('/simulator: {ros__parameters: {max_thrust: 500000.0}}\n')
+    assert 'second_simulator' not in project.begin('train', f'simulator_parameters:={file}')
+
+
 @pytest.mark.parametrize('command', ['land', 'evaluate'])
 @pytest.mark.parametrize(('given', 'seen'), [
     (['world:=rocket_planar'], 'extended'), ([], 'extended'), (['world:=lunar_lander'], None),
