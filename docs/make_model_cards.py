@@ -3,7 +3,7 @@
 
 With `--fly` it first flies the policies, in this process, and writes the figures to
 `policies/results.json`, which takes a minute or two. Without `--fly` it writes the cards from that
-file. Run it in a shell of the environment (`. launch_scripts/env.sh`), with `--fly` after a policy
+file. Run it with the environment active (`. launch_scripts/env.sh`), with `--fly` after a policy
 has been replaced. A test fails if a card is stale.
 """
 from __future__ import annotations

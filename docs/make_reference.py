@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the generated pages of docs/reference: `python docs/make_reference.py`.
 
-Run it in a shell of the environment (`. launch_scripts/env.sh`), after any change of a command, a
+Run it with the environment active (`. launch_scripts/env.sh`), after any change of a command, a
 parameter, a message, a topic or a public name. A test says when a page is stale.
 """
 from __future__ import annotations

@@ -41,7 +41,7 @@ interrupt() {
 
 # child COMMAND ...: a prefix for commands that run in the background. Bash makes these ignore Ctrl-C;
 # this prefix undoes that. (Older systems lack `env --default-signal`.) If the script is killed, the
-# command is interrupted.
+# command receives SIGINT.
 child=(python3 -c 'import ctypes, os, signal, sys
 for number in signal.SIGINT, signal.SIGQUIT:
     signal.signal(number, signal.SIG_DFL)

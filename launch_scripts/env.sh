@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash
-# Puts a shell inside the environment: . launch_scripts/env.sh (bash or zsh). First sets up what is
+# Activates the environment in a shell: . launch_scripts/env.sh (bash or zsh). First sets up what is
 # missing. Sourcing it again changes nothing. Returns the status of set-up if that fails.
 
 if [ -n "${ZSH_VERSION:-}" ]; then eval '_hoverslam_here=${(%):-%x}'; else _hoverslam_here=${BASH_SOURCE[0]:-}; fi
@@ -38,7 +38,7 @@ _hoverslam_drop() {
   if [ -n "$_hoverslam_list" ]; then eval "export $1=\$_hoverslam_list"; else unset "$1"; fi
 }
 
-# _hoverslam_command: for the commands in this folder only, not for a shell.
+# _hoverslam_command: settings for the commands in this folder only, not for an interactive shell.
 _hoverslam_command() {
   # They import nothing from the folder in which they are called. In an interactive shell, Python finds modules beside
   # your programs as usual.

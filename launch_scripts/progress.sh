@@ -13,8 +13,8 @@ fail() {
   exit 1
 }
 
-# doze: sleeps for a second in such a way that tick can end at once and leaves no sleep process behind.
-# Fails if the set-up that it reports on has ended.
+# doze: sleeps for a second, so that tick can end at once without leaving a sleep process behind.
+# Fails if set-up has ended.
 doze() {
   sleep 1 > /dev/null 2>&1 &
   nap=$!

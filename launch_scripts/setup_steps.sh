@@ -40,7 +40,7 @@ take_lock() {
   flock 9
 }
 
-# note_users: names the processes that use the environment that will change. Those whose files cannot be seen
+# note_users: names the processes that use the environment that will change. Processes whose files cannot be read
 # are left out.
 note_users() {
   local users
@@ -219,8 +219,8 @@ vendored() {
 }
 
 # build_messages: builds rocket_msgs and the vendored packages, from scratch unless only their sources have changed.
-# The vendored packages are copied first, because colcon ignores their own folder. It does so in order that they never
-# hide the packages of a full ROS 2.
+# The vendored packages are copied first, because colcon ignores their own folder. That folder is ignored so that they
+# never hide the packages of a full ROS 2.
 build_messages() {
   local old
   old=$(cat "$install/.messages" 2> /dev/null) || old=
