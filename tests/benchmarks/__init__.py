@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparisons with peers, side by side in one run; `./launch_scripts/bench` runs them."""
+"""Benchmarks, with comparisons with peers in the same run; see `./launch_scripts/bench`."""

@@ -55,7 +55,7 @@ def digest(parts: Iterable[bytes]) -> str:
 
 
 def flown(name: str, settings: dict[str, Any]) -> str:
-    """Fly a world by random actions; return the digest of all it answers and of its snapshot."""
+    """Fly a world with random actions; return the digest of its outputs and of its snapshot."""
     world = worlds.make(name, num_envs=64, seed=7, **settings)
     random = np.random.default_rng(7)
     spec = world.spec
@@ -71,7 +71,7 @@ def flown(name: str, settings: dict[str, Any]) -> str:
 def trained(world: str, preset: str, arguments: list[str], run: Path) -> dict[str, str]:
     """Train through simulator and agent; return the digests of the files that hold results.
 
-    :raises CalledProcessError: when the training failed.
+    :raises CalledProcessError: if the training failed.
     """
     subprocess.run(
         [ROOT / 'launch_scripts' / 'train', f'world:={world}', f'preset:={preset}', 'seed:=3',
@@ -85,7 +85,7 @@ def trained(world: str, preset: str, arguments: list[str], run: Path) -> dict[st
 
 
 def main() -> None:
-    """Print all digests, one a line."""
+    """Print all digests, one per line."""
     parser = argparse.ArgumentParser(prog='bench digests', description=__doc__)
     parser.add_argument(
         '--only', default='',

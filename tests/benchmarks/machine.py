@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The machine of a benchmark: `python -m benchmarks.machine FILE` writes it down."""
+"""Describes the machine of a benchmark: `python -m benchmarks.machine FILE` writes a file."""
 from __future__ import annotations
 
 import os
@@ -20,7 +20,7 @@ PACKAGES = (
 
 
 def version(package: str) -> str:
-    """Return the version of a package, or that it is missing."""
+    """Return the version of a package, or 'missing'."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -33,7 +33,7 @@ def child_environment() -> dict[str, str]:
 
 
 def commit() -> str:
-    """Return the commit that is checked out, with a mark when files differ from it."""
+    """Return the commit that is checked out, marked if files differ from it."""
     return source_commit() or 'unknown'
 
 

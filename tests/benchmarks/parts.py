@@ -19,4 +19,4 @@ MODULES = {
     **{part: f'benchmarks.{folder}.{part}'
        for folder, parts in _FOLDERS.items() for part in parts},
 }
-"""by part"""
+"""module by part"""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gymnasium's LunarLander-v3, flown by our pilots: the yardstick of world `lunar_lander`."""
+"""Gymnasium's LunarLander-v3, flown by our pilots: the reference for world `lunar_lander`."""
 from __future__ import annotations
 
 from collections import Counter
@@ -23,16 +23,16 @@ class Flown:
     episode_return: NDArray[np.float64]
     length: NDArray[np.int64]
     outcomes: dict[str, int]
-    """episodes by name, as in our world, which tells leaving the field from crashing"""
+    """number of episodes by outcome; Gymnasium does not tell leaving the field from a crash"""
 
 
 def fly(
     pilot: Callable[[NDArray[np.float32]], NDArray[Any]], episodes: int, seed: int,
     continuous: bool = False, num_envs: int = 20,
 ) -> Flown:
-    """Fly episodes in Gymnasium, equally many in each environment, so that short ones do not win.
+    """Fly the same number of episodes in each environment, to avoid a bias to short ones.
 
-    :param pilot: answers actions for observations `(N, 8)`.
+    :param pilot: maps observations `(N, 8)` to actions.
     :param episodes: rounded up to a multiple of `num_envs`.
     """
     env = gymnasium.make_vec(

@@ -40,7 +40,7 @@ def compare(episodes: int, seed: int, continuous: bool) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench heuristic', description=__doc__)
     parser.add_argument(
         '--episodes', type=int, default=200, help='episodes for each world and kind of action')

@@ -19,7 +19,7 @@ from rocket_sim_node.worlds.rocket.world import RocketWorld
 
 
 def solve(world: RocketWorld, blocks: int) -> tuple[F64, F64, F64, float]:
-    """Return least fuel (kg), least steps and miss (m) of each start, and the time, CPU s."""
+    """Return least fuel (kg), least steps and miss (m) of each start, and CPU time (s)."""
     optimiser = LandingOptimiser(world.spec.settings, blocks)
     found = []
     start = time.process_time()
@@ -34,7 +34,7 @@ def solve(world: RocketWorld, blocks: int) -> tuple[F64, F64, F64, float]:
 
 
 def main() -> None:
-    """Solve the starts of levels, print the means, write the figures."""
+    """Solve the starts of each level, print the means and write the figures."""
     parser = argparse.ArgumentParser(prog='bench optimum', description=__doc__)
     parser.add_argument('--starts', type=int, default=100, help='starts of each level')
     parser.add_argument('--levels', type=int, nargs='+', default=[1, 7, 8], help='levels')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flies a policy that was trained in our `lunar_lander`, unchanged, in Gymnasium's."""
+"""Flies a policy trained in our `lunar_lander` in Gymnasium's LunarLander, unchanged."""
 from __future__ import annotations
 
 import argparse
@@ -19,7 +19,7 @@ SOLVED = 200.0
 
 
 def main() -> None:
-    """Fly it in both, print the means, write the figures."""
+    """Fly the policy in both worlds, print the means and write the figures."""
     parser = argparse.ArgumentParser(prog='bench transfer', description=__doc__)
     parser.add_argument('--policy', default='', help='policy file; by default the newest')
     parser.add_argument('--episodes', type=int, default=500, help='episodes in each world')

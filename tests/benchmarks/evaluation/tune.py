@@ -28,13 +28,13 @@ from rocket_sim_node.settings import describe
 
 
 def searched(pilot: str) -> list[str]:
-    """Return the gains that are searched unless told otherwise: all that are above 0."""
+    """Return the gains that are tuned by default: all whose default is above 0."""
     infos = describe(ROCKET_PILOTS[pilot].settings_class)
     return [info.name for info in infos if isinstance(info.default, float) and info.default > 0]
 
 
 def tune(options: argparse.Namespace, names: list[str], start: Gains) -> list[Generation]:
-    """Search for the time given and return each generation."""
+    """Search for the given time and return all generations."""
     pilot = ROCKET_PILOTS[options.pilot]
     space = GainSpace(pilot.settings_class, names, start)
     tasks = [
@@ -58,7 +58,7 @@ def tune(options: argparse.Namespace, names: list[str], start: Gains) -> list[Ge
 
 
 def check(options: argparse.Namespace, level: int, gains: Gains) -> dict[str, Any]:
-    """Return what gains are worth on fresh starts of a level."""
+    """Return the figures of the given gains on fresh starts of a level."""
     world = worlds.make(options.world, options.check, conditions=options.conditions)
     pilot = ROCKET_PILOTS[options.pilot](world.spec, **gains)
     episodes = evaluate(world, pilot, options.check, options.check_seed, level=level).episodes
@@ -70,7 +70,7 @@ def check(options: argparse.Namespace, level: int, gains: Gains) -> dict[str, An
 
 
 def draw(path: Path, found: list[Generation]) -> None:
-    """Draw the search: the return of its generations over the candidates flown."""
+    """Plot the return of each generation against the number of candidates flown."""
     figure, axes = plt.subplots(figsize=(6, 3.5), layout='constrained')
     flown = [generation.flown for generation in found]
     axes.plot(flown, [generation.median_return for generation in found], label='median')
@@ -83,7 +83,7 @@ def draw(path: Path, found: list[Generation]) -> None:
 
 
 def main() -> None:
-    """Tune, check on fresh starts, print and write the figures."""
+    """Tune the gains, check them on fresh starts, and print and write the figures."""
     parser = argparse.ArgumentParser(prog='bench tune', description=__doc__)
     parser.add_argument('--world', default='rocket', help='world')
     parser.add_argument('--conditions', default='nominal', help='set of conditions')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments on learning: policies trained in several ways, flown on the same fresh starts."""
+"""Experiments on learning: policies trained in different ways fly the same fresh starts."""

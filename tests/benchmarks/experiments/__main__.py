@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line of the experiments: trains, flies, draws and writes down."""
+"""Command line of the experiments: trains and flies policies, and writes tables and plots."""
 from __future__ import annotations
 
 import argparse
@@ -28,20 +28,20 @@ from ppo_agent_node.evaluation.metrics import write_json
 
 ROOT = Path(__file__).parents[3]
 SEEDS = (11, 12, 13)
-"""of trainings; the published policies have 1 to 5, and settings are tuned on 101 and more"""
+"""training seeds; published policies use 1 to 5, and settings are tuned with 101 and more"""
 FLIGHT_SEED = 50_000_000
-"""of what policies fly; no training, no selection and no published figure has it"""
+"""seed of the flights; no training, selection or published figure uses it"""
 
 
 class Experiment(NamedTuple):
-    """An experiment: what it measures, and how its figures are told."""
+    """An experiment: its measurement, and the presentation of its figures."""
 
     measuring: Any
     """module with `measure` and `table`"""
     drawing: Any
     """module with `draw` and `title`"""
     episodes: int
-    """of each task, by default"""
+    """default number for each task"""
 
 
 EXPERIMENTS = {
@@ -53,7 +53,7 @@ EXPERIMENTS = {
 
 
 def arguments() -> argparse.Namespace:
-    """Return what the command line says."""
+    """Return the arguments of the command line."""
     parser = argparse.ArgumentParser(
         prog='bench experiments', formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Runs experiments on learning; docs/results/experiments.md has the results.',
@@ -76,7 +76,7 @@ def arguments() -> argparse.Namespace:
 
 
 def measure(name: str, options: Options) -> dict[str, Any]:
-    """Return the figures of an experiment with where they come from."""
+    """Return the figures of an experiment, with command, machine, commit and seeds."""
     experiment, began = EXPERIMENTS[name], time.process_time()
     figures = experiment.measuring.measure(options)
     figures |= {
@@ -92,7 +92,7 @@ def measure(name: str, options: Options) -> dict[str, Any]:
 
 
 def repeating(name: str, options: Options) -> str:
-    """Return what repeats it, with what is not as by default."""
+    """Return the command that repeats the experiment, with options that are not default."""
     words = ['./launch_scripts/bench', 'experiments', name]
     if tuple(options.seeds) != SEEDS:
         words += ['--seeds', *map(str, options.seeds)]
@@ -104,7 +104,7 @@ def repeating(name: str, options: Options) -> str:
 
 
 def main() -> None:
-    """Run an experiment and tell what it found."""
+    """Run an experiment and print its results."""
     given = arguments()
     torch.set_num_threads(1)
     experiment = EXPERIMENTS[given.name]

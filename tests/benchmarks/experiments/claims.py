@@ -29,14 +29,14 @@ TRAINED = Task('nominal', 7)
 WIDER = (
     Task('nominal', 8), Task('mix', 7), Task('mass +5 %', 7), Task('side 0.5 m/s^2', 7),
     Task('noise x 1', 7))
-"""Starts and conditions that no training here has seen."""
+"""Starts and conditions that were not used in any of these trainings."""
 _FAILS = 5.0
-"""%, landing rate below which a way to train has failed, interval included"""
+"""% of landings; a training method fails if the whole interval is below this"""
 _LANDS = 90.0
-"""% above which it lands, interval included"""
+"""% of landings; a training method lands if the whole interval is above this"""
 
-# The work flew one rocket in roll-outs of 2 048 steps. Sixteen rockets and 128 steps are as many
-# samples an update, for much less processor time.
+# The original work used one rocket and roll-outs of 2 048 steps. Sixteen rockets and 128 steps
+# give the same number of samples per update in much less processor time.
 _SIXTEEN = {'n_steps': 128, 'selection_episodes': 64, 'iterations': 150}
 _LONG_CREDIT = {
     'clip_range': 0.1, 'gamma': 0.9999, 'gae_lambda': 0.99, 'n_steps': 128, 'batch_size': 4096,
@@ -94,7 +94,7 @@ def measure(options: Options) -> dict[str, Any]:
 
 
 def scaled(recipe: Recipe, quick: bool) -> Recipe:
-    """Return the recipe, or one that does next to nothing."""
+    """Return the recipe, or with `quick` a version of it that trains only briefly."""
     if not quick:
         return recipe
     fewer = {**_QUICK, 'demonstration_episodes': min(
@@ -105,7 +105,7 @@ def scaled(recipe: Recipe, quick: bool) -> Recipe:
 def chosen(
     figures: Mapping[str, Any], way: str, stage: str, task: Task | None = None,
 ) -> list[dict[str, Any]]:
-    """Return what was flown after one way to train, a figure each seed."""
+    """Return the figures of one training method, one entry per seed."""
     return [one for one in figures['flown'] if one['way'] == way and one['stage'] == stage
             and (task is None or one['task'] == str(task))]
 
@@ -113,7 +113,7 @@ def chosen(
 def changes(
     figures: Mapping[str, Any], way: str, task: Task, value: Callable[[Any], float | None],
 ) -> Estimate:
-    """Return what PPO changed after the clone, seed by seed; NaN where either has no value."""
+    """Return the change by PPO over the clone, paired by seed; NaN if no pair has values."""
     pairs = [(value(before), value(after)) for before, after in zip(
         chosen(figures, way, 'cloned', task), chosen(figures, way, 'last', task), strict=True)]
     known = [after - before for before, after in pairs if None not in (before, after)]
@@ -127,7 +127,7 @@ def speed(one: Mapping[str, Any]) -> float | None:
 
 
 def verdicts(figures: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return claim, whose settings and verdict, each from the interval of its figure."""
+    """Return claim, settings and verdict; the interval of its figure decides each verdict."""
     found = []
     for way in DIRECT:
         rate = statistics.landed(chosen(figures, way, 'last'))
@@ -162,5 +162,5 @@ def rate_text(rate: Estimate) -> str:
 
 
 def table(figures: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Return the verdicts as rows, head first."""
+    """Return the verdicts as rows, after a header row."""
     return [('claim', 'settings', 'verdict'), *verdicts(figures)]

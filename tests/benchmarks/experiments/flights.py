@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flies policies on the fresh starts of an experiment, each once: the figures are kept."""
+"""Flies policies on the fresh starts of an experiment, and caches the figures."""
 from __future__ import annotations
 
 import json
@@ -19,29 +19,29 @@ _KEPT = 'flown.json'
 
 
 class Task(NamedTuple):
-    """A row of the table of conditions, and the level it is flown on."""
+    """A row of the table of conditions and a level."""
 
     condition: str = 'nominal'
     level: int = 7
 
     def __str__(self) -> str:
-        """Return it as figures name it."""
+        """Return its name in the figures."""
         return f'{self.condition}, level {self.level}'
 
 
 class Sample(NamedTuple):
-    """How much is flown of each task."""
+    """Number of episodes of each task, and their seed."""
 
     episodes: int
     seed: int
 
 
 def fly(policy: Path, task: Task, sample: Sample) -> dict[str, Any]:
-    """Return the figures of a policy; those of an earlier flight where there was one.
+    """Return the figures of a policy; those of an earlier flight if there are any.
 
-    Equal samples meet the same starts and draws, whatever the policy, so that differences between
-    policies are less noisy than either. `success` of `metrics` tells what the figures are;
-    touchdown speed, m/s, is that of landings.
+    All policies fly a sample from the same starts with the same random draws, so differences
+    between policies are less noisy than the figures of one. `metrics.success` documents most
+    figures; the touchdown speed, m/s, is that of landings.
     """
     kept = policy.parent / _KEPT
     flown = json.loads(kept.read_text('utf-8')) if kept.exists() else {}

@@ -3,7 +3,7 @@
 
 The variants are those of `variants`. All differences are paired by training seed, on the same
 starts. Variants of PPO have the clone of the base, bit for bit, which is flown once. The result of
-PPO is the policy of its last iteration, because the best policy kept would hide harm.
+PPO is the policy of its last iteration, because the best policy would hide a deterioration.
 """
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def measure(options: Options) -> dict[str, Any]:
 def chosen(
     figures: Mapping[str, Any], variant: str, stage: str, task: Task,
 ) -> list[dict[str, Any]]:
-    """Return the figures of a variant, one each seed; its clone may be that of the base."""
+    """Return the figures of a variant, one entry per seed; its clone may be that of the base."""
     found = [one for one in figures['flown'] if one['stage'] == stage
              and one['task'] == str(task) and one['variant'] == variant]
     return found or chosen(figures, variants.BASE.name, stage, task)
@@ -55,14 +55,14 @@ def chosen(
 def differences(
     figures: Mapping[str, Any], variant: str, stage: str, task: Task,
 ) -> list[float]:
-    """Return by how much a variant returns more than the base, seed by seed."""
+    """Return the difference in mean return between a variant and the base, for each seed."""
     base = chosen(figures, variants.BASE.name, stage, task)
     return [one['mean_return'] - other['mean_return'] for one, other in zip(
         chosen(figures, variant, stage, task), base, strict=True)]
 
 
 def table(figures: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Return a row for each variant, head first: absolute figures and differences of return."""
+    """Return a header row and a row per variant: absolute figures and differences of return."""
     rows: list[Sequence[str]] = [(
         'variant', 'level', 'clone: return', 'after PPO: return', 'landed, %', 'fuel ratio',
         'touchdown, 95 % below, m/s')]
@@ -90,12 +90,12 @@ def _return(figures: Mapping[str, Any], variant: str, stage: str, task: Task) ->
 
 
 def mean_text(values: Sequence[float | None], digits: int) -> str:
-    """Return the mean over the seeds, '' where one has no value."""
+    """Return the mean over the seeds as text, '' if a seed has no value."""
     known = [value for value in values if value is not None]
     return f'{sum(known) / len(known):.{digits}f}' if len(known) == len(values) else ''
 
 
 def worth(figures: Mapping[str, Any], stage: str, task: Task) -> dict[str, Estimate]:
-    """Return what each variant changes of the return, by name."""
+    """Return the difference of return between each variant and the base, by name."""
     return {one['name']: statistics.over_seeds(differences(figures, one['name'], stage, task))
             for one in figures['variants']}

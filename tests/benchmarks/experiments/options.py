@@ -19,4 +19,4 @@ class Options(NamedTuple):
     runs: Path
     """Folder of the runs."""
     quick: bool
-    """Whether to do so little of everything that only the program is tested."""
+    """Whether to do as little as possible, to test only the program."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shows the reach H of the reverse curriculum over time, with preset `from_scratch`.
 
-The curves are from the `train.jsonl` of each run; the figures are of its policy on fresh starts.
+The curves come from the `train.jsonl` of each run, the figures from its policy on fresh starts.
 """
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CURVES = ('iteration', 'steps', 'reach', 'landing_rate', 'selection_return')
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """Train with each seed; return the curves of the runs and what the policies reach."""
+    """Train with each seed; return the curves of the runs and the figures of the policies."""
     found, runs = [], []
     for seed in options.seeds:
         run = train(_QUICK if options.quick else _RECIPE, seed, options.runs)
@@ -41,16 +41,16 @@ def measure(options: Options) -> dict[str, Any]:
 
 
 def passed(lines: Sequence[Mapping[str, Any]]) -> dict[str, int | None]:
-    """Return after which iteration, and how many steps, roll-outs began at all heights.
+    """Return the iteration and the step from which roll-outs began at all heights.
 
-    :param lines: of fine-tuning in `train.jsonl`.
+    :param lines: lines of fine-tuning in `train.jsonl`.
     """
     full = [line for line in lines if line['reach'] >= FULL_REACH - 1e-6]
     return {name: full[0][name] if full else None for name in ('iteration', 'steps')}
 
 
 def table(figures: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Return a row for each seed, head first."""
+    """Return a header row and a row for each seed."""
     rows: list[Sequence[str]] = [(
         'seed', 'full reach: iteration', 'million steps', 'landed, %', 'return', 'fuel ratio')]
     for one in figures['seeds']:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of several training seeds as one, with 95 % intervals."""
+"""Means over several training seeds, with 95 % intervals."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ class Estimate(NamedTuple):
     high: float
 
     def text(self, digits: int) -> str:
-        """Return it with its interval, signs included."""
+        """Return the figure and its interval as text, with signs."""
         return f'{self.value:+.{digits}f} [{self.low:+.{digits}f}, {self.high:+.{digits}f}]'
 
 
 def over_seeds(values: Sequence[float]) -> Estimate:
-    """Return the mean over training seeds with Student's interval, infinite for one seed.
+    """Return the mean over training seeds with Student's interval (infinite for one seed).
 
-    Values compared seed by seed are given as differences, which makes it the paired t test.
+    For a comparison, pass the differences of each seed; this is then the paired t test.
     """
     sample = np.asarray(values, np.float64)
     if len(sample) < 2:

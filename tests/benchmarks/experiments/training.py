@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trains what an experiment compares, in process: the same bits as over DDS.
+"""Trains the runs of an experiment in process, with the same results as over DDS.
 
-A run that is there already is taken as it is, and one that was interrupted goes on, so that a
-sweep can be stopped at any time.
+A finished run is used as it is, and an interrupted one is resumed, so a sweep can be stopped at
+any time.
 """
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _NOTE = 'trained.json'
 
 @dataclass(frozen=True)
 class Recipe:
-    """A way to train: a preset of a world with some settings changed."""
+    """A training method: a preset of a world with some settings changed."""
 
     name: str
     preset: str = 'default'
@@ -51,20 +51,20 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Trained:
-    """A run that is over."""
+    """A finished run."""
 
     recipe: str
     seed: int
     folder: RunFolder
     cpu_seconds: float
-    """of the training, without flights of the experiment"""
+    """of the training, without the flights of the experiment"""
     commit: str
-    """that it was trained at"""
+    """of the training"""
 
     def policy(self, stage: str) -> Path:
-        """Return a policy of the run: `cloned`, `policy`, the best one, or `last`.
+        """Return a policy of the run: `cloned`, `policy` (the best one) or `last`.
 
-        The last need not be the best; its file is made when it is asked for.
+        The last policy need not be the best. Its file is written on the first call.
         """
         path = self.folder.path / f'{stage}.safetensors'
         if stage == 'last' and not path.exists():
@@ -77,16 +77,16 @@ class Trained:
         return path
 
     def note(self) -> dict[str, Any]:
-        """Return what the figures of an experiment say of it."""
+        """Return the facts about the run that are stored with the figures."""
         return {
             'recipe': self.recipe, 'seed': self.seed, 'cpu_seconds': self.cpu_seconds,
             'commit': self.commit}
 
 
 def train(recipe: Recipe, seed: int, runs: Path) -> Trained:
-    """Train with a seed in a folder below `runs`, or take what was trained there.
+    """Train with a seed in a folder below `runs`, or return the existing run.
 
-    :raises ValueError: when the run that is there has other settings; names them.
+    :raises ValueError: if the existing run has other settings; the message names them.
     """
     folder = RunFolder(runs / f'{recipe.name}-{seed}', resume=True)
     note, config = folder.path / _NOTE, recipe.config(seed)

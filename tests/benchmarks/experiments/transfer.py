@@ -29,7 +29,7 @@ _QUICK = ('nominal', 'mix')
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """Fly all policies that ship for rockets; return the cells of the matrix.
+    """Fly all shipped policies for rockets; return the cells of the matrix.
 
     Nothing is trained, so the training seeds do not matter.
     """
@@ -50,13 +50,13 @@ def measure(options: Options) -> dict[str, Any]:
 
 
 def pilots(spec: WorldSpec) -> dict[str, Pilot]:
-    """Return the expert and the policies that ship and fit a world, by name."""
+    """Return the expert and the shipped policies that can fly in a world, by name."""
     found: dict[str, Pilot] = {'expert': ExpertPilot(spec)}
     for name in shipped_names():
         try:
             found[name] = PolicyPilot(Path(find_policy(name, spec.name)), spec)
         except ValueError:
-            continue  # that of the lander sees and steers otherwise
+            continue  # the lander's policy has other observations and actions
     return found
 
 
@@ -79,7 +79,7 @@ def cell(figures: Mapping[str, Any], column: tuple[str, str], condition: str) ->
 
 
 def table(figures: Mapping[str, Any]) -> list[Sequence[str]]:
-    """Return nominal and the sets as rows, head first: landed in per cent and mean return."""
+    """Return a header row, and rows of landing rate and mean return: nominal and the sets."""
     head = ('flown in, by', *(label for label in rows(figures) if label in (
         'nominal', 'mix', 'harsh')))
     found: list[Sequence[str]] = [head]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ingredients of preset `default`, each changed alone, at a scale that can be repeated."""
+"""The ingredients of preset `default`, changed one at a time, in trainings of reduced size."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ SCALE: Mapping[str, object] = {
     'demonstration_episodes': 128, 'dagger_rounds': 4, 'dagger_epochs': 3, 'clone_epochs': 4,
     'hidden_sizes': (64, 64), 'iterations': 24, 'selection_interval': 1000,
     'selection_episodes': 128, 'checkpoint_interval': 1000}
-"""Changes of the base from `default`, so that three seeds of all variants take half an hour."""
+"""Settings of the base that differ from `default`, so that three seeds take half an hour."""
 QUICK: Mapping[str, object] = {
     'demonstration_episodes': 8, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 1,
     'iterations': 1, 'scatter_steps': 8, 'selection_episodes': 8}
@@ -20,15 +20,15 @@ IMITATION, PPO = 'imitation', 'PPO'
 CRITIC: Mapping[str, object] = {
     'start_copies': 1, 'n_steps': 128, 'batch_size': 4096, 'n_epochs': 2, 'gamma': 1.0,
     'gae_lambda': 0.99, 'critic_warmup_iterations': 4}
-"""Advantages from a critic, of roll-outs with fewer samples each."""
+"""Settings for advantages from a critic, with fewer samples per roll-out."""
 
 
 class Variant(NamedTuple):
-    """An ingredient changed, or left out."""
+    """An ingredient that is changed or left out."""
 
     name: str
     stage: str
-    """Of which it is an ingredient; one of PPO leaves the clone as it is."""
+    """The stage that it belongs to; variants of PPO do not change the clone."""
     overrides: Mapping[str, object]
     asks: str
 
@@ -76,7 +76,7 @@ VARIANTS = (
 
 
 def recipe(variant: Variant, quick: bool = False) -> Recipe:
-    """Return how a variant is trained."""
+    """Return the recipe of a variant."""
     scale = {**SCALE, **(QUICK if quick else {})}
     kept = {name: value for name, value in variant.overrides.items()
             if not quick or name != 'dagger_rounds'}

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whole trainings with several seeds: of presets, and of the examples of the documents."""
+"""Complete trainings with several seeds, of presets and of the examples in docs/examples."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Trains the examples of docs/examples with several seeds and draws their learning curves.
 
-Each run is a process of its own, one after the other. It ends when the last 100 episodes return
+Runs are separate processes, one after the other. A run ends when the last 100 episodes return
 the target on average, or when its budget of steps is used up. An existing run is used as it is, so
 a sweep can be stopped and continued.
 """
@@ -37,20 +37,20 @@ STEPS = {
     'rocket': {'sb3_sac': 100_000, 'default': 3_000_000}}
 """budgets"""
 TARGETS = {'lunar_lander': 200.0, 'rocket': 1000.0}
-"""mean returns at which a run ends; no rocket reaches its own, so that budgets are used up"""
+"""mean returns at which a run ends; that of rockets is out of reach, so they use all steps"""
 SEEDS = {'lunar_lander': (1, 2, 3, 4, 5), 'rocket': (1, 2, 3)}
 
 
 def budget(world: str, example: str) -> int:
-    """Return the number of steps that a run has."""
+    """Return the number of steps of a run."""
     steps = STEPS[world]
     return steps.get(example, steps['default'])
 
 
 def train(options: argparse.Namespace, example: str, world: str, seed: int) -> dict[str, Any]:
-    """Train an example, or take what is there.
+    """Train an example, or return the existing run.
 
-    :raises CalledProcessError: when the training failed.
+    :raises CalledProcessError: if the training failed.
     """
     steps = options.steps or budget(world, example)
     path: Path = options.runs / f'{example}-{world}-{seed}.json'
@@ -110,7 +110,7 @@ def table(world: str, runs: Sequence[dict[str, Any]]) -> str:
 
 
 def facts(runs: Sequence[dict[str, Any]], command: str) -> str:
-    """Return how figures came about, in a line."""
+    """Return one line with command, date, commit and machine of the figures."""
     dates, commits, processors = (
         ', '.join(sorted({run['machine'][name] for run in runs}))
         for name in ('date', 'commit', 'processor'))
@@ -118,7 +118,7 @@ def facts(runs: Sequence[dict[str, Any]], command: str) -> str:
 
 
 def repeating(options: argparse.Namespace, world: str) -> str:
-    """Return what repeats it, with what is not as by default."""
+    """Return the command that repeats the runs, with all options that differ from default."""
     words = ['./launch_scripts/bench examples --worlds', world]
     if list(options.examples) != list(NAMES):
         words += ['--examples', *options.examples]
@@ -130,7 +130,7 @@ def repeating(options: argparse.Namespace, world: str) -> str:
 
 
 def main() -> None:
-    """Train, print, draw, and write the figures."""
+    """Train, print the table, and write figures and plots."""
     parser = argparse.ArgumentParser(prog='bench examples', description=__doc__)
     parser.add_argument(
         '--worlds', nargs='+', choices=list(STEPS), default=list(STEPS), help='worlds')

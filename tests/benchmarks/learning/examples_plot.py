@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of `bench examples`: learning curves over environment steps."""
+"""The plots of `bench examples`: learning curves over environment steps."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ def draw(
     world: str, runs: Sequence[Mapping[str, Any]], names: Mapping[str, str], target: float,
     path: Path,
 ) -> Path:
-    """Draw a line for each run, coloured by example: returns, or the reach of the curriculum."""
+    """Draw returns, or the reach of the curriculum: one line per run, coloured by example."""
     rockets = world != 'lunar_lander'
     with style.styled():
         figure = Figure(figsize=(9, 5))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Trains one example of the documents with one seed, and records its episodes on the way.
+"""Trains one example of docs/examples with one seed, and records its episodes.
 
-The example is not changed: its `train` runs as it is, and the environments tell this module about
-the episodes that end. `train` is left when the last 100 episodes return the target on average, or
-when its steps are used up.
+The example is not changed: its `train` runs as it is, and patched environments report their
+episodes to this module. `train` is stopped when the last 100 episodes return the target on
+average, or when its steps are used up.
 """
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 
 EXAMPLES = Path(__file__).parents[3] / 'docs' / 'examples'
 WINDOW = 100
-"""episodes of a mean"""
+"""number of episodes in a moving average"""
 POINTS = 200
-"""at most, of a curve"""
+"""maximum number of points in a curve"""
 
 
 ROCKETS: dict[str, dict[str, Any]] = {
     'sb3_sac': {}, 'single_file_ppo': {
         'num_envs': 256, 'num_steps': 128, 'minibatches': 8, 'epochs': 4,
         'learning_rate': 1e-3, 'gamma': 0.998, 'entropy_weight': 0.0}}
-"""arguments of an example for rockets, beside their name; of others: 256 rockets"""
+"""additional arguments of an example for rockets; examples not listed use 256 rockets"""
 
 
 class ReachedError(Exception):
-    """The target is reached, or the steps are used up."""
+    """Raised when the target is reached or the steps are used up."""
 
 
 class Recorder:
-    """Record of the episodes that end in the environments of this process."""
+    """Records the episodes that end in the environments of this process."""
 
     def __init__(self, target: float, most_steps: int) -> None:
         """Begin at step 0.
@@ -62,9 +62,9 @@ class Recorder:
         self._following, self._began = 0.0, time.process_time()
 
     def stepped(self, num_envs: int, info: dict[str, Any]) -> None:
-        """Take a step of all environments.
+        """Record a step of all environments.
 
-        :raises ReachedError: when it was the last one.
+        :raises ReachedError: if the training is to end.
         """
         self.steps += num_envs
         if info:
@@ -88,7 +88,7 @@ class Recorder:
             **({} if self.reach is None else {'reach': self.reach})})
 
     def attach(self) -> None:
-        """Record all environments of this process from now on."""
+        """Patch the environments, so that all of this process are recorded from now on."""
         step, begin = HoverslamVectorEnv.step, ReverseCurriculum._begin
 
         def recorded(env: HoverslamVectorEnv, actions: Any) -> Any:
@@ -105,7 +105,7 @@ class Recorder:
 
 
 def train(example: str, world: str, seed: int, steps: int, target: float) -> dict[str, Any]:
-    """Train an example and return what became of it."""
+    """Train an example and return its results."""
     module = runpy.run_path(str(EXAMPLES / f'{example}.py'))
     settings: dict[str, Any] = {'name': gym.IDS[world], 'seed': seed, 'steps': steps}
     if world != 'lunar_lander':
@@ -126,7 +126,7 @@ def train(example: str, world: str, seed: int, steps: int, target: float) -> dic
 
 
 def main() -> None:
-    """Print a line of JSON."""
+    """Train, and print the results as a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
     parser.add_argument('example')
     parser.add_argument('world')

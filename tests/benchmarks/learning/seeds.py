@@ -41,16 +41,16 @@ from rocket_sim_node import worlds
 ROOT = Path(__file__).parents[3]
 ROCKETS = 500
 SEED = 40_000_000
-"""of the fresh starts"""
+"""seed of the fresh starts"""
 _ALIASES = {'scripted': choice.EXPERT}
 
 
 def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
-    """Train with a seed; return the run and its seconds, None if it was there.
+    """Train with a seed; return the run and its duration, s, or None if the run existed.
 
-    They are seconds of wall clock, or of processor time for a training in this process.
+    The duration is wall-clock time, or processor time for a training in this process.
 
-    :raises CalledProcessError: when the training failed.
+    :raises CalledProcessError: if the training failed.
     """
     name = f'{options.world}-{options.preset}'
     run = options.runs / f'{name}-{seed}'
@@ -68,7 +68,7 @@ def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
 
 
 def figures(result: EvaluationResult) -> dict[str, Any]:
-    """Return the figures of an evaluation that a table shows."""
+    """Return the figures of an evaluation for the table."""
     flown, landed = result.episodes, result.landed
     count = int(landed.sum())
     if not result.is_rocket:
@@ -91,7 +91,7 @@ def figures(result: EvaluationResult) -> dict[str, Any]:
 def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> EvaluationResult:
     """Fly a pilot on a task such as `mix:7` from fresh starts, the same ones for each pilot.
 
-    :param pilot: a policy file, or a name as `evaluate` takes it; `scripted` is the expert.
+    :param pilot: a policy file, or a name as for `evaluate`; `scripted` is the expert.
     """
     name, _, level = task.partition(':')
     settings: dict[str, Any] = {}
@@ -107,7 +107,7 @@ def fly(options: argparse.Namespace, pilot: str | Path, task: str) -> Evaluation
 
 
 def gain(clone: EvaluationResult, policy: EvaluationResult) -> dict[str, Any]:
-    """Return the mean difference in return of a policy and its clone, which had the same starts.
+    """Return the mean gain in return of a policy over its clone, from the same starts.
 
     The interval is that of the paired differences.
     """
@@ -116,7 +116,7 @@ def gain(clone: EvaluationResult, policy: EvaluationResult) -> dict[str, Any]:
 
 
 def markdown(flown: Sequence[dict[str, Any]]) -> str:
-    """Return the rows of a table for the documents: a line a pilot, two columns a task."""
+    """Return a Markdown table: one line per pilot, two columns per task."""
     tasks = list(dict.fromkeys(one['task'] for one in flown))
     found = {(one['pilot'], one['task']): one for one in flown}
     heads = [text for task in tasks
@@ -134,7 +134,7 @@ def markdown(flown: Sequence[dict[str, Any]]) -> str:
 
 
 def row(label: str, task: str, one: dict[str, Any]) -> str:
-    """Return a line of the table."""
+    """Return a line of the printed table."""
     low, high = one['mean_return_interval']
     text = (f'{label:<16} {task:<12} {100 * one["landed"] / one["episodes"]:7.2f} %  '
             f'{one["mean_return"]:8.3f} [{low:.3f}, {high:.3f}]')
@@ -149,7 +149,7 @@ def row(label: str, task: str, one: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Train, fly, print and write the figures."""
+    """Train and fly the policies, and print and write the figures."""
     parser = argparse.ArgumentParser(prog='bench seeds', description=__doc__)
     parser.add_argument('--world', default='rocket', choices=worlds.names(), help='world')
     parser.add_argument('--preset', default='default', help='preset')

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of networks: an update by PPO, and an exported policy."""
+"""Speed of a PPO update and of an exported policy."""

@@ -2,8 +2,8 @@
 """Samples/s of a PPO update, ours and that of Stable-Baselines3, by network, batch and threads.
 
 All learn from one fixed batch, with equal networks, weights, minibatches, epochs and settings, in
-float32, and none stops early. Stable-Baselines3 is measured with waiting threads that spin, which
-is torch's default, and with threads that sleep, as ours do; the faster one counts. All cases are
+float32, without early stopping. Stable-Baselines3 is measured with idle threads that spin (torch's
+default) and with idle threads that sleep, as ours do; the faster case counts. All cases are
 measured alternately; medians are reported. The lower bound is the time of the bare matrix
 products, with the fastest of MKL on whole minibatches, MKL on pieces of 512 rows, and oneDNN on
 pieces of 1024 rows. `autograd` is our update with the same networks, but with torch's
@@ -25,7 +25,7 @@ from benchmarks.networks.learner_sides import Served
 
 
 def measure(options: Options, rounds: int) -> dict[str, Any]:
-    """Return samples/s of each side, their ratios and what the updates told."""
+    """Return samples/s of each side, their ratios and the losses of the updates."""
     served = {
         name: Served(name, options) for name in SIDES
         if not name.startswith('SB3') or (
@@ -37,7 +37,7 @@ def measure(options: Options, rounds: int) -> dict[str, Any]:
         for number in range(rounds + 1):
             for name, side in served.items():
                 seconds, told[name] = side.update()
-                if number:  # the first one warms up
+                if number:  # the first update is a warm-up
                     rates[name].append(side.samples / seconds)
     finally:
         for side in served.values():
@@ -71,7 +71,7 @@ def line(figures: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Print the tables, write the figures."""
+    """Print the tables and write the figures."""
     parser = argparse.ArgumentParser(prog='bench learner', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
     parser.add_argument(
@@ -99,7 +99,8 @@ def main() -> None:
                 Options(case, threads, options.device, options.samples), options.rounds))
             print(line(results[-1]), flush=True)
     if options.output:
-        # Late: it imports what sets torch's threads, which the other side shall not inherit.
+        # Imported late: it changes the settings of torch's threads, which the other side must not
+        # inherit.
         from ppo_agent_node.evaluation.metrics import write_json
 
         write_json(options.output, {'learner': results})

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One PPO update by us, by autograd, by Stable-Baselines3, and the matrix products of all.
+"""One PPO update by our learner, by autograd and by Stable-Baselines3; and its matrix products.
 
-Each side is served by a process of its own, so that it has the threads and the environment
-variables that it would have alone.
+Each side runs in a process of its own, so its threads and environment variables are the same as
+without the other sides.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from typing import Protocol
 
 @dataclass(frozen=True)
 class Case:
-    """A case: a world's default preset, with its batches or others."""
+    """The default preset of a world, with a given number of rockets and minibatch size."""
 
     world: str
     rockets: int
@@ -37,20 +37,20 @@ CASES = (
 
 @dataclass(frozen=True)
 class Options:
-    """How one side is run."""
+    """Options of one side."""
 
     case: Case
     threads: int
     device: str
     samples: int
-    """in the batch; 0: as many as the preset flies"""
+    """samples in the batch; 0: as many as in a roll-out of the preset"""
 
 
 class Side(Protocol):
     """One side of the comparison, to be timed."""
 
     samples: int
-    """times epochs"""
+    """samples in the batch, times epochs"""
 
     def reset(self) -> None: ...
 
@@ -58,7 +58,7 @@ class Side(Protocol):
 
 
 class Ours:
-    """Our learner and the fixed batch, from which the other side takes weights and samples."""
+    """Our learner and the fixed batch; the other sides copy its weights and samples."""
 
     def __init__(self, options: Options, **changes: Any) -> None:
         import torch
@@ -82,7 +82,7 @@ class Ours:
         with torch.no_grad():
             action, log_prob = self.learner.policy.sample(observation, noise)
             value = self.learner.critic(observation)
-        # As if flown some updates ago: ratios on both sides of the clip range.
+        # As if the policy had been updated since: some ratios are outside the clip range.
         log_prob += 0.1 * torch.randn(count, generator=noise)
         advantage, error = torch.randn(2, count, generator=noise)
         self.batch = Batch(observation, action, log_prob, advantage, value + error, value)
@@ -98,10 +98,10 @@ class Ours:
 
 
 class Autograd(Ours):
-    """The same update by autograd and torch's fused Adam: what writing gradients out buys."""
+    """The same update by autograd and torch's fused Adam, without hand-written gradients."""
 
     def reset(self) -> None:
-        """Put weights and optimisers back."""
+        """Restore the weights and make new optimisers."""
         from support.training import ppo_reference
 
         super().reset()
@@ -112,7 +112,7 @@ class Autograd(Ours):
             fused=True)
 
     def update(self) -> dict[str, float]:
-        """Learn from the batch as a textbook does."""
+        """Learn from the batch with the textbook algorithm."""
         import torch
         from support.training import ppo_reference
 
@@ -192,13 +192,13 @@ class StableBaselines3:
 
 
 class Floor:
-    """The matrix products alone: forward, and backward for weights and inputs.
+    """Only the matrix products: forward, and backward for weights and inputs.
 
-    Those of policy and critic run side by side where there are threads for it.
+    Those of policy and critic run in parallel if there are enough threads.
     """
 
     def __init__(self, options: Options, rows: int = 0, one_dnn: bool = False) -> None:
-        """Allocate; with `rows`, minibatches are cut into so many samples."""
+        """Allocate the matrices; `rows` limits the number of samples in each product."""
         import torch
 
         from ppo_agent_node.ppo.networks.dense import product
@@ -261,8 +261,8 @@ SIDES: dict[str, Callable[[Options], Side]] = {
 
 def _serve(pipe: Connection, name: str, options: Options) -> None:
     if name == 'SB3':
-        # Importing our package lets torch's threads sleep when they wait, which is good for them
-        # when others work beside them. The other side gets both: as it comes, and so.
+        # Importing our package makes torch's idle threads sleep, which helps when other processes
+        # need the cores. The other side is measured with its default and with this setting.
         os.environ.pop('OMP_WAIT_POLICY', None)
         importlib.import_module('torch')
     side = SIDES[name](options)
@@ -275,7 +275,7 @@ def _serve(pipe: Connection, name: str, options: Options) -> None:
 
 
 class Served:
-    """A side in a process of its own."""
+    """A side that runs in a process of its own."""
 
     def __init__(self, name: str, options: Options) -> None:
         context = multiprocessing.get_context('spawn')
@@ -286,7 +286,7 @@ class Served:
         self.samples: int = self._pipe.recv()
 
     def update(self) -> tuple[float, dict[str, float]]:
-        """Return seconds and what the update told."""
+        """Run an update; return its duration, s, and its losses."""
         self._pipe.send(True)
         answer: tuple[float, dict[str, float]] = self._pipe.recv()
         return answer

@@ -26,11 +26,11 @@ from rocket_sim_node.worlds.base import F32
 
 _POLICIES = {
     'rocket': 'rocket', 'robust': 'rocket', 'lunar_lander': 'lunar_lander'}
-"""Policies that ship and their worlds."""
+"""Shipped policies and their worlds."""
 
 
 def microseconds(pilot: Pilot, observation: F32, seconds: float) -> float:
-    """Return the time of one call, over about so many seconds."""
+    """Return the mean time of a call, us, measured for about `seconds`."""
     count, start = 0, time.perf_counter()
     while (elapsed := time.perf_counter() - start) < seconds:
         for _ in range(4):
@@ -40,7 +40,7 @@ def microseconds(pilot: Pilot, observation: F32, seconds: float) -> float:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench onnx', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
     parser.add_argument(

@@ -7,10 +7,10 @@ processes. About once a minute one of them is killed with `kill -9` and replaced
 a 95 % interval (see soak_slopes). It is flat if the interval contains zero, or if the slope is
 below 1 % of the mean.
 
-Each node has its own row, for those of its processes that last a fifth of the soak: `sim_0` and
-`recorder_0` run all the time, an agent for two thirds. A process that is killed every few minutes
-is never old enough to leak much. Such processes are compared with each other at the age of a
-minute, which would show leaks that are passed on from one to the next.
+Each node has its own row, from its processes that live for a fifth of the soak or more: `sim_0`
+and `recorder_0` run all the time, an agent for two thirds. A process that is killed every few
+minutes is never old enough to leak much. Such processes are compared with each other at the age of
+a minute, which would show leaks that are passed on from one to the next.
 
 Steps/s are measured in periods of 10 s of training during which, and shortly before which, nothing
 happened. Steps per second of processor time, of agent and simulators, are less sensitive to other
@@ -45,17 +45,17 @@ from benchmarks.reliability.soak_slopes import in_blocks
 from ppo_agent_node.evaluation.metrics import write_json
 
 _TICK = 0.2
-"""s between two looks at the log of the training"""
+"""s between two reads of the training log"""
 _AFTERMATH = 15.0
-"""s after a fault in which nodes start and find each other"""
+"""s after a fault, in which nodes start and discover each other; steps/s are not measured"""
 _SPELL = 10.0
-"""s of undisturbed training that make a point of steps/s"""
+"""s of undisturbed training for each value of steps/s"""
 _LIFE = 1 / 5
-"""of the soak: shorter lives are all youth"""
+"""part of the soak; processes that live less are left out"""
 _AGE = 60.0
-"""s after which lives are compared with each other"""
+"""s; age at which short-lived processes are compared with each other"""
 _SAVED = 60.0
-"""s between two savings of what is known so far"""
+"""s between two writes of the figures so far"""
 _FIGURES = {
     'own': 'memory of its own, MiB', 'rss': 'memory, RSS, MiB', 'files': 'open files',
     'threads': 'threads'}
@@ -63,14 +63,14 @@ _RATES = {
     'steps_per_second': 'steps/s', 'steps_per_cpu_second': 'steps per CPU-second',
     'steps_per_piece': 'steps per piece of work'}
 _MACHINE = _RATES['steps_per_second'], _RATES['steps_per_cpu_second']
-"""what is the machine's as well: faster at one time than at another"""
+"""figures that also depend on the machine, whose speed varies"""
 
 
 def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, Any]]:
-    """Return each figure's slope, node by node.
+    """Return the slope of each figure, for each node.
 
-    :param looks: at the nodes, in order; `rates`: of the training.
-    :param length: of the soak, as far as it has come, s.
+    :param looks: samples of the nodes, in order; `rates`: speeds of the training.
+    :param length: elapsed time of the soak, s.
     """
     warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
 
@@ -89,7 +89,7 @@ def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, 
         return told(what, of, fit(*in_blocks(*columns(rows, name), warm_up, block, shortest)))
 
     def young(node: str) -> dict[str, Any]:
-        # The first one begins otherwise: recorders stand still.
+        # The first process of a node starts differently: recorders are stopped for a while.
         rows = [row for row in looks if row['node'] == node and row['life'] > 1]
         hours, values, ones = at_age(*columns(rows, 'own'), _AGE)
         found = told(f'memory at {_AGE:g} s, MiB', node, fit(hours, values, ones))
@@ -104,12 +104,12 @@ def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, 
 
 
 class Soak:
-    """One soak: what it measured so far, and what that says."""
+    """A soak: runs it, and collects and evaluates its measurements."""
 
     def __init__(self, minutes: float, every: float, nodes: Nodes, table: Path) -> None:
-        """Begin; the nodes run already.
+        """Begin; the nodes must run already.
 
-        :param every: s between faults, on average
+        :param every: mean time between faults, s
         """
         self.length, self._every = 60.0 * minutes, every
         self.nodes, self.samples = nodes, Samples(table)
@@ -117,16 +117,16 @@ class Soak:
         self.elapsed = 0.0
 
     def figures(self) -> dict[str, Any]:
-        """Return all that is known."""
+        """Return all figures so far."""
         return {
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
             **self.nodes.told(), 'spells': len(self.iterations.rows),
             'slopes': slopes(self.samples.rows, self.iterations.rows, self.elapsed)}
 
     def run(self, period: float, save: Path | None) -> None:
-        """Watch until the time is over.
+        """Cause faults and take samples until the end of the soak.
 
-        :param period: s between looks at the nodes
+        :param period: s between samples of the nodes
         """
         every = self._every
         began = time.monotonic()
@@ -154,7 +154,7 @@ class Soak:
 
 
 def table(figures: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines that say it all."""
+    """Yield the lines of the report."""
     faults = ', '.join(f'{what} {count}' for what, count in sorted(figures['faults'].items()))
     yield f'{figures["minutes"]:.1f} of {figures["planned_minutes"]:g} minutes; {faults or "-"}'
     yield from slope_lines(figures['slopes'])
@@ -182,7 +182,7 @@ def slope_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def failures(figures: dict[str, Any]) -> list[str]:
-    """Return what speaks against a long run: what grows, and work that gets slower."""
+    """Return the failures: unexpected exits, figures that grow, and work that gets slower."""
     found = list(figures['unexpected'])
     for row in figures['slopes']:
         if row['flat'] is not False or row['what'] in _MACHINE:
@@ -193,7 +193,7 @@ def failures(figures: dict[str, Any]) -> list[str]:
 
 
 def main() -> None:
-    """Print the table, write the figures; end with 1 when a whole soak is not flat."""
+    """Print the table and write the figures; exit with 1 if a complete soak is not flat."""
     parser = argparse.ArgumentParser(prog='bench soak', description=__doc__.split('\n')[0])
     parser.add_argument('--minutes', type=float, default=60.0, help='duration in minutes')
     parser.add_argument('--every', type=float, default=60.0, help='average time between faults, s')
@@ -215,7 +215,7 @@ def main() -> None:
         print('\n'.join(slope_lines(slopes(looks, [], looks[-1]['time'] - looks[0]['time']))))
         return
     print(f'faults of seed {options.seed}', flush=True)
-    # A signal that ends this ends the nodes, too.
+    # SIGTERM must also end the nodes.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

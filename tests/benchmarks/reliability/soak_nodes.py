@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of a soak: started, killed, stopped for a while, and started again."""
+"""Starts, kills, stops and restarts the nodes of a soak."""
 from __future__ import annotations
 
 import random
@@ -19,14 +19,14 @@ START = 120.0
 _END = 20.0
 """s that a node may take to end"""
 _RECORDED = 20_000
-"""steps recorded at most, half of them while an agent learns"""
+"""maximum number of recorded steps, half of them while an agent learns"""
 _PAUSE = 3.0
-"""s that a node is stopped for"""
+"""s; how long a node is stopped"""
 _FIRST_PAUSE = 90.0
-"""s that recorders are stopped for at the beginning. DDS keeps what they have not had meanwhile,
-up to the depth of a topic, and the room for that stays. Filled once, it cannot grow with each stop
-that falls on a quicker machine than those before, and look like a slow leak. Two messages of
-`state` come a second, and a hundred are kept."""
+"""s for which recorders are stopped at first. Meanwhile DDS queues messages for them, up to the
+history depth of each topic, and keeps the memory of the queue. This fills the queues once;
+otherwise they would grow at later stops, on a faster machine, which would look like a slow leak.
+Two messages of `state` arrive per second, and its depth is a hundred."""
 
 
 class Fault(NamedTuple):
@@ -36,25 +36,25 @@ class Fault(NamedTuple):
     node: str
     weight: int
     until: float = 1.0
-    """part of the soak after which it happens no more"""
+    """part of the soak after which the fault no longer occurs"""
 
 
 NODES = ('sim_0', 'sim_1', 'recorder_0', 'recorder_1', 'agent')
 FAULTS = (
     Fault('killed', 'sim_1', 4), Fault('killed', 'recorder_1', 2),
     Fault('killed', 'agent', 3, until=1 / 3), *(Fault('stopped', node, 1) for node in NODES))
-"""`sim_0` and `recorder_0` live as long as the soak, beside all the deaths of the others, and one
-agent lives for two thirds of it: long enough for what they may lose to show."""
+"""`sim_0` and `recorder_0` are never killed, and one agent lives for two thirds of the soak: long
+enough to reveal leaks."""
 YOUNG = tuple(
     fault.node for fault in FAULTS if fault.what == 'killed' and fault.until == 1.0)
-"""nodes that are killed until the end, so that none of their processes gets old"""
+"""nodes that are killed throughout, so none of their processes gets old"""
 
 
 class Nodes:
     """Two simulators, an agent that trains in both, and a recorder for each."""
 
     def __init__(self, folder: Path, seed: int, num_envs: int, n_steps: int) -> None:
-        """Prepare; nothing runs yet."""
+        """Prepare the nodes without starting them."""
         self.processes = Processes(folder)
         self.run = folder / 'run'
         self._num_envs, self._n_steps = num_envs, n_steps
@@ -75,13 +75,13 @@ class Nodes:
                 self._stop(name, _FIRST_PAUSE)
 
     def _start(self, name: str) -> None:
-        # A stop that was under way ended with its process.
+        # If the previous process was stopped, its stop ended with it.
         self._continue.pop(name, None)
         if name == 'agent':
             process = self.processes.run_node(
                 'ppo_agent_node', 'ppo_agent', run_dir=self.run, resume=bool(self.lives[name]),
                 simulators='/sim_*', num_groups=2, n_steps=self._n_steps, iterations=1_000_000,
-                # Each update as long as the others, whatever is learnt.
+                # No early stopping, so that all updates take the same time.
                 target_kl=0.0, demonstration_episodes=2 * self._num_envs, clone_epochs=4,
                 selection_interval=50, selection_episodes=self._num_envs, checkpoint_interval=2)
         elif name.startswith('recorder'):
@@ -89,7 +89,7 @@ class Nodes:
             process = self.processes.run_node(
                 'rocket_sim_node', 'rerun_recorder',
                 (f'__ns:=/{simulator}', 'training:=/training'),
-                # Its file ends within the warm-up: what grows after that would be a leak.
+                # The file reaches max_steps during the warm-up; later growth would be a leak.
                 output=self.processes.folder / f'{name}.rrd', max_steps=_RECORDED)
         else:
             process = self.processes.run_node(
@@ -98,9 +98,9 @@ class Nodes:
         self.lives[name] += 1
 
     def disturb(self, part: float) -> str:
-        """Let something happen; return what.
+        """Cause a random fault and return its description.
 
-        :param part: of the soak that is over
+        :param part: elapsed part of the soak
         """
         faults = [fault for fault in FAULTS if part < fault.until]
         fault = self._random.choices(faults, [fault.weight for fault in faults])[0]
@@ -119,11 +119,11 @@ class Nodes:
         self._continue[name] = max(self._continue.get(name, 0.0), time.monotonic() + seconds)
 
     def until_next(self, mean: float) -> float:
-        """Return how long it is to the next fault, s."""
+        """Return a random time until the next fault, s."""
         return self._random.uniform(0.5, 1.5) * mean
 
     def tend(self) -> None:
-        """Continue what was stopped for long enough; start anew what ended of itself."""
+        """Continue nodes whose stop is over; restart nodes that ended unexpectedly."""
         for name, until in list(self._continue.items()):
             if time.monotonic() > until:
                 self.nodes[name].signal(signal.SIGCONT)
@@ -135,7 +135,7 @@ class Nodes:
                 self._start(name)
 
     def told(self) -> dict[str, Any]:
-        """Return what happened so far."""
+        """Return faults, restarts and unexpected exits so far."""
         return {'faults': dict(self.faults), 'lives': dict(self.lives),
                 'unexpected': self.unexpected}
 
@@ -145,7 +145,7 @@ class Nodes:
             node.signal(signal.SIGCONT)
             node.signal(signal.SIGINT)
         for node in self.nodes.values():
-            # To be asked twice might end one that was about to end well.
+            # A second signal could interrupt a node that is ending normally.
             with suppress(AssertionError):
                 node.wait(_END)
         self.processes.end()

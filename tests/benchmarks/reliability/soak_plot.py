@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `bench soak`: what was measured, over the time of the soak."""
+"""The plot of `bench soak`: measurements over time."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ _PANELS = (('own', 'memory of its own, MiB'), ('files', 'open files'), ('threads
 
 
 def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -> Path:
-    """Draw a panel a figure; a life of a node is a line of its own."""
+    """Draw one panel per figure, with one line for each process of a node."""
     with style.styled():
         figure = Figure(figsize=(11, 9))
         axes = figure.subplots(3, 2, sharex=True).reshape(-1)

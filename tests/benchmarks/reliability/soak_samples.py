@@ -18,15 +18,15 @@ from benchmarks.training_speed.recorder import cpu_seconds
 from benchmarks.training_speed.recorder import node_of
 
 FIELDS = ('time', 'node', 'life', 'own', 'rss', 'pss', 'files', 'threads', 'cpu')
-"""s from the beginning, name, number of the life, MiB, MiB, MiB, count, count, s"""
+"""s since the start, name, number of the process, MiB, MiB, MiB, count, count, s"""
 _MIB = 2.0**20
 Row = dict[str, Any]
 
 
 def own_memory(pid: int) -> float:
-    """Return the memory of a process that is of no file, MiB.
+    """Return the anonymous memory of a process, MiB.
 
-    Processes that share its libraries do not change it, as they do PSS.
+    Unlike PSS, it does not depend on other processes that share its libraries.
     """
     status = Path(f'/proc/{pid}/status').read_text('utf-8')
     line = next(line for line in status.splitlines() if line.startswith('RssAnon:'))
@@ -36,8 +36,8 @@ def own_memory(pid: int) -> float:
 def piece_of_work() -> float:
     """Return the processor time that a fixed piece of work takes, s.
 
-    The speed of a shared machine changes from minute to minute, for all its processes alike.
-    A single measurement says little, as processor time may be counted in ticks of milliseconds.
+    The speed of a shared machine changes from minute to minute, for all processes alike. A single
+    measurement is inaccurate, because processor time may be counted in ticks of milliseconds.
     """
     began = time.process_time()
     numbers = np.linspace(-3.0, 3.0, 20_000, dtype=np.float32)
@@ -49,17 +49,17 @@ def piece_of_work() -> float:
 
 
 class Samples:
-    """Looks at the nodes now and then; each look is a few lines of a table on disk."""
+    """Samples of the nodes; each sample writes a few lines to a table on disk."""
 
     def __init__(self, path: Path) -> None:
-        """Begin a table."""
+        """Open the table."""
         self.rows: list[Row] = []
         self._file = path.open('w', newline='', encoding='utf-8')
         self._table = csv.DictWriter(self._file, FIELDS)
         self._table.writeheader()
 
     def take(self, seconds: float, nodes: Mapping[str, Process], lives: Mapping[str, int]) -> None:
-        """Look at all nodes."""
+        """Take a sample of all nodes."""
         for name, node in nodes.items():
             try:
                 pid = node_of(node)
@@ -72,30 +72,30 @@ class Samples:
                     'files': process.num_fds(), 'threads': process.num_threads(),
                     'cpu': cpu_seconds(pid)}
             except (OSError, psutil.Error, IndexError, StopIteration):
-                continue  # it is just starting, or has just died
+                continue  # the node is just starting, or has just died
             self.rows.append(row)
             self._table.writerow(row)
         self._file.flush()
 
     def close(self) -> None:
-        """End the table."""
+        """Close the table."""
         self._file.close()
 
 
 def read(path: Path) -> list[Row]:
-    """Return the looks at nodes, from a table that Samples wrote."""
+    """Return the samples in a table that Samples wrote."""
     with path.open(newline='', encoding='utf-8') as file:
         return [{name: text if name == 'node' else float(text)
                  for name, text in line.items() if text} for line in csv.DictReader(file)]
 
 
 class Iterations:
-    """The iterations of a run, as its log grows, with the processor time they took."""
+    """Speed of training, from the growing log of a run and the processor time of its nodes."""
 
     def __init__(self, path: Path, spell: float) -> None:
-        """Begin at the end of what is there.
+        """Begin at the current end of the log.
 
-        :param spell: s of training, with nothing else happening, that make a point.
+        :param spell: duration of undisturbed training for each value, s.
         """
         self._path, self._file, self._read = path, 0, 0
         self._spell = spell
@@ -106,7 +106,7 @@ class Iterations:
         self._follow()
 
     def _follow(self) -> list[dict[str, Any]]:
-        """Return the lines that are new; a resumed run's log is another file, cut short."""
+        """Return the new lines; a resumed run replaces its log with a new, shorter file."""
         try:
             stat = self._path.stat()
         except FileNotFoundError:
@@ -123,13 +123,13 @@ class Iterations:
         return [json.loads(line) for line in whole.splitlines()]
 
     def disturbed(self) -> None:
-        """Begin again: something happens to a node."""
+        """Discard the current period, because a node is disturbed."""
         self._cpu = None
 
     def look(self, seconds: float, nodes: Mapping[str, Process]) -> None:
-        """Take down the iterations that ended since the last look.
+        """Record the iterations that have ended since the last call.
 
-        A spell begins anew after one that flew a selection beside its roll-out, or a new level.
+        A new period begins after an iteration with a selection or a new level.
         """
         lines = self._follow()
         if not lines:

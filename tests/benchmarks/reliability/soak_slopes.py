@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a figure stays flat: its slope an hour, with a 95 % interval.
+"""Whether a figure stays flat: its slope per hour, with a 95 % interval.
 
-A process that is killed and started again begins anew, so each life has a level of its own and
-what is asked for is the slope within lives: a least-squares fit with one slope and an intercept
-a life. The first third of a life, when a process still fills its buffers and meets its peers, is
-left out: a leak goes on after that. Memory changes slowly, so samples are correlated: values are
-averaged over blocks, and the interval is that of Newey and West (Econometrica 55, 1987, eq. 5),
-which allows for residuals that are correlated over a few blocks.
+A node is killed and restarted; the time between two restarts is called a life. Each life has a
+level of its own, so this is a least-squares fit with one slope and one intercept per life. The
+first third of a life, when a process fills its buffers and discovers other nodes, is left out,
+because a leak would continue after it. Memory changes slowly, so samples are correlated: values
+are averaged over blocks, and the interval is that of Newey and West (Econometrica 55, 1987, eq.
+5), which allows for residuals that are correlated over a few blocks.
 """
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 FLAT = 0.01
-"""of the mean, an hour: a slope below it means nothing"""
+"""part of the mean, per hour; a smaller slope is negligible"""
 WARM_UP = 1 / 3
-"""of a life"""
+"""part of a life"""
 _LAG = 3
-"""blocks over which residuals may hang together"""
+"""number of blocks over which residuals may be correlated"""
 Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Slope:
-    """A slope an hour, and what it was fitted to."""
+    """A slope per hour, with the number of lives and points of the fit."""
 
     mean: float
     per_hour: float
@@ -38,15 +38,15 @@ class Slope:
 
     @property
     def flat(self) -> bool:
-        """Whether the interval holds zero, or the slope is too small to mean anything."""
+        """Whether the interval contains zero, or the slope is negligible."""
         return self.low <= 0.0 <= self.high or abs(self.per_hour) < FLAT * abs(self.mean)
 
 
 def fit(hours: Values, values: Values, lives: Values, lag: int = _LAG) -> Slope | None:
-    """Fit one slope with an intercept a life; None where there are too few points for it.
+    """Fit one slope, with one intercept per life; None if there are too few points.
 
     :param hours: (n,), in order
-    :param lives: (n,), which life each belongs to
+    :param lives: (n,), number of the life of each value
     """
     names, place = np.unique(lives, return_inverse=True)
     freedom = len(values) - len(names) - 1
@@ -77,9 +77,9 @@ def in_blocks(
 ) -> tuple[Values, Values, Values]:
     """Leave out the beginning of each life and average the rest over blocks of time.
 
-    :param warm_up: s, at least, from the first point of a life; WARM_UP of it where that is more
+    :param warm_up: s from the first point of a life; WARM_UP of the life if that is longer
     :param block: s
-    :param shortest: s; lives that last less are left out
+    :param shortest: s; shorter lives are left out
     :return: hours, values and lives of the blocks, in order of time within each life.
     """
     parts = []
@@ -100,10 +100,10 @@ def in_blocks(
 def at_age(
     seconds: Values, values: Values, lives: Values, age: float,
 ) -> tuple[Values, Values, Values]:
-    """Take one value of each life, at the same age: the first that is not of a younger one.
+    """Return one value of each life, at the same age: the first at this age or later.
 
-    :param age: s from the first point of a life; lives that end before are left out
-    :return: hours, values, and ones: all count as one life.
+    :param age: s from the first point of a life; shorter lives are left out
+    :return: hours, values, and ones, because all values count as one life.
     """
     points = []
     for life in np.unique(lives):

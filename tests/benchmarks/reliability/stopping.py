@@ -29,14 +29,14 @@ STAGES = {
     'starting': ('process started with pid', 1.5), 'demonstrations': ('expert flies 1/', 0.5),
     'cloning': ('cloning 1/', 0.5), 'roll-out': ('PPO 0/', 0.5), 'update': ('PPO 0/', 0.5),
     'evaluation': ('evaluating ', 0.2), 'plots': ('computing figures', 0.3)}
-"""The line that marks a stage, and how long after that line it is interrupted, s. An
-update runs if, besides, no agent flies."""
+"""The line that marks a stage, and the time from that line to the interruption, s. For the
+update, the simulator must also be idle."""
 _STILL = 0.3
-"""s in which a simulator that is flown would have computed"""
+"""s of observation; a simulator in use needs processor time in it"""
 
 
 def alive(group: int) -> bool:
-    """Return whether any process of a session runs."""
+    """Return whether any process of a session is running."""
     for stat in Path('/proc').glob('[0-9]*/stat'):
         try:
             fields = stat.read_text('utf-8').rpartition(')')[2].split()
@@ -48,9 +48,9 @@ def alive(group: int) -> bool:
 
 
 def wait_for_update(process: Process) -> None:
-    """Wait until the simulator of a training stands still.
+    """Wait until the simulator of a training is idle.
 
-    :raises StopIteration: when there is none.
+    :raises StopIteration: if there is no simulator.
     """
     simulator = next(
         child for child in psutil.Process(process.pid).children(recursive=True)
@@ -64,7 +64,7 @@ def wait_for_update(process: Process) -> None:
 
 
 def interrupt(process: Process) -> float:
-    """Press Ctrl-C; return how long it takes until all processes are gone, s."""
+    """Send SIGINT; return the time until all processes have ended, s."""
     os.killpg(process.pid, signal.SIGINT)
     start = time.monotonic()
     while process.running or alive(process.pid):
@@ -75,7 +75,7 @@ def interrupt(process: Process) -> float:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench stopping', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=3, help='number of rounds')
     parser.add_argument(

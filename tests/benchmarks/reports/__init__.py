@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs that write the figures of benchmarks into pages of docs/results."""
+"""Programs that write the figures of benchmarks to pages in docs/results."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Puts what an experiment found into its section of docs/results/experiments.md.
+"""Writes the results of an experiment to its section of docs/results/experiments.md.
 
-A section holds its figures between two comments, `<!-- NAME -->` and `<!-- end of NAME -->`; what
-stands around them is written by hand and stays.
+A section has its figures between two comments, `<!-- NAME -->` and `<!-- end of NAME -->`. The
+text around them is written by hand and is not changed.
 """
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def write(page: Path, picture: Path, name: str, figures: Mapping[str, Any], tabl
     """Replace the figures of an experiment on the page, and copy its picture to docs/images.
 
     :param table: Markdown.
-    :raises ValueError: when the page has no place for the experiment.
+    :raises ValueError: if the page has no section for the experiment.
     """
     image = keep_picture(page, picture, f'experiments_{name}.png')
     put(page, name, '\n\n'.join((facts(figures), table, (
@@ -34,7 +34,7 @@ def put(page: Path, name: str, block: str) -> None:
     """Replace a section of a page.
 
     :param block: Markdown.
-    :raises ValueError: when the page has no such section.
+    :raises ValueError: if the page has no such section.
     """
     text = page.read_text('utf-8')
     begin, end = f'<!-- {name} -->\n', f'<!-- end of {name} -->'
@@ -46,7 +46,7 @@ def put(page: Path, name: str, block: str) -> None:
 
 
 def facts(figures: Mapping[str, Any]) -> str:
-    """Return how the figures came about, in a line."""
+    """Return one line with command, date, commits, seeds and machine of the figures."""
     machine, cpu = figures['machine'], figures['cpu_seconds']
     trained = ''
     if figures['runs']:

@@ -34,13 +34,13 @@ changes.
 
 
 def newest(runs: Path, part: str) -> Path | None:
-    """Return the newest file of a part's figures; None when there is none."""
+    """Return the newest file with figures of a part, or None."""
     found = sorted(runs.glob(f'bench-*/{part}.json'))
     return found[-1] if found else None
 
 
 def machine_line(folder: Path) -> str:
-    """Return one line on what a part was measured on."""
+    """Return one line about the machine on which a part was measured."""
     path = folder / 'machine.json'
     if not path.exists():
         return ''
@@ -52,7 +52,7 @@ def machine_line(folder: Path) -> str:
 
 
 def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
-    """Put the plots of a part into a folder: those it drew itself, or ours."""
+    """Write the plots of a part to a folder: its own plots if it drew any, otherwise ours."""
     part = path.stem
     drawn = []
     for own in sorted(path.parent.glob(f'{part}_*.png')):
@@ -65,9 +65,9 @@ def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
 
 
 def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
-    """Yield the page's sections; draw their plots into a folder.
+    """Yield the sections of the page, and draw their plots into a folder.
 
-    :param page: as it is.
+    :param page: the present text.
     """
     there = {
         section.partition('\n')[0]: f'## {section.rstrip()}\n'

@@ -283,7 +283,7 @@ FINDINGS: dict[str, Callable[[Figures], str]] = {
 
 
 def draw(part: str, figures: Figures, path: Path) -> bool:
-    """Draw the plot of a part's figures; return whether there is one."""
+    """Draw the plot of a part; return whether the part has one."""
     plot = PLOTS.get(part)
     if plot is None:
         return False

@@ -9,7 +9,7 @@ Figures = dict[str, Any]
 
 
 def batch(rows: dict[str, Figures]) -> tuple[str, Figures]:
-    """Return 256 and the row of so many rockets, or those of the largest batch."""
+    """Return the batch size 256 and its row, or the largest batch size and its row."""
     size = '256' if '256' in rows else max(rows, key=int)
     return size, rows[size]
 
@@ -78,7 +78,7 @@ def _fleet(f: Figures) -> str:
 
 
 def _saturation(f: Figures) -> str:
-    """Return what saturates first when simulators are many, from the measured costs."""
+    """Return a text on what many simulators saturate first, from the measured costs."""
     wire, think = f['wire_us'], f['inference_us']
     agent = 1e6 / (wire + think)
     network = 1e9 / (8 * f['bytes_per_exchange'])

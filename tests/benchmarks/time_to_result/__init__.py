@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time from the start of the processes to a passing evaluation: ours and peers."""
+"""Time from the start of the processes to a passing evaluation, ours and of peers."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A compact PPO in one process on EnvPool's LunarLander-v3, as a peer in `bench result`.
 
-It is written for speed: two small networks in one graph, one fused Adam, buffers that are
-allocated once, and nothing except learning. Its settings were tuned for the time to a mean return
-of 200.
+It is optimised for speed: two small networks in one graph, one fused Adam, buffers that are
+allocated once, and no code except for learning. Its settings were tuned for the time to a mean
+return of 200.
 """
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from benchmarks.time_to_result.result_lines import StatusPublisher
 
 NAME = 'LunarLander-v3'
 EVALUATED = 100
-"""episodes of an evaluation"""
+"""number of episodes in an evaluation"""
 _WINDOW = 64
-"""episodes that a landing rate is of"""
+"""number of episodes in a landing rate"""
 _LANDED = 100.0
 """last reward of an episode that landed"""
 THREADS, ENV_THREADS = 1, 2
-"""of torch and of EnvPool, which was fastest on two cores"""
+"""threads of torch and of EnvPool; these were the fastest on two cores"""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of learning; what is not said here is as in Schulman et al., 2017."""
+    """Settings of learning; everything else is as in Schulman et al., 2017."""
 
     num_envs: int = 64
     n_steps: int = 64
@@ -45,7 +45,7 @@ class Settings:
     n_epochs: int = 8
     learning_rate: float = 2e-3
     decay_steps: int = 614_400
-    """of training, at which the rate, which falls linearly, would be 0; it stays above 5 %"""
+    """steps after which the linearly falling learning rate would be 0; it stays at 5 % or more"""
     gamma: float = 0.999
     gae_lambda: float = 0.98
     clip_range: float = 0.2
@@ -54,20 +54,20 @@ class Settings:
     reward_scale: float = 0.02
     hidden: int = 64
     evaluation_interval: int = 2
-    """iterations"""
+    """iterations between two evaluations"""
     evaluation_from: float = 0.45
-    """of the last 64 episodes have to have landed before an evaluation is worth its time"""
+    """landing rate of the last 64 episodes from which on the policy is evaluated"""
 
 
 def make_pool(num_envs: int, seed: int, threads: int) -> Any:
-    """Return landers that step together, episodes of 1 000 steps at most."""
+    """Return a batch of landers with episodes of at most 1 000 steps."""
     return envpool.make(
         NAME, env_type='gymnasium', num_envs=num_envs, batch_size=num_envs,
         num_threads=threads, seed=seed)
 
 
 def network(hidden: int, outputs: int, last_gain: float) -> nn.Sequential:
-    """Return 8 -> hidden -> hidden -> outputs with tanh between, orthogonal to begin with."""
+    """Return a network 8 -> hidden -> hidden -> outputs with tanh and orthogonal weights."""
     layers: list[nn.Module] = []
     for inputs, units, gain in (
             (8, hidden, 2**0.5), (hidden, hidden, 2**0.5), (hidden, outputs, last_gain)):
@@ -79,7 +79,7 @@ def network(hidden: int, outputs: int, last_gain: float) -> nn.Sequential:
 
 
 class Agent:
-    """Actor, critic, their optimiser and the roll-out that they learn from."""
+    """Actor, critic, their optimiser, and the buffers of the roll-out."""
 
     def __init__(self, settings: Settings, seed: int, env_threads: int) -> None:
         """Make the networks and begin the first episodes."""
@@ -101,7 +101,7 @@ class Agent:
 
     @torch.inference_mode()
     def fly(self) -> None:
-        """Fill the buffers. The step after a done one is EnvPool's reset, and no sample."""
+        """Fill the buffers. The step after the end of an episode is a reset, not a sample."""
         self._observation[0], self._done[0] = self._observation[-1], self._done[-1]
         noise = -(-torch.rand(*self._action.shape, 4).log()).log()
         for step in range(self.s.n_steps):
@@ -119,15 +119,15 @@ class Agent:
 
     @property
     def landing_rate(self) -> float:
-        """Part of the most recent episodes that landed, with noise."""
+        """Landing rate of the most recent episodes, with exploration noise."""
         return sum(self._landed) / _WINDOW
 
     @torch.inference_mode()
     def samples(self) -> tuple[Tensor, ...]:
         """Return observations, actions, log-probabilities, advantages and targets, flat.
 
-        An episode that was cut goes on as the value of its last observation, which EnvPool
-        delivers before it resets.
+        After a truncation, the return continues with the value of the last observation, which
+        EnvPool returns before it resets.
         """
         s = self.s
         value = self.critic(self._observation)[..., 0]
@@ -145,12 +145,15 @@ class Agent:
             self._observation[:-1], self._action, self._log_prob, gained, gained + value[:-1]))
 
     def learn(self, iteration: int) -> None:
-        """Improve both networks by what was flown; iterations count from 0."""
+        """Update both networks with the roll-out.
+
+        :param iteration: number of the iteration, from 0.
+        """
         s = self.s
         flown = iteration * s.n_steps * s.num_envs
         self.optimiser.param_groups[0]['lr'] = s.learning_rate * max(
             0.05, 1 - flown / s.decay_steps)
-        # Copies: tensors made in inference mode cannot be learnt from.
+        # Copies, because autograd cannot use tensors that were made in inference mode.
         samples = tuple(tensor.clone() for tensor in self.samples())
         for _ in range(s.n_epochs):
             for index in torch.randperm(len(samples[0])).split(s.batch_size):
@@ -170,7 +173,7 @@ class Agent:
 
     @torch.inference_mode()
     def pilot(self, observation: NDArray[np.float32]) -> NDArray[np.int64]:
-        """Return the likeliest actions `(N,)` for observations `(N, 8)`."""
+        """Return the most likely actions `(N,)` for observations `(N, 8)`."""
         action: NDArray[np.int64] = self.actor(torch.from_numpy(observation)).argmax(-1).numpy()
         return action
 
@@ -212,7 +215,7 @@ def main() -> None:
             mean = evaluate(agent, options.env_threads)
             teller.evaluated(iteration * settings.n_steps * settings.num_envs, mean)
     if options.verify:
-        # Gymnasium takes time to import, and nothing before needs it.
+        # Imported late: importing Gymnasium takes time, and the training does not need it.
         from benchmarks.evaluation import gymnasium_lander
 
         flown = gymnasium_lander.fly(agent.pilot, options.verify, VERIFICATION_SEED)

@@ -35,7 +35,7 @@ WORLDS = ('lunar_lander', 'rocket')
 
 
 def fly(options: argparse.Namespace) -> list[TimedRun]:
-    """Run all contestants, seed by seed, and print a line about each run."""
+    """Run all contestants for each seed, and print a line about each run."""
     common = Options(options.target, options.cap, options.verify, parameters(options.set))
     runs = []
     for seed in sorted({*options.seeds, *options.sb3_seeds}):
@@ -52,7 +52,7 @@ def parameters(given: Sequence[str]) -> dict[str, str]:
 
 
 def tell(run: TimedRun) -> None:
-    """Print what became of a run."""
+    """Print the results of a run."""
     line = (f'{NAMES[run.contestant]:<20}{run.seed:>5}{seconds(run):>10}'
             f'{run.learning_seconds or 0:>10.1f}{run.steps:>11,}{run.mean_return:>9.1f}')
     if run.gymnasium:
@@ -61,12 +61,12 @@ def tell(run: TimedRun) -> None:
 
 
 def seconds(run: TimedRun) -> str:
-    """Return how long a run took, or that it took longer."""
+    """Return the duration of a run as text; `> s` if it reached the time limit."""
     return f'{run.seconds:.1f}' if run.passed else f'> {run.seconds:.0f}'
 
 
 def summarise(runs: Sequence[TimedRun]) -> dict[str, dict[str, float]]:
-    """Return median and range of the times of each contestant; a cap counts as a time."""
+    """Return median and range of the times of each contestant; the limit counts as a time."""
     found = {}
     for name in dict.fromkeys(run.contestant for run in runs):
         own = [run for run in runs if run.contestant == name]
@@ -83,7 +83,7 @@ def summarise(runs: Sequence[TimedRun]) -> dict[str, dict[str, float]]:
 
 
 def spread(name: str, values: Sequence[float]) -> dict[str, float]:
-    """Return median, least and greatest of some values, named after them."""
+    """Return median, minimum and maximum of some values, under names that begin with `name`."""
     if not values:
         return {}
     return {name: statistics.median(values), f'{name}_least': min(values),
@@ -91,13 +91,13 @@ def spread(name: str, values: Sequence[float]) -> dict[str, float]:
 
 
 def ratios(summary: dict[str, dict[str, float]]) -> dict[str, float]:
-    """Return how many times as long as ours each peer took, by medians."""
+    """Return the ratio of the median times of each peer and ours."""
     return {name: row['seconds'] / summary['ours']['seconds']
             for name, row in summary.items() if name != 'ours' and 'ours' in summary}
 
 
 def settings(contestants: Sequence[str]) -> dict[str, Any]:
-    """Return what each contestant was run with, as far as it does not depend on the run."""
+    """Return the settings of each contestant that are the same in all runs."""
     found: dict[str, Any] = {'ours': {
         'preset': 'quick', 'num_envs': LANDERS // SIMULATORS, 'simulators': SIMULATORS}}
     if 'envpool_ppo' in contestants:
@@ -117,7 +117,7 @@ def settings(contestants: Sequence[str]) -> dict[str, Any]:
 
 
 def lander(options: argparse.Namespace) -> dict[str, Any]:
-    """Compare on the lander; print the table and return the figures."""
+    """Compare the contestants on the lander; print the table and return the figures."""
     print(f'lunar_lander: seconds until 100 deterministic episodes return {options.target:g}')
     print(f'{"":<20}{"seed":>5}{"s":>10}{"learning":>10}{"steps":>11}{"mean":>9}'
           f'{"Gymnasium":>16}')
@@ -151,7 +151,7 @@ def middle(row: dict[str, float], name: str, form: str, width: int) -> str:
 
 
 def fly_rocket(options: argparse.Namespace) -> dict[str, Any]:
-    """Train rockets from nothing; print the table and return the figures."""
+    """Train rockets from scratch; print the table and return the figures."""
     print('rocket, level 7: seconds from nothing to the end of the evaluation of 2 000 starts')
     print(f'{"seed":>5}{"s":>8}{"landed":>10}{"return":>9}{"clone after":>13}{"landed":>9}'
           f'{"return":>9}')
@@ -176,7 +176,7 @@ def fly_rocket(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the tables, write the figures and the plots."""
+    """Print the tables, and write the figures and the plots."""
     parser = argparse.ArgumentParser(
         prog='bench result', description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)

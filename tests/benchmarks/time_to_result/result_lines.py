@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a contestant of `bench result` that runs in a process of its own tells how it goes.
+"""Status lines by which a contestant of `bench result` reports from a separate process.
 
-One JSON object a line on its standard output. Its clock, `at`, is CLOCK_MONOTONIC, which all
-processes of a machine share, so that the starting program can count from the start.
+Each line on standard output is a JSON object. Its time, `at`, is CLOCK_MONOTONIC, which all
+processes of a machine share, so the parent process can compute the time since the start.
 """
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 EVALUATION_SEED = 30_000_000
-"""of the evaluations that end a run"""
+"""seed of the evaluations that can end a run"""
 VERIFICATION_SEED = 20_000_000
-"""of the flights in Gymnasium that follow"""
+"""seed of the subsequent flights in Gymnasium"""
 
 
 class StatusPublisher:
-    """Prints what happens in a run."""
+    """Prints the status lines of a run."""
 
     def __init__(self, first_step: float) -> None:
-        """Begin with the moment before the first step."""
+        """Print the time of the first step."""
         _tell(event='first_step', at=first_step)
 
     def evaluated(self, steps: int, mean_return: float) -> None:
-        """Tell of an evaluation, after so many steps of training."""
+        """Print an evaluation after `steps` steps of training."""
         _tell(event='evaluation', at=time.monotonic(), steps=steps, mean_return=mean_return)
 
     def verified(self, returns: NDArray[np.float64]) -> None:
-        """Tell of the flights after the run, whose time counts no more."""
+        """Print the untimed flights after the run."""
         _tell(event='verified', at=time.monotonic(), mean_return=float(returns.mean()),
               deviation=float(returns.std()), episodes=len(returns))
 

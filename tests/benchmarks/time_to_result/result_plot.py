@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `bench result`: what deterministic evaluations returned, over wall-clock time."""
+"""The plot of `bench result`: mean return of deterministic evaluations over wall-clock time."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -13,10 +13,10 @@ from ppo_agent_node.reporting.pictures import style
 
 
 def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path: Path) -> Path:
-    """Draw a line a run, coloured by contestant, with a star where it passed.
+    """Draw one line per run, coloured by contestant, with a star where it passed.
 
-    :param names: of the contestants, for the legend.
-    :param target: mean return that passes; 0: none is drawn.
+    :param names: names of the contestants, for the legend.
+    :param target: required mean return; 0: not drawn.
     """
     with style.styled():
         figure = Figure(figsize=(9, 5))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The requirements of `bench result` on a run, and its records."""
+"""Requirements and records of the runs of `bench result`."""
 from __future__ import annotations
 
 import math
@@ -15,9 +15,9 @@ class Options:
     target: float
     """mean return of 100 deterministic episodes that ends a run"""
     cap: float
-    """s from the start after which a run has not reached it"""
+    """time limit of a run from its start, s"""
     verify: int
-    """episodes flown in Gymnasium afterwards"""
+    """number of episodes flown in Gymnasium after a run"""
     extra: dict[str, str] = field(default_factory=dict)
     """further parameters of our agent"""
 
@@ -29,31 +29,31 @@ class Point:
     seconds: float
     """from the start of the processes"""
     steps: int
-    """of training so far, all environments together"""
+    """of training so far, in all environments"""
     mean_return: float
     landing_rate: float | None = None
 
 
 @dataclass
 class TimedRun:
-    """How one run went."""
+    """Record of one run."""
 
     contestant: str
     seed: int
     passed: bool = False
     seconds: float = 0.0
-    """from the start of the processes to the evaluation that passed, or to the cap"""
+    """from the start of the processes to the evaluation that passed, or to the time limit"""
     learning_seconds: float | None = None
-    """the same from the first step, where it is known"""
+    """the same from the first step, if known"""
     evaluations: list[Point] = field(default_factory=list)
     gymnasium: dict[str, float] = field(default_factory=dict)
     """flights of the policy that passed in Gymnasium's lander: mean return, deviation, episodes"""
     settings: dict[str, Any] = field(default_factory=dict)
-    """what of it only the run knows"""
+    """settings that are only known from the run"""
 
     @property
     def steps(self) -> int:
-        """Steps of training that it took."""
+        """Steps of training until the last evaluation."""
         return self.evaluations[-1].steps if self.evaluations else 0
 
     @property

@@ -28,23 +28,23 @@ from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
 LANDERS = 128
-"""flown at once, what the preset is made for; an evaluation is one flight of all"""
+"""number of landers, for which the preset is made; each flies once in an evaluation"""
 SIMULATORS = 1
-"""among which they are shared; two are no faster, as the agent is what is busy"""
+"""number of simulators; two are not faster, because the agent is the bottleneck"""
 NEEDED_RATE = 0.99
-"""of the rockets have to land"""
+"""required landing rate of the rockets"""
 _POLL = 0.01
-"""s between two looks at a log"""
+"""s between two reads of a log"""
 _AFTERWARDS = 600.0
-"""s that what follows a run, and is not timed, may take"""
+"""time limit of the untimed work before and after a run, s"""
 
 
 def follow(path: Path, process: Process, end: float) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects that are written to a file, a line each, until a time is over.
+    """Yield the JSON objects that are written to a file, one per line, until a given time.
 
-    :param process: the one that writes.
+    :param process: the process that writes them.
     :param end: CLOCK_MONOTONIC, s.
-    :raises AssertionError: with its log, when it ended before.
+    :raises AssertionError: with the log of the process, if it ends before.
     """
     read, rest = 0, b''
     while time.monotonic() < end:
@@ -64,7 +64,7 @@ def follow(path: Path, process: Process, end: float) -> Iterator[dict[str, Any]]
 
 @contextmanager
 def started() -> Iterator[tuple[Processes, float]]:
-    """Yield what starts processes, and the time; end them at last."""
+    """Yield an object that starts processes, and the time; at exit, end the processes."""
     with tempfile.TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
         try:
@@ -74,15 +74,15 @@ def started() -> Iterator[tuple[Processes, float]]:
 
 
 Start = Callable[[Processes], tuple[Process, Path]]
-"""Starts the processes of a run; returns the one that learns, and where it writes lines."""
+"""Starts the processes of a run; returns the one that learns, and the file of its lines."""
 
 
 @contextmanager
 def begun(start: Start) -> Iterator[tuple[Process, Path, float]]:
-    """Yield a run that has just been started, and when it was; end it at last.
+    """Start a run; yield its process, its file and the time of its start; at exit, end it.
 
-    It is started once before, until its first line: how long a disk takes to deliver libraries
-    that are not in memory, up to half a minute, says nothing about the program that needs them.
+    It is started once before, until its first line, so that its libraries are in memory. Reading
+    them from a disk can take half a minute, which is no property of the program.
     """
     with started() as (processes, now):
         process, log = start(processes)
@@ -93,7 +93,7 @@ def begun(start: Start) -> Iterator[tuple[Process, Path, float]]:
 
 
 def peer(module: str, seed: int, options: Options) -> TimedRun:
-    """Run a peer that learns in one process."""
+    """Run a peer, which learns in one process."""
     run = TimedRun(module, seed)
 
     def start(processes: Processes) -> tuple[Process, Path]:
@@ -128,7 +128,7 @@ def peer(module: str, seed: int, options: Options) -> TimedRun:
 def nodes(
     simulators: int, simulator: dict[str, object], agent: dict[str, object],
 ) -> Start:
-    """Return what starts our nodes with these parameters, preset `quick`."""
+    """Return a function that starts our nodes with these parameters and preset `quick`."""
     def start(processes: Processes) -> tuple[Process, Path]:
         folder = processes.folder / 'run'
         for number in range(simulators):
@@ -143,7 +143,7 @@ def nodes(
 
 
 def ours(seed: int, options: Options) -> TimedRun:
-    """Run our simulator and our agent, as nodes that talk over DDS."""
+    """Run our simulator and our agent as nodes over DDS."""
     run = TimedRun('ours', seed)
     start = nodes(SIMULATORS, {'world': 'lunar_lander', 'num_envs': LANDERS // SIMULATORS}, {
         'seed': seed, 'target_return': options.target, **options.extra})
@@ -180,7 +180,7 @@ def ours(seed: int, options: Options) -> TimedRun:
 
 
 def saved_iteration(path: Path) -> int:
-    """Return after which iteration a policy was saved; -1 when there is none."""
+    """Return the iteration of a saved policy; -1 if there is none."""
     if not path.exists():
         return -1
     return int(sealed_file.read(path, POLICY).content['training']['iteration'])
@@ -195,7 +195,7 @@ CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
 
 
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> TimedRun:
-    """Run the rocket's quick preset from nothing to its evaluation of 2 000 fresh starts."""
+    """Train the rocket with preset `quick`, up to its evaluation on 2 000 fresh starts."""
     run = TimedRun('rocket', seed)
     with begun(nodes(1, {}, {'seed': seed, **extra})) as (agent, log, began):
         folder, end = log.parent, began + cap

@@ -27,11 +27,11 @@ SETTINGS: dict[str, Any] = {
     'n_steps': 1024, 'batch_size': 64, 'gae_lambda': 0.98, 'gamma': 0.999, 'n_epochs': 4,
     'ent_coef': 0.01}
 EVALUATED = 100
-"""episodes of an evaluation"""
+"""number of episodes in an evaluation"""
 INTERVAL = 2
 """roll-outs between two evaluations, 32 768 steps"""
 THREADS = 1
-"""of torch"""
+"""threads of torch"""
 
 
 def main() -> None:

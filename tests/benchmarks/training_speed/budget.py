@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time of each part of one lock-step step in a training roll-out.
 
-There is one simulator and one agent, whose policy learns. The agent's parts are timed in place, in
+There is one simulator and one agent, whose policy learns. The agent's parts are timed during
 a roll-out over DDS; the simulator's parts are timed in this process, with the same rockets. The
-rest of the step is the communication: DDS, the kernel, and threads that have to be woken. The
-floor is the time that TCP takes for the same bytes, with one core per process.
+rest of the step is communication: DDS, the kernel, and waking threads. The lower bound is the time
+that TCP takes for the same bytes, with one core per process.
 """
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ from rocket_sim_node.worlds.actions import checked_action
 
 
 class Stopwatch:
-    """Adds up the time that methods take, called as ever."""
+    """Adds up the time that methods take, without changing their behaviour."""
 
     def __init__(self) -> None:
-        """Time nothing yet."""
+        """Begin without any methods to time."""
         self.seconds: dict[str, float] = defaultdict(float)
         self._put_back: list[Callable[[], None]] = []
 
@@ -60,7 +60,7 @@ class Stopwatch:
         self._put_back.append(lambda: setattr(owner, name, method))
 
     def end(self) -> None:
-        """Leave all as it was."""
+        """Restore the original methods."""
         for put_back in self._put_back:
             put_back()
 
@@ -69,14 +69,14 @@ class TimedPolicy:
     """A policy whose sampling is timed."""
 
     def __init__(self, policy: Policy, watch: Stopwatch) -> None:
-        """Take it."""
+        """Wrap a policy."""
         self._policy, self._watch = policy, watch
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._policy, name)
 
     def sampler(self, *args: Any) -> Any:
-        """Return the policy's, timed."""
+        """Return the policy's sampler, with its calls timed."""
         sample = self._policy.sampler(*args)
 
         def timed(step: int, observation: Any) -> Any:
@@ -89,7 +89,7 @@ class TimedPolicy:
 
 
 def simulator_pieces(num_envs: int, count: int) -> dict[str, float]:
-    """Return medians, us, of what a simulator does in a step besides waiting."""
+    """Return the median times, us, of the parts of a simulator's step, without waiting."""
     world = worlds.make('rocket', num_envs, level=7)
     world.reset(1)
     spec, actions = world.spec, Codec(msg.Action)
@@ -114,7 +114,7 @@ def simulator_pieces(num_envs: int, count: int) -> dict[str, float]:
 
 
 def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict[str, Any]]:
-    """Return the pieces of a step, in the order in which they happen."""
+    """Return the times of the parts of a step, in their order."""
     found: dict[str, list[float]] = defaultdict(list)
     floor = TcpFloor(num_envs, core=1)
     with tempfile.TemporaryDirectory() as folder, wire_fleet(
@@ -155,7 +155,7 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench budget', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=9, help='number of rounds')
     parser.add_argument('--steps', type=int, default=256, help='steps per rocket in a roll-out')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cost to the agent of each further simulator, with 1 to 16 small simulators for one agent.
 
-Each simulator flies the same flights. The agent ignores its observations, so its time is that of
-the communication. It is measured as processor time of all threads of the agent's process, because
-the simulators share the machine with it.
+Each simulator flies the same flights. The agent ignores the observations, so it spends its time
+on communication. This time is measured as processor time of all threads of the agent's process,
+because the simulators share the machine with it.
 """
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from rocket_sim_node.worlds.jobs import Reset
 
 COUNTS = (1, 2, 4, 8, 16)
 BATCH = 256
-"""rockets of a simulator for which the costs are worked out"""
+"""number of rockets of a simulator, for the estimate of costs"""
 
 
 def idle(num_envs: int, steps: int) -> Job[None]:
-    """Fall, again and again."""
+    """Fly with the engine off."""
     action = np.tile(np.float32([-1.0, 0.0, 0.0]), (num_envs, 1))
     yield Reset(1, {'level': 7})
     for _ in range(steps):
@@ -44,7 +44,7 @@ def idle(num_envs: int, steps: int) -> Job[None]:
 
 
 def fly(fleet: SimulatorFleet, simulators: int, num_envs: int, steps: int) -> tuple[float, float]:
-    """Return seconds of wall clock and of the agent's processor time for an exchange."""
+    """Return wall-clock time and the agent's processor time per exchange, s."""
     wall, cpu = time.perf_counter(), time.process_time()
     list(fleet.fly([functools.partial(idle, num_envs, steps)] * simulators))
     exchanges = simulators * steps
@@ -52,7 +52,7 @@ def fly(fleet: SimulatorFleet, simulators: int, num_envs: int, steps: int) -> tu
 
 
 def measure(simulators: int, num_envs: int, steps: int, rounds: int) -> dict[str, Any]:
-    """Return medians over rounds for so many simulators."""
+    """Return medians over rounds for a number of simulators."""
     with tempfile.TemporaryDirectory() as folder, wire_fleet(
             Path(folder), simulators, num_envs) as fleet:
         fly(fleet, simulators, num_envs, steps // 4)
@@ -64,7 +64,7 @@ def measure(simulators: int, num_envs: int, steps: int, rounds: int) -> dict[str
 
 
 def other_costs() -> dict[str, float]:
-    """Return what else bears on how many simulators an agent can feed on: a batch's costs."""
+    """Return the other costs that limit the number of simulators, for one batch."""
     world = worlds.make('rocket', BATCH, level=7)
     observation = torch.from_numpy(world.reset(1))
     generator = random_streams.generator(1, 'bench')
@@ -77,7 +77,7 @@ def other_costs() -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench fleet', description=__doc__.split('\n')[0])
     parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS),
                         help='numbers of simulators')

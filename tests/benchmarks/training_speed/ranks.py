@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of an iteration of one run by one and two ranks, in a machine and over a slow network.
+"""Time of an iteration of one run by one and two ranks, within a machine and over a slow network.
 
 Also measures its parts: flight and update by one rank, and the sum of the gradients over both. A
-model of these parts is checked against two ranks, and extrapolated to more: each rank flies and
-learns as much as one does here, and the sums take two passes around a ring of all ranks (as gloo
-sums) or through a tree (as nccl sums small tensors).
+model of these parts is checked against two ranks, and extrapolated to more. In the model each rank
+flies and learns as much as one does here, and a sum takes two passes around a ring of all ranks
+(as in gloo) or through a tree (as in nccl for small tensors).
 """
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ _WARM_UP = 2
 
 
 def train(path: Path, groups: int, iterations: int, part: float) -> None:
-    """Run as one rank: train from scratch, write times in seconds.
+    """Run as one rank: train from scratch and write times in seconds.
 
-    :param part: of the minibatch; a rank has its share of it.
+    :param part: fraction of the minibatch size to train with; each rank takes an equal share.
     """
     import torch
 
@@ -98,7 +98,7 @@ def _networks(config: Any) -> list[Any]:
 def measure(
     count: int, groups: int, iterations: int, delay: float | None, part: float = 1.0,
 ) -> dict[str, float]:
-    """Return the times of a run by `count` ranks; with a delay, each is on a host of its own."""
+    """Return the times of a run by `count` ranks; with a delay, each runs on its own host."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
         command = [sys.executable, '-m', 'benchmarks.training_speed.ranks', '--train', str(path),
@@ -141,7 +141,7 @@ def _apart(path: Path, command: list[str], delay: float) -> None:
 
 
 def passes(ranks: int, tree: bool) -> int:
-    """Return after how many messages, one after the other, a sum is on all ranks."""
+    """Return the number of sequential messages until all ranks have a sum."""
     return 2 * (math.ceil(math.log2(ranks)) if tree else ranks - 1)
 
 
@@ -150,14 +150,14 @@ def efficiency(
 ) -> float:
     """Return the share of the time in which ranks fly and learn.
 
-    :param work: s of flight and update in an iteration.
-    :param hop: s for one message.
+    :param work: time of flight and update in an iteration, s.
+    :param hop: time of one message, s.
     """
     return work / (work + collectives * passes(ranks, tree) * hop)
 
 
 def knee(work: float, collectives: float, hop: float, tree: bool) -> int:
-    """Return the number of ranks from which on they wait more than they work."""
+    """Return the smallest number of ranks with which they wait at least as much as they work."""
     ranks = 2
     while ranks < 2**40 and efficiency(work, collectives, hop, ranks, tree) > 0.5:
         ranks *= 2
@@ -172,7 +172,7 @@ def knee(work: float, collectives: float, hop: float, tree: bool) -> int:
 
 
 def main() -> None:
-    """Print the tables, write the figures."""
+    """Print the tables and write the figures."""
     parser = argparse.ArgumentParser(prog='bench ranks', description=__doc__.split('\n')[0])
     parser.add_argument('--groups', type=int, default=4, help='groups of 256 rockets of the run')
     parser.add_argument('--iterations', type=int, default=6, help='iterations per measurement')

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed of simulator and agent, with and without a node that listens.
+"""Speed of simulator and agent, with and without a node that subscribes to their topics.
 
 The nodes are `rerun_recorder`, `bag_recorder`, which records all topics, and `ros_bridge`, alone
 and with a viewer that subscribes to all of its topics. One simulator and one agent run all the
 time, and the node is started and ended alternately. In this way both cases have the same processes
 and the same disturbances. Each turn with the node is compared with the turns before and after it.
-The interval is Student's, for the mean logarithm of these ratios. Turns differ by more than a node
-costs, so many of them are needed. This is done for an agent that trains, some of whose flights are
-recorded, and for a policy that flies, with all flights of the first four rockets recorded.
+The interval is Student's, for the mean logarithm of these ratios. Turns differ by more than the
+cost of a node, so many of them are needed. One part measures an agent that trains, some of whose
+flights are recorded; the other a policy that flies, with all flights of the first four rockets
+recorded.
 """
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ NODES = {
     'rerun_recorder': 'recording to', 'bag_recorder': 'recording to',
     'ros_bridge': 'publishing standard views',
     'ros_bridge_viewed': 'publishing standard views'}
-"""nodes, and what each logs when it has begun; the last is `ros_bridge` with a viewer"""
+"""nodes, and what each logs after its start; the last is `ros_bridge` with a viewer"""
 PARTS = ('training', 'flying')
 _MISSED = re.compile(r'(\d+)(?= steps were not received)|(?<=DDS lost )(\d+)')
 _START = 60.0
@@ -51,7 +52,7 @@ _START = 60.0
 
 @dataclass
 class Speeds:
-    """Steps/s of n turns beside a node and n + 1 between them; its share of a core."""
+    """Steps/s of n turns with a node and of n + 1 turns without; processor time of the node."""
 
     without: list[float] = field(default_factory=list)
     beside: list[float] = field(default_factory=list)
@@ -59,14 +60,14 @@ class Speeds:
     recorded: int = 0
     """messages in bags"""
     missed: int = 0
-    """messages that are missing in bags, as the recorder says"""
+    """messages that are missing in bags, as the recorder reports"""
 
     def summary(self) -> dict[str, Any]:
         """Return medians, and the mean ratio with its 95 % interval."""
         around = np.log(self.without)
         change = np.log(self.beside) - (around[:-1] + around[1:]) / 2
-        # Neighbours share a turn: their covariance is a sixth of the variance when all turns
-        # scatter alike, which makes that of the mean 4/3 of what independent ones would have.
+        # Consecutive changes share a turn without the node. If all turns have equal variance, the
+        # covariance is 1/6 of it, and the variance of the mean is 4/3 of the usual one.
         mean, error = float(change.mean()), float(change.std(ddof=1)) * (4 / 3 / len(change))**0.5
         reach = float(stats.t.ppf(0.975, len(change) - 1)) * error
         return {
@@ -78,20 +79,20 @@ class Speeds:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Return the time that a process has computed for."""
+    """Return the processor time of a process, s."""
     fields = Path(f'/proc/{pid}/stat').read_text('utf-8').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def node_of(process: Process) -> int:
-    """Return the id of the node that a `ros2 run` has become or has started."""
+    """Return the process id of the node: that of `ros2 run` itself or of its child."""
     children = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text('utf-8').split()
     return int(children[0]) if children else process.pid
 
 
 @contextmanager
 def listener(processes: Processes, name: str, number: int, speeds: Speeds) -> Iterator[int]:
-    """Run a node that listens, and yield the id of its process; note what a bag has and lacks."""
+    """Run the node and yield its process id; count recorded and missed messages of a bag."""
     path = processes.folder / f'{number}.{"rrd" if name == "rerun_recorder" else "bag"}'
     views = name.startswith('ros_bridge')
     node = processes.run_node(
@@ -118,7 +119,7 @@ def listener(processes: Processes, name: str, number: int, speeds: Speeds) -> It
 def _missed(output: str) -> int:
     """Return the number of messages that a recorder says it missed.
 
-    A message that DDS lost also leaves out a step, so the larger number of a topic counts.
+    A message that DDS lost is also counted as a missed step; the larger number is used.
     """
     return sum(max(int(found[0]) for found in _MISSED.finditer(line))
                for line in output.splitlines() if _MISSED.search(line))
@@ -137,8 +138,8 @@ class Log:
                 if line.endswith('\n')]
 
     def next(self, count: int) -> list[float]:
-        """Return the steps/s of so many iterations that begin from now on."""
-        first = len(self._lines()) + 1  # the one under way began before
+        """Return the steps/s of the next `count` iterations that begin from now on."""
+        first = len(self._lines()) + 1  # the current iteration began before
         wait_until(
             lambda: len(self._lines()) >= first + count or not self._agent.running, 600.0,
             self._agent.output)
@@ -150,7 +151,7 @@ class Log:
 def measure(
     processes: Processes, name: str, turns: int, rate: Callable[[], float], speeds: Speeds,
 ) -> None:
-    """Measure a rate in turns, with a node and without."""
+    """Measure a rate alternately with and without a node."""
     speeds.without.append(rate())
     for turn in range(turns):
         with listener(processes, name, turn, speeds) as pid:
@@ -216,7 +217,7 @@ def flying(folder: Path, name: str, turns: int, seconds: float) -> Speeds:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench recorder', description=__doc__.split('\n')[0])
     parser.add_argument(
         '--nodes', nargs='+', choices=list(NODES), default=list(NODES), help='nodes that listen')

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Speed of training roll-outs over DDS, with one and two simulators, and in one process.
 
-The same policy flies the same flights into the same buffers; only the way to the worlds differs.
+The same policy flies the same flights into the same buffers; only the access to worlds differs.
 In process, there are two cases: all rockets in one world, which is fastest there, and as many
-worlds as there are simulators, where both loops do exactly the same. All cases are measured
+worlds as there are simulators, where both loops do exactly the same work. All cases are measured
 alternately and medians are reported; the flights are compared, bit for bit. A bound shows what one
 simulator could reach at best: the loop in process plus a TCP ping-pong of the same bytes per step
 between two cores.
@@ -52,14 +52,14 @@ _START = 60.0
 
 
 def start(group: int) -> Job[bytes]:
-    """Begin episodes and return where they begin."""
+    """Begin episodes and return a snapshot of their starts."""
     yield Reset(group, {'level': 7})
     state: bytes = yield Snapshot()
     return state
 
 
 def shipped_policy() -> Policy:
-    """Return the rocket's policy that ships, and have torch use one thread, as in flight."""
+    """Return the shipped policy of the rocket; make torch use one thread, as in flight."""
     torch.set_num_threads(1)
     policy, _ = load_policy(
         find_policy('', 'rocket', Path(os.devnull)), worlds.make('rocket', 1).spec)
@@ -111,7 +111,7 @@ def wire_fleet(folder: Path, simulators: int, num_envs: int) -> Iterator[Simulat
 
 
 def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, Any]:
-    """Return medians over rounds for a total of so many rockets."""
+    """Return medians over rounds for a total number of rockets."""
     def in_process(groups: int) -> SerialFleet:
         return SerialFleet(*(
             worlds.make('rocket', rockets // groups, level=7) for _ in range(groups)))
@@ -154,12 +154,12 @@ def measure(rockets: int, steps: int, rounds: int, policy: Policy) -> dict[str, 
 
 
 def ratio(values: list[float], others: list[float]) -> float:
-    """Return the median of how many times as fast, round by round."""
+    """Return the median ratio of two speeds over the rounds."""
     return statistics.median(v / w for v, w in zip(values, others, strict=True))
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench rollouts', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=9, help='number of rounds')
     parser.add_argument('--steps', type=int, default=256, help='steps per rocket in a roll-out')

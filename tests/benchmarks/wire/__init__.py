@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of a lock-step exchange and of discovery, within a machine and between hosts."""
+"""Times of a lock-step exchange and of discovery, within a machine and between hosts."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A node of a benchmark, with the transport that the nodes of a training have."""
+"""A node for benchmarks, with the same transport as the nodes of a training."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from rocket_sim_node.wire.node.running import make_executor
 def agent_node(
     name: str, domain: int | None = None, namespace: str | None = None,
 ) -> Iterator[tuple[Node, Executor]]:
-    """Yield a node in a context of its own, and its executor."""
+    """Yield a node with its own context, and its executor."""
     context = Context()
     with ExitStack() as stack:
         with prepared(get_rmw_implementation_identifier()):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time of a lock-step exchange over each way in which Fast DDS can carry messages in one machine.
+"""Time of a lock-step exchange over each transport of Fast DDS within one machine.
 
 `ours` is the profile that the nodes load: UDP. The others replace it for both ends. A process
-can load one profile only, so each measurement has two processes of its own; the carriers take
-turns. Each figure is a ratio to `ours` of the same turn.
+can load only one profile, so each measurement uses two new processes; the transports are measured
+alternately. Each figure is a ratio to `ours` of the same turn.
 """
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _BY_TCP = """<defaultUnicastLocatorList>
 
 
 def carriers(folder: Path) -> dict[str, dict[str, str]]:
-    """Return the environment of each carrier, by name; profiles are written to a folder."""
+    """Return the environment variables of each transport, by name; write profiles to a folder."""
     version, _ = fast_dds()
     text = (version.profiles / 'machine.xml').read_text('utf-8')
     head, tag, rest = text.partition(_TRANSPORT)
@@ -72,7 +72,7 @@ def carriers(folder: Path) -> dict[str, dict[str, str]]:
 
 
 def measure(num_envs: int, count: int, warm_up: int) -> dict[str, float]:
-    """Return the median time of an exchange, us, and how many messages were sent again."""
+    """Return median and 99th percentile of an exchange, us, and the number of messages re-sent."""
     with still_simulator(num_envs) as (client, _):
         action = np.zeros((num_envs, 3), np.float32)
         microseconds(lambda: client.step(action), warm_up)
@@ -93,7 +93,7 @@ def in_own_process(
     try:
         text, _ = child.communicate(timeout=_PATIENCE)
     except subprocess.TimeoutExpired:
-        child.send_signal(signal.SIGINT)  # it ends its simulator
+        child.send_signal(signal.SIGINT)  # so that it ends its simulator
         child.communicate()
         return None
     if child.returncode:
@@ -103,7 +103,7 @@ def in_own_process(
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench carriers', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=5, help='turns of each carrier')
     parser.add_argument('--count', type=int, default=1000, help='exchanges per turn')

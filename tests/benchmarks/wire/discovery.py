@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time until many nodes of one machine know each other, by themselves and by a discovery server.
+"""Time until many nodes on one machine discover each other, with and without a discovery server.
 
-By themselves, nodes of this project probe the first 64 participants of their domain on this
-machine. With ROS_DISCOVERY_SERVER they use Fast DDS's own settings, and a server that introduces
-them. Each node has a participant of its own, as separate processes have; several share a process
-here, lest Python's memory be the limit.
+Without a server, nodes of this project probe the first 64 participants of their domain on this
+machine. With ROS_DISCOVERY_SERVER they use Fast DDS's own settings and that server. Each node has
+its own participant, as it would in a separate process; several nodes share a process here, to save
+memory.
 """
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ COUNTS = (20, 60, 100, 200)
 WAYS = ('by themselves', 'discovery server')
 _PROCESSES = 4
 _PATIENCE = 120.0
-"""s for all to know each other"""
+"""time limit for discovery, s"""
 _LOOK = 0.5
-"""s between two looks"""
+"""s between two checks"""
 _SERVER = ('42',) if fast_dds()[0] is FAST_DDS_3 else ()
-"""What `fastdds discovery` of Fast DDS 3 passes to its server before the arguments."""
+"""First argument that `fastdds discovery` of Fast DDS 3 passes to its server."""
 
 
 def be(count: int, first: int, total: int, patience: float) -> None:
-    """Be some of the nodes; print how many each knows, and after how many seconds."""
+    """Run some of the nodes; print the smallest number of nodes that one knows, and the time."""
     import rclpy
     from rclpy.context import Context
     from rclpy.node import Node
@@ -64,7 +64,7 @@ def be(count: int, first: int, total: int, patience: float) -> None:
             break
         time.sleep(_LOOK)
     print(json.dumps({'known': known, 's': seconds, 'cpu_s': time.process_time()}), flush=True)
-    sys.stdin.read()  # stays until all have seen it
+    sys.stdin.read()  # keep the nodes until all processes have finished
     os._exit(0)  # destroying the nodes one by one takes long
 
 
@@ -97,7 +97,7 @@ def server() -> Iterator[str]:
 
 
 def measure(total: int, way: str, patience: float) -> dict[str, float]:
-    """Return how long it took until all knew each other, and how many the last one knew."""
+    """Return the time until all nodes knew each other, and the smallest number that one knew."""
     environment = {
         **os.environ, 'ROS_DOMAIN_ID': str(100 + secrets.randbelow(100)),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
@@ -114,7 +114,7 @@ def _together(total: int, environment: dict[str, str], patience: float) -> dict[
         [sys.executable, '-m', 'benchmarks.wire.discovery', '--be', str(share),
          str(number * share), str(total), str(patience)],
         env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, text=True)  # warnings of open sockets
+        stderr=subprocess.DEVNULL, text=True)  # it has only warnings of open sockets
         for number in range(_PROCESSES)]
     try:
         found: list[dict[str, float]] = []
@@ -131,7 +131,7 @@ def _together(total: int, environment: dict[str, str], patience: float) -> dict[
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench discovery', description=__doc__.split('\n')[0])
     parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS),
                         help=f'numbers of nodes, multiples of {_PROCESSES}')

@@ -35,7 +35,7 @@ SIZES = (1, 64, 256, 1024, 4096)
 
 
 def microseconds(once: Callable[[], Any], count: int) -> tuple[float, float]:
-    """Return median and 99th percentile of so many calls, us."""
+    """Return median and 99th percentile of the time of `count` calls, us."""
     times = np.empty(count)
     for k in range(count):
         start = time.perf_counter()
@@ -46,7 +46,7 @@ def microseconds(once: Callable[[], Any], count: int) -> tuple[float, float]:
 
 @contextmanager
 def on_core(number: int, pid: int = 0) -> Iterator[None]:
-    """Keep all threads of a process, by default this one, on one of the cores that it has."""
+    """Pin all threads of a process, by default this one, to one of its cores."""
     threads = [int(task.name) for task in Path(f'/proc/{pid or os.getpid()}/task').iterdir()]
     cores = {thread: os.sched_getaffinity(thread) for thread in threads}
     try:
@@ -55,7 +55,7 @@ def on_core(number: int, pid: int = 0) -> Iterator[None]:
         yield
     finally:
         for thread, its in cores.items():
-            with suppress(ProcessLookupError):  # a thread that has ended meanwhile
+            with suppress(ProcessLookupError):  # the thread has ended meanwhile
                 os.sched_setaffinity(thread, its)
 
 
@@ -76,7 +76,7 @@ def still_simulator(num_envs: int) -> Iterator[tuple[Client, Process]]:
 
 
 def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
-    """Return medians over rounds for one size of batch."""
+    """Return medians over rounds for one batch size."""
     found: dict[str, list[tuple[float, float]]] = {
         'tcp': [], 'tcp_apart': [], 'dds': [], 'dds_apart': []}
     floor, apart = TcpFloor(num_envs), TcpFloor(num_envs, core=1)
@@ -113,7 +113,7 @@ def measure(num_envs: int, rounds: int, count: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench exchange', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=7, help='number of rounds')
     parser.add_argument('--count', type=int, default=400, help='exchanges per measurement')

@@ -22,11 +22,11 @@ from ppo_agent_node.evaluation.metrics import write_json
 
 SIZES = (1, 256, 1024)
 _START = 60.0
-"""s that a process may take"""
+"""time limit of a process, s"""
 
 
 def fly(num_envs: int, count: int, output: Path) -> None:
-    """Be the agent: write the median and the 99th percentile of an exchange, us."""
+    """Run as the agent: write median and 99th percentile of an exchange, us."""
     from benchmarks.wire.agent_node import agent_node
     from benchmarks.wire.exchange import microseconds
     from rocket_sim_node.wire.client.client import Client
@@ -40,7 +40,7 @@ def fly(num_envs: int, count: int, output: Path) -> None:
 
 
 def measure(num_envs: int, count: int, rounds: int) -> dict[str, float]:
-    """Return medians over rounds: within a host, and from one to the other."""
+    """Return medians over rounds: within a host and between hosts."""
     found: dict[str, list[dict[str, float]]] = {'within': [], 'between': []}
     for _ in range(rounds):
         for name, host in (('within', 0), ('between', 1)):
@@ -64,7 +64,7 @@ def measure(num_envs: int, count: int, rounds: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench hosts', description=__doc__.split('\n')[0])
     parser.add_argument('--sizes', type=int, nargs='+', default=list(SIZES), help='batch sizes')
     parser.add_argument('--count', type=int, default=1000, help='exchanges per measurement')

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Time from a key press to the first state that shows it.
 
-There are a simulator in real time, the keyboard pilot in a pseudo-terminal, and this process. It
-alternately presses the keys for full throttle and engine off, and listens to `state`.
+A simulator runs in real time and the keyboard pilot in a pseudo-terminal. This process alternately
+presses the keys for full throttle and engine off, and subscribes to `state`.
 """
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from rocket_sim_node.wire.dds import qos
 _LOST = 2.0
 """s after which a press is counted as lost"""
 _PAUSE = 0.1
-"""s, the least between two presses"""
+"""minimum time between two presses, s"""
 
 
 def measure(
     presses: int, processes: Processes, terminal: PseudoTerminal,
 ) -> tuple[list[float], int]:
-    """Return the latencies, s, and how many presses nothing followed."""
+    """Return the latencies, s, and the number of presses without an effect."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=1, mode='realtime')
     with agent_node('looker', processes.domain) as (node, executor):
         return _press(presses, processes, terminal, node, executor)
@@ -42,7 +42,7 @@ def measure(
 def _press(
     presses: int, processes: Processes, terminal: PseudoTerminal, node: Node, executor: Executor,
 ) -> tuple[list[float], int]:
-    """Press keys, and return what `measure` does."""
+    """Press keys; return the results of `measure`."""
     seen = {'throttle': -1.0, 'fuel': 0.0, 'height': 0.0, 'at': 0.0}
 
     def look(message: Any) -> None:

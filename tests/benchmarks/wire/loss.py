@@ -24,16 +24,16 @@ from ppo_agent_node.evaluation.metrics import write_json
 
 SHARES = (0.0, 0.01, 0.05)
 _START = 60.0
-"""s that a process may take"""
+"""time limit of a process, s"""
 _STRETCH = 300
-"""steps of which a 99th percentile is taken, for the median of these: what else the machine has to
-do comes in bursts"""
+"""steps per stretch; the result is the median of the 99th percentiles of all stretches, because
+other load on the machine comes in bursts"""
 _FLIGHT = 300.0
-"""s that the steps may take"""
+"""time limit of the steps, s"""
 
 
 def fly(num_envs: int, count: int, output: Path) -> int:
-    """Be the agent: write how long each step took, s, and whether it was the right one."""
+    """Run as the agent: write the time of each step, s, and whether all results were correct."""
     from rocket_sim_node.wire.client.client import Client
     from rocket_sim_node.wire.node.running import run
     from rocket_sim_node.worlds import make
@@ -62,7 +62,7 @@ def fly(num_envs: int, count: int, output: Path) -> int:
 
 
 def measure(share: float, num_envs: int, count: int, rounds: int) -> dict[str, Any]:
-    """Return percentiles of a step over all rounds, ms, and what was lost."""
+    """Return percentiles of the time of a step over all rounds, ms, and counts of lost packets."""
     seconds: list[float] = []
     arrived = lost = steps = resent = 0
     equal = True
@@ -111,7 +111,7 @@ HEAD = (
 
 
 def main() -> int:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench loss', description=__doc__.split('\n')[0])
     parser.add_argument('--shares', type=float, nargs='+', default=list(SHARES),
                         help='shares of packets that are lost, 0 to 1')

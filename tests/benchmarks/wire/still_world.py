@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A world of the shape of `rocket` in which nothing moves, and a simulator of it.
+"""A world with the shapes of `rocket` in which nothing moves, and a simulator of it.
 
 It measures the cost of a lock-step exchange without physics. Run as a program it serves
 the world: `python -m benchmarks.wire.still_world N [VARIANT] [--ros-args ...]`.
@@ -30,7 +30,7 @@ class StillWorld:
     """N rockets at rest; a step costs nothing."""
 
     def __init__(self, num_envs: int) -> None:
-        """Make it in the shape of `rocket`."""
+        """Make the world with the shapes of `rocket`."""
         shape = worlds.make('rocket', num_envs)
         self.spec = replace(shape.spec, name='still')
         self.flown_settings = self.spec.settings

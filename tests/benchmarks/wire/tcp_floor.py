@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The floor under every exchange: the same bytes to and fro over a TCP socket on this machine.
+"""The lower bound of an exchange: the same bytes over a TCP socket on this machine and back.
 
 Run as a program it is the far end: `python -m benchmarks.wire.tcp_floor N CORE`, which prints its
 port.
@@ -13,16 +13,16 @@ import subprocess
 import sys
 
 OBSERVATION, ACTION = 15, 3
-"""numbers of a rocket"""
+"""numbers per rocket"""
 
 
 def sizes(num_envs: int) -> tuple[int, int]:
-    """Return how many bytes travel to the simulator and back: data, session and step."""
+    """Return the number of bytes to the simulator and back: data, session and step."""
     return num_envs * 4 * ACTION + 16, num_envs * (4 * OBSERVATION + 4 + 2) + 32
 
 
 def exactly(connection: socket.socket, view: memoryview) -> bool:
-    """Fill a view from a connection; false when the far end is gone."""
+    """Fill a view from a connection; return false if the far end has closed it."""
     done = 0
     while done < len(view):
         count = connection.recv_into(view[done:])
@@ -33,12 +33,12 @@ def exactly(connection: socket.socket, view: memoryview) -> bool:
 
 
 class TcpFloor:
-    """A far end in a process of its own, and what plays ping-pong with it."""
+    """Exchanges messages with a far end, which runs in a process of its own."""
 
     def __init__(self, num_envs: int, core: int | None = None) -> None:
-        """Start it and connect.
+        """Start the far end and connect to it.
 
-        :param core: which of the cores that there are it stays on; None: wherever it is put.
+        :param core: index of the core to which the far end is pinned; None: not pinned.
         """
         there, back = sizes(num_envs)
         self._child = subprocess.Popen(
@@ -52,19 +52,19 @@ class TcpFloor:
         self._ping, self._pong = bytes(there), memoryview(bytearray(back))
 
     def __call__(self) -> None:
-        """Send an action's bytes and wait for an answer's."""
+        """Send the bytes of an action and wait for those of an answer."""
         self._connection.sendall(self._ping)
         if not exactly(self._connection, self._pong):
             raise RuntimeError('tcp_floor: the far end is gone')
 
     def close(self) -> None:
-        """End it."""
+        """End the far end."""
         self._connection.close()
         self._child.wait(10.0)
 
 
 def main() -> None:
-    """Answer until the other end goes."""
+    """Answer until the other end closes the connection."""
     there, back = sizes(int(sys.argv[1]))
     if sys.argv[2]:
         cores = sorted(os.sched_getaffinity(0))

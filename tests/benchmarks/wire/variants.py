@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Variants of the wire's code, each compared with the code as it is.
+"""Variants of the communication code, each compared with the present code.
 
 Two simulators run side by side, one of which, like its client, uses the variant. Exchanges with
 the two alternate, so that other load affects both.
@@ -34,16 +34,16 @@ from rocket_sim_node.wire.server.rivals import Rivals
 
 
 class Unchecked:
-    """Every message is taken without looking at its sender."""
+    """Messages are accepted without a check of their sender."""
 
     used = False
-    """whether the variant is in use in this process at the moment"""
+    """whether this process uses the variant at the moment"""
     words = ('with the checks of senders', 'without')
 
     @classmethod
     @contextmanager
     def installed(cls) -> Iterator[None]:
-        """Let `used` act."""
+        """Patch the code so that `used` selects the variant."""
         sender_of, accepts, look = inbox.sender_of, FarEnd.accepts, Rivals.look
         with (mock.patch.object(
                 inbox, 'sender_of', lambda info: b'' if cls.used else sender_of(info)),
@@ -53,10 +53,10 @@ class Unchecked:
 
 
 class RosidlCodec(Codec):
-    """Conversion by rosidl: objects with an `array.array` per sequence, the fastest way it has."""
+    """Conversion by rosidl to objects with an `array.array` per sequence, its fastest way."""
 
     def encode(self, numbers: Sequence[int], arrays: Sequence[NDArray[Any]]) -> Any:
-        """Return a message, which rclpy serializes as it publishes it."""
+        """Return a message, which rclpy serializes when it publishes it."""
         message = self.kind()
         for number, (name, _, _) in zip(numbers, self._fields[:self._first], strict=True):
             setattr(message, name, number)
@@ -76,13 +76,13 @@ class Rosidl:
     """Step messages are converted by rclpy and rosidl."""
 
     used = False
-    """whether clients and simulators made at the moment use the variant"""
+    """whether new clients and simulators use the variant"""
     words = ('with our codec', 'with that of rosidl')
 
     @classmethod
     @contextmanager
     def installed(cls) -> Iterator[None]:
-        """Let `used` act."""
+        """Patch the code so that `used` selects the variant."""
         fetch = inbox.Mailbox._fetch
 
         def codec(kind: Any) -> Codec:
@@ -102,7 +102,7 @@ class Rosidl:
 
 
 VARIANTS: dict[str, type[Unchecked | Rosidl]] = {'unchecked': Unchecked, 'rosidl': Rosidl}
-"""by the argument of `benchmarks.wire.still_world`"""
+"""variant by the argument of `benchmarks.wire.still_world`"""
 
 
 def measure(
@@ -137,7 +137,7 @@ def measure(
 
 
 def report(name: str, num_envs: int, rounds: int, count: int) -> dict[str, float]:
-    """Measure and print; return medians, and the ratio with its 95 % interval."""
+    """Measure, and print and return medians and the ratio with its 95 % interval."""
     ours, others = (np.median(times, 1) for times in measure(name, num_envs, rounds, count))
     ratios = ours / others
     interval = stats.bootstrap(

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps/s of the worlds: by batch, by threads, under conditions, and of peers."""
+"""Steps/s of the worlds, by batch size, threads and conditions, and of peers."""

@@ -24,7 +24,7 @@ _WORLDS = ('rocket', 'rocket_planar')
 
 
 def rate(world: SimulatedWorld, actions: NDArray[np.float64], seconds: float) -> float:
-    """Return environment steps per second of processor time, over about so many."""
+    """Return environment steps per second of processor time, measured for about `seconds`."""
     count, start = 0, time.process_time()
     while (elapsed := time.process_time() - start) < seconds:
         for action in actions:
@@ -34,7 +34,7 @@ def rate(world: SimulatedWorld, actions: NDArray[np.float64], seconds: float) ->
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench conditions', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
     parser.add_argument(

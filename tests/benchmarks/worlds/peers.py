@@ -2,9 +2,9 @@
 """Steps per second and exactness of PyFlyt, Gymnasium, EnvPool and this project on one core.
 
 Random actions, episodes and resets are included. All are measured alternately in several rounds,
-so that disturbances affect all of them. Medians are reported. Exactness is tried, not quoted: the
-same seed and actions twice in a process and once in another one, and a copy of the environment
-that goes on from the middle of an episode. A peer that cannot be used is named with the reason.
+so that disturbances affect all of them. Medians are reported. Exactness is tested: the
+same seed and actions run twice in a process and once in another one, and a copy of the environment
+continues from the middle of an episode. Peers that cannot be used are listed with the reason.
 """
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from rocket_sim_node import worlds
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / 'docs' / 'explanation' / 'peers.md'
 CHECKED = 200
-"""steps of a check"""
+"""number of steps in a test of exactness"""
 _SEED = 1
 
 
@@ -50,7 +50,7 @@ class Peer:
     actions: Callable[[int], NDArray[Any]]
     """returns 16 batches of actions for a number of environments"""
     sizes: tuple[int, ...]
-    """one environment, and the batch sizes among which its fastest is"""
+    """one environment, and the batch sizes to try for the best speed"""
     step_seconds: float
     """simulated time of a step"""
     copies: str = 'deepcopy'
@@ -105,7 +105,7 @@ def _pyflyt(num_envs: int) -> Any:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Keep what Bullet prints from C off the table."""
+    """Suppress what Bullet prints from C."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
@@ -133,7 +133,7 @@ PEERS = {
 
 
 def available(names: list[str]) -> dict[str, str]:
-    """Return why peers cannot be used."""
+    """Return the peers that cannot be used, with the reason."""
     found = {}
     for name in names:
         try:
@@ -169,7 +169,7 @@ def digest(name: str) -> str:
 
 
 def elsewhere(name: str) -> str:
-    """Return the same digest, made by another process."""
+    """Return the same digest, computed by another process."""
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.worlds.peers', '--digest', name], check=True,
         stdout=subprocess.PIPE, text=True, env=machine.child_environment())
@@ -177,7 +177,7 @@ def elsewhere(name: str) -> str:
 
 
 def copied(name: str) -> str:
-    """Return whether a copy goes on with the same bits, or the error that it ends in."""
+    """Return whether a copy continues with the same bits, or the error that it raises."""
     peer = PEERS[name]
     actions = peer.actions(1)
     with _silence():
@@ -218,7 +218,7 @@ def measure(names: list[str], rounds: int, seconds: float) -> dict[str, dict[int
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench peers', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
     parser.add_argument(

@@ -25,7 +25,7 @@ from rocket_sim_node import worlds
 
 SIZES = (1, 4, 16, 64, 256, 1024, 4096, 16_384)
 _LARGEST = {'lunar_lander': 4096, 'EnvPool': 4096, 'Gymnasium': 64}
-"""environments: more are not faster (Gymnasium's vector is a loop)"""
+"""maximum number of environments; more are not faster (Gymnasium's vector is a loop)"""
 
 OUR_WORLDS = ('lunar_lander', 'rocket')
 Stepper = Callable[[NDArray[Any]], Any]
@@ -42,7 +42,7 @@ def rocket(num_envs: int) -> Stepper:
 
 
 def envpool(num_envs: int) -> Stepper:
-    """Return the step of EnvPool's: synchronous, one thread, as it advises for one core."""
+    """Return the step of EnvPool's lander: synchronous, one thread, as advised for one core."""
     import envpool
 
     env = envpool.make(
@@ -53,7 +53,7 @@ def envpool(num_envs: int) -> Stepper:
 
 
 def gymnasium_sync(num_envs: int) -> Stepper:
-    """Return the step of Gymnasium's own vector."""
+    """Return the step of Gymnasium's own vector environment."""
     env = gymnasium.make_vec(
         'LunarLander-v3', num_envs=num_envs, vectorization_mode='sync',
         vector_kwargs={'autoreset_mode': AutoresetMode.SAME_STEP})
@@ -62,7 +62,7 @@ def gymnasium_sync(num_envs: int) -> Stepper:
 
 
 def random_actions(name: str, num_envs: int) -> NDArray[Any]:
-    """Return 16 batches of actions for a world, uniform over what there is."""
+    """Return 16 batches of actions for a world, uniform over its action space."""
     rng = np.random.default_rng(0)
     if name == 'rocket':
         return rng.uniform(-1, 1, (16, num_envs, 3)).astype(np.float32)
@@ -70,7 +70,7 @@ def random_actions(name: str, num_envs: int) -> NDArray[Any]:
 
 
 def rate(step: Stepper, actions: NDArray[Any], seconds: float) -> float:
-    """Return environment steps per second, over about so many seconds."""
+    """Return environment steps per second, measured for about `seconds`."""
     count, start = 0, time.perf_counter()
     while (elapsed := time.perf_counter() - start) < seconds:
         for action in actions:
@@ -80,7 +80,7 @@ def rate(step: Stepper, actions: NDArray[Any], seconds: float) -> float:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench stepping', description=__doc__.split('\n')[0])
     parser.add_argument('--rounds', type=int, default=5, help='number of rounds')
     parser.add_argument(

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much faster a world is stepped by several threads than by one.
+"""Speed-up of stepping a world by several threads instead of one.
 
-`lunar_lander` has the setting `step_threads`. `rocket` has not: it is one batch of NumPy, whose
-calls become shorter in slices, but not fewer. Worlds of a part of the size, which share nothing
-and are stepped by one thread each, show the most that slices could gain. All are measured
-alternately, step by step. Of the times of a step, the median is reported and the 5 % quantile, as
-other load slows several threads more than one.
+`lunar_lander` has the setting `step_threads`. `rocket` does not: it is one batch in NumPy, and
+slices would make its calls shorter but not fewer. Smaller worlds that share nothing, each stepped
+by one thread, show the upper bound of the gain by slices. All are measured alternately, step by
+step. The median time of a step and its 5 % quantile are reported, because other load slows several
+threads more than one.
 """
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Step = Callable[[int], Any]
 
 
 def ways(world: str, size: int, threads: int, pool: ThreadPoolExecutor) -> tuple[Step, Step]:
-    """Return how one thread steps, and several; each takes the number of the batch of actions."""
+    """Return functions that step with one and several threads, given the index of the actions."""
     settings = {'level': 7} if world == 'rocket' else {}
     actions = random_actions(world, size)
     whole = worlds.make(world, size, 1, **settings)
@@ -49,7 +49,7 @@ def ways(world: str, size: int, threads: int, pool: ThreadPoolExecutor) -> tuple
              for first, end in itertools.pairwise(cuts)]
 
     def several(number: int) -> None:
-        # The first part in this thread, as a world would do it too.
+        # This thread steps the first part, as it would inside a world.
         others = [pool.submit(part.step, its[number]) for part, its in parts[1:]]
         parts[0][0].step(parts[0][1][number])
         for other in others:
@@ -59,7 +59,7 @@ def ways(world: str, size: int, threads: int, pool: ThreadPoolExecutor) -> tuple
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench threads', description=__doc__.split('\n')[0])
     parser.add_argument('--steps', type=int, default=400, help='number of steps of each way')
     parser.add_argument('--worlds', nargs='+', choices=('lunar_lander', 'rocket'),

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of each experiment."""
+"""A plot for each experiment."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `experiments claims`: a panel a claim, a dot a seed."""
+"""The plot of `experiments claims`: one panel per claim, one dot per seed."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _COLOURS = dict(zip(claims.CLONED, (style.BLUE, style.VERMILION), strict=True))
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line."""
+    """Return a one-line summary of the results."""
     texts = []
     for claim in ('direct PPO fails', 'cloning first lands', 'PPO then softens'):
         said = [verdict.partition(':')[0] for name, _, verdict in claims.verdicts(figures)
@@ -28,7 +28,7 @@ def title(figures: Mapping[str, Any]) -> str:
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
-    """Draw it."""
+    """Draw the plot."""
     with style.styled():
         figure = Figure(figsize=(12, 5))
         landed, soft, wide = figure.subplots(1, 3, width_ratios=(1.2, 0.8, 1.2))
@@ -42,7 +42,7 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
 
 
 def _landed(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Draw how often each way to train lands."""
+    """Draw the landing rate of each training method."""
     ways = [(way, 'last', None, way) for way in claims.DIRECT] + [
         (way, stage, claims.TRAINED, f'{name}: {way}') for way in claims.CLONED
         for stage, name in (('cloned', 'clone'), ('last', 'clone, then PPO'))]
@@ -60,7 +60,7 @@ def _landed(axes: Axes, figures: Mapping[str, Any]) -> None:
 
 
 def _softened(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Draw touchdown speeds before and after PPO, a line a seed."""
+    """Draw touchdown speeds before and after PPO, one line per seed."""
     for way, colour in _COLOURS.items():
         before, after = ([claims.speed(one) for one in claims.chosen(
             figures, way, stage, claims.TRAINED)] for stage in ('cloned', 'last'))
@@ -76,7 +76,7 @@ def _softened(axes: Axes, figures: Mapping[str, Any]) -> None:
 
 
 def _wider(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Draw what PPO changes of the return where nothing was trained."""
+    """Draw the change of return by PPO in tasks that were not trained."""
     for offset, (way, colour) in zip((-0.15, 0.15), _COLOURS.items(), strict=True):
         for place, task in enumerate(claims.WIDER):
             pairs = zip(*(claims.chosen(figures, way, stage, task)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `experiments ingredients`: what each variant changes of the return."""
+"""The plot of `experiments ingredients`: the change of return by each variant."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from benchmarks.experiments.flights import Task
 from ppo_agent_node.reporting.pictures import style
 
 _LINEAR = 0.1
-"""return up to which the axis is linear, logarithmic beyond"""
+"""limit of the linear part of the axis; beyond it, the axis is logarithmic"""
 _COLOURS = {'cloned': style.ORANGE, 'last': style.BLUE}
 _NAMES = {'cloned': 'clone', 'last': 'after PPO'}
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line: what is missed most, of imitation and of PPO."""
+    """Return in a line the variants of imitation and of PPO that lose the most return."""
     worth = ingredients.worth(figures, 'last', ingredients.TASKS[0])
     texts = []
     for stage in (variants.IMITATION, variants.PPO):
@@ -37,7 +37,7 @@ def title(figures: Mapping[str, Any]) -> str:
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
-    """Draw a panel a level: dots are seeds, bars the 95 % interval of their mean."""
+    """Draw one panel per level: dots are seeds, bars the 95 % interval of their mean."""
     names = [variant['name'] for variant in figures['variants']]
     with style.styled():
         figure = Figure(figsize=(11, 1.8 + 0.42 * len(names)))
@@ -59,7 +59,7 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
 def _row(
     panel: Axes, place: int, figures: Mapping[str, Any], variant: Mapping[str, Any], task: Task,
 ) -> None:
-    """Draw the differences of a variant; that of PPO has the base's clone, which is left out."""
+    """Draw the differences of a variant; variants of PPO have the base's clone, left out here."""
     for offset, stage in ((0.16, 'last'), (-0.16, 'cloned')):
         if (stage, variant['stage']) == ('cloned', variants.PPO):
             continue

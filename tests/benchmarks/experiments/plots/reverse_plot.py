@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `experiments reverse`: reach and return over the iterations, a line a seed."""
+"""The plot of `experiments reverse`: reach and return by iteration, one line per seed."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from ppo_agent_node.reporting.pictures import style
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line."""
+    """Return a one-line summary of the results."""
     reached = [one['iteration'] for one in figures['seeds'] if one['iteration'] is not None]
     total = len(figures['seeds'])
     if not reached:
@@ -26,7 +26,7 @@ def title(figures: Mapping[str, Any]) -> str:
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
-    """Draw it."""
+    """Draw the plot."""
     with style.styled():
         figure = Figure(figsize=(9, 6.5))
         reach, returns = figure.subplots(2, 1, sharex=True)

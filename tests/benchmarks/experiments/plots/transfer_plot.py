@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of `experiments transfer`: a matrix of mean returns, a panel a world flown in."""
+"""The plot of `experiments transfer`: a matrix of mean returns, one panel per world."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -19,11 +19,11 @@ from ppo_agent_node.reporting.pictures import style
 
 _BOUNDS = (-100, 0, 100, 200, 240, 260, 280, 290, 300)
 _BRIGHT = 0.5
-"""Luminance above which writing is dark."""
+"""Luminance above which text is dark."""
 
 
 def title(figures: Mapping[str, Any]) -> str:
-    """Return what was found, in a line: of the other world, and of the mix."""
+    """Return a one-line summary of the results in the other world and under the mix."""
     lost = []
     for home in transfer.WORLDS:
         away, = (world for world in transfer.WORLDS if world != home)
@@ -39,7 +39,7 @@ def title(figures: Mapping[str, Any]) -> str:
 
 
 def draw(figures: Mapping[str, Any], path: Path) -> Path:
-    """Draw it."""
+    """Draw the plot."""
     with style.styled():
         conditions = transfer.rows(figures)
         figure = Figure(figsize=(9.5, 2.4 + 0.27 * len(conditions)))
@@ -69,7 +69,7 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
 
 
 def _write(panel: Axes, values: np.ndarray, colour: np.ndarray) -> None:
-    """Write each value into its cell, dark or bright as its colour `(R, C, 4)` needs."""
+    """Write each value into its cell, in a text colour that contrasts with `(R, C, 4)`."""
     bright = colour[..., :3] @ np.array((0.299, 0.587, 0.114)) > _BRIGHT
     for (row, column), value in np.ndenumerate(values):
         panel.text(column, row, f'{value:.1f}', ha='center', va='center', fontsize=8.5,
