@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Helpers of several tests: processes, the commands of the documents, and folders by theme."""
+"""Helpers for tests: processes, the commands of the documents, and folders by topic."""

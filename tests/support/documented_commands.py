@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The commands and the Python that README and docs print, and how each is tried.
+"""The commands and the Python code in README and docs, and how each is tested.
 
-Each command belongs to the first of `KINDS` whose pattern it matches. It is run, with arguments
-appended that make it small; or a test elsewhere runs it; or it cannot be run, for a reason.
+Each command belongs to the first of `KINDS` whose pattern it matches. The command is
+run, with additional arguments that make it small; or another test runs it; or there is a reason
+why it cannot be run.
 """
 from __future__ import annotations
 
@@ -20,23 +21,23 @@ _FENCED = re.compile(r'^```(\w*)[^\n]*\n(.*?)^```', re.MULTILINE | re.DOTALL)
 _BEGINS = re.compile(
     r'\./launch_scripts/\w|\. launch_scripts/|PYTHON=|RANK=|python \S|torchrun --|fastdds d|'
     r'ros2 (run|launch|service call|action \w+|topic \w+|interface show) \S*[/_]')
-"""Text in single backticks, or in an indented block, is a command if it begins so."""
+"""Text in single backticks or in an indented block is a command if it begins like this."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of command, and what is done with it."""
+    """A kind of command, and how it is tested."""
 
     pattern: str
-    """the whole command matches it"""
+    """pattern that matches the whole command"""
     append: str = ''
-    """arguments that make it small; of `NAME:=VALUE` the last one given holds"""
+    """arguments that make it small; the last of several values for a `NAME` takes effect"""
     until: str = ''
-    """it is interrupted once it has printed this; empty: it ends by itself"""
+    """output after which it is interrupted; empty: it ends by itself"""
     beside: tuple[str, ...] = ()
-    """commands that run meanwhile"""
+    """commands that run at the same time"""
     tested: str = ''
-    """the test that runs it, as pytest names it"""
+    """node id in pytest of the test that runs it"""
     reason: str = ''
     """why it cannot be run"""
 
@@ -228,7 +229,7 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Command:
-    """A command as it is printed, and where."""
+    """A command as printed, and its page."""
 
     text: str
     page: str
@@ -239,7 +240,7 @@ class Command:
 
 
 def _shell_lines(page: str) -> Iterator[str]:
-    """Yield all that a page prints and that is a command."""
+    """Yield all commands on a page."""
     for language, code in _FENCED.findall(page):
         if language in ('sh', 'bash'):
             yield from code.splitlines()
@@ -249,7 +250,7 @@ def _shell_lines(page: str) -> Iterator[str]:
 
 
 def commands() -> list[Command]:
-    """Return the commands of all pages, each once."""
+    """Return the commands of all pages, without duplicates."""
     found: dict[str, Command] = {}
     for page in PAGES:
         for line in _shell_lines(page.read_text('utf-8')):
@@ -260,7 +261,7 @@ def commands() -> list[Command]:
 
 
 def python_blocks() -> Iterator[tuple[str, str]]:
-    """Yield page and code of all Python that is printed."""
+    """Yield page and code of each block of Python."""
     for page in PAGES:
         for language, code in _FENCED.findall(page.read_text('utf-8')):
             if language == 'python':
@@ -270,7 +271,7 @@ def python_blocks() -> Iterator[tuple[str, str]]:
 def kind_of(command: Command) -> Kind:
     """Return the kind of a command.
 
-    :raises LookupError: when it has none.
+    :raises LookupError: if no kind matches.
     """
     for kind in KINDS:
         if re.fullmatch(kind.pattern, command.text):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Real processes for tests: started with their own log, ended by id, never left behind."""
+"""Processes for tests: each has its own log, and all are ended at the end of a test."""
 from __future__ import annotations
 
 import os
@@ -12,16 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 
 TESTS = str(Path(__file__).parents[1])
-"""where programs of ours find package `support`"""
+"""folder in which our programs find the package `support`"""
 _FIRST_DOMAIN = 20
 _DOMAINS = 80
 
 
 class Process:
-    """A child in a process group of its own, whose output goes to a file."""
+    """A child process in its own process group, with its output in a file."""
 
     def __init__(self, command: list[str], log: Path, env: dict[str, str]) -> None:
-        """Start it."""
+        """Start the process."""
         self.log = log
         self.command = command
         with log.open('ab') as file:
@@ -36,11 +36,11 @@ class Process:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended yet."""
+        """Whether the process is running."""
         return self._child.poll() is None
 
     def output(self) -> str:
-        """Return all it has printed."""
+        """Return all output so far."""
         return self.log.read_text(errors='replace')
 
     def signal(self, number: signal.Signals) -> None:
@@ -49,9 +49,9 @@ class Process:
             os.killpg(self.pid, number)
 
     def wait(self, seconds: float) -> int:
-        """Return the exit status.
+        """Wait for the end and return the exit status.
 
-        :raises AssertionError: with the log, when it has not ended in time.
+        :raises AssertionError: with the log, if the process has not ended in time.
         """
         try:
             return self._child.wait(seconds)
@@ -60,9 +60,9 @@ class Process:
                 f'{self.command} still runs after {seconds} s:\n{self.output()}') from None
 
     def wait_for(self, text: str, seconds: float) -> None:
-        """Wait until it has printed `text`.
+        """Wait until the process has printed `text`.
 
-        :raises AssertionError: with the log, when it has not in time, or has ended.
+        :raises AssertionError: with the log, if it does not print it in time or ends before.
         """
         wait_until(
             lambda: text in self.output() or not self.running, seconds,
@@ -70,9 +70,9 @@ class Process:
         assert text in self.output(), f'{self.command} ended without {text!r}:\n{self.output()}'
 
     def end(self, asked: bool = False) -> None:
-        """End it, kindly at first.
+        """End the process with SIGINT or, if that has no effect, with SIGKILL.
 
-        :param asked: whether it was asked kindly already.
+        :param asked: whether SIGINT has been sent already.
         """
         for number, seconds in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
             if number == signal.SIGKILL or not asked:
@@ -87,9 +87,9 @@ class Process:
 def wait_until(
     done: Callable[[], bool], seconds: float, complaint: Callable[[], str] = str,
 ) -> None:
-    """Wait until `done()`.
+    """Wait until `done()` is true.
 
-    :raises AssertionError: with the complaint, when the time is over.
+    :raises AssertionError: with the text of `complaint`, if the time is over.
     """
     end = time.monotonic() + seconds
     while not done():
@@ -98,7 +98,7 @@ def wait_until(
 
 
 def ros_args(remap: tuple[str, ...] = (), **parameters: object) -> list[str]:
-    """Return the arguments of a node that say what is remapped, and its parameters."""
+    """Return the command-line arguments of a node for remappings and parameters."""
     arguments = ['--ros-args', *(item for rule in remap for item in ('-r', rule))]
     for name, value in parameters.items():
         text = str(value).lower() if isinstance(value, bool) else str(value)
@@ -114,9 +114,9 @@ def in_use(domain: int) -> bool:
 
 
 def reserve(domain: int) -> socket.socket | None:
-    """Return what keeps a ROS domain from all other tests of this machine until it is closed.
+    """Return a socket that reserves a ROS domain on this machine until it is closed.
 
-    A name that the kernel forgets with the process that has it; None where another has it.
+    Its name in the kernel vanishes with the process. Return None if the domain is reserved.
     """
     kept = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
@@ -128,7 +128,7 @@ def reserve(domain: int) -> socket.socket | None:
 
 
 class Processes:
-    """All processes of one test, in a ROS domain of their own."""
+    """All processes of one test, in their own ROS domain."""
 
     _domains = 0
 
@@ -155,7 +155,7 @@ class Processes:
         }
 
     def start(self, *command: str, **variables: str) -> Process:
-        """Start a process of this test, with environment variables of its own."""
+        """Start a process of this test, with additional environment variables."""
         log = self.folder / f'process_{len(self._started)}.log'
         process = Process(list(command), log, {**self.env, **variables})
         self._started.append(process)
@@ -168,18 +168,18 @@ class Processes:
         return self.start('ros2', 'run', package, executable, *ros_args(remap, **parameters))
 
     def logs(self) -> str:
-        """Return what all of them printed."""
+        """Return the output of all processes."""
         return '\n'.join(
             f'--- {" ".join(p.command)} (pid {p.pid})\n{p.output()}' for p in self._started)
 
     def end(self) -> None:
-        """End all of them: kindly, and at the same time, at first."""
+        """End all processes: with SIGINT to all at once, then with SIGKILL."""
         try:
             for process in self._started:
                 process.signal(signal.SIGINT)
             for process in self._started:
                 process.end(asked=True)
-        finally:  # also when the time of the test is over
+        finally:  # also if the test has timed out
             for process in self._started:
                 process.signal(signal.SIGKILL)
             self._release()

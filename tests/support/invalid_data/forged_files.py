@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots taken apart and put together again, as a forger would."""
+"""Tools that unpack, change and repack snapshots, to forge them."""
 from __future__ import annotations
 
 import io
@@ -19,14 +19,14 @@ def contents(state: bytes) -> dict[str, NDArray[Any]]:
 
 
 def packed(arrays: dict[str, Any]) -> bytes:
-    """Return arrays as bytes, as a forger would."""
+    """Return the arrays as the bytes of a snapshot."""
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     return buffer.getvalue()
 
 
 def assert_refused(world: SimulatedWorld, state: bytes, message: str) -> None:
-    """Assert that `restore` raises ValueError, tells why and changes nothing."""
+    """Assert that `restore` raises ValueError with a message and changes nothing."""
     before = world.snapshot()
     with pytest.raises(ValueError, match=message):
         world.restore(state)
@@ -34,7 +34,7 @@ def assert_refused(world: SimulatedWorld, state: bytes, message: str) -> None:
 
 
 def assert_value_refused(world: SimulatedWorld, name: str, value: float, message: str) -> None:
-    """Assert the same of the world's own snapshot with another first value in an array."""
+    """Assert the same for the world's own snapshot, with the first value of an array changed."""
     arrays = contents(world.snapshot())
     arrays[name].flat[0] = value
     assert_refused(world, packed(arrays), message)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A participant that forges all messages of agent and simulator, and sends them first.
 
-It needs nothing but the domain: it hears both and speaks in their names. Run as a program it is a
-node, which forges the kinds that its parameter `kinds` lists, separated by commas.
+It only needs to be in the same domain: it subscribes to the topics of both and publishes messages
+in their names. Run as a program, it is a node whose parameter `kinds` lists the kinds of messages
+to forge, separated by commas.
 """
 from __future__ import annotations
 
@@ -13,17 +14,17 @@ import numpy as np
 KINDS = ('reward', 'observation', 'episodes', 'action', 'flood', 'world', 'state', 'training',
          'services')
 _WORLD_PERIOD = 10
-"""steps"""
+"""steps between two forged messages on `world`"""
 _FIRST_SESSION = 4711
 
 
 class Forger:
-    """Forges these kinds of messages on a node's topics."""
+    """Forges the given kinds of messages with a node."""
 
     def __init__(self, node: Any, kinds: tuple[str, ...], every: int, num_envs: int = 8) -> None:
-        """Begin to listen and to forge.
+        """Create publishers, subscriptions and services.
 
-        :param every: forge at each `every`-th step.
+        :param every: forge at every `every`-th step.
         """
         from rocket_msgs import msg
         from rocket_msgs import srv
@@ -73,9 +74,9 @@ class Forger:
         return response
 
     def _on_observation(self, message: Any) -> None:
-        """Answer what the agent has not answered yet, and forge the answer to that."""
+        """Forge the next action before the agent sends it, and the answer to that action."""
         if not len(message.data) or message.data[0] == 0.5:
-            return  # its own
+            return  # it was forged by this node
         session, step, rows = message.session, message.step, self._rows
         self.session = session
         if step % self._every:
@@ -106,7 +107,7 @@ class Forger:
 
 
 def forge(node: Any, executor: Any) -> None:
-    """Be the node."""
+    """Run the node."""
     from rclpy.parameter import Parameter
 
     from rocket_sim_node.wire.node import stopping

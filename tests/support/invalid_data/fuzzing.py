@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Invalid data of all kinds: strategies of hypothesis, and damage to good bytes."""
+"""Invalid data of all kinds: strategies for hypothesis, and damage to valid bytes."""
 from __future__ import annotations
 
 import io
@@ -17,12 +17,12 @@ ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True)
 ANY_F32 = st.floats(width=32, allow_nan=True, allow_infinity=True)
 ANY_BYTES = st.binary(max_size=200)
 WIRE_TEXT = st.binary(max_size=30).map(lambda data: data.decode(errors='replace'))
-"""what rosidl makes of a string of any bytes"""
+"""strings as rosidl decodes them from arbitrary bytes"""
 DAMAGES = ('truncate', 'flip', 'insert', 'remove', 'double', 'counts')
 
 
 def damaged(data: bytes, rng: np.random.Generator, how: str) -> bytes:
-    """Return good bytes with one thing done to them, at a random place."""
+    """Return valid bytes with one kind of damage at a random place."""
     place = int(rng.integers(len(data) + 1))
     some = rng.bytes(int(rng.integers(1, 9)))
     if how == 'truncate':
@@ -42,7 +42,7 @@ def damaged(data: bytes, rng: np.random.Generator, how: str) -> bytes:
 
 @st.composite
 def damage(draw: Any, data: bytes) -> bytes:
-    """Bytes that were good once."""
+    """Strategy for damaged copies of valid bytes."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     for how in draw(st.lists(st.sampled_from(DAMAGES), min_size=1, max_size=3)):
         data = damaged(data or b'\0', rng, how)
@@ -50,7 +50,7 @@ def damage(draw: Any, data: bytes) -> bytes:
 
 
 def npy(header: str, data: bytes = b'') -> bytes:
-    """Return an array file with any header."""
+    """Return the bytes of an array file with an arbitrary header."""
     text = header.encode('latin1')
     return b'\x93NUMPY\x01\x00' + struct.pack('<H', len(text)) + text + data
 
@@ -58,7 +58,7 @@ def npy(header: str, data: bytes = b'') -> bytes:
 def archive(
     entries: list[tuple[str, bytes]], compression: int = zipfile.ZIP_STORED,
 ) -> bytes:
-    """Return a zip archive with any entries, doubled ones too."""
+    """Return a zip archive with arbitrary entries, duplicates included."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, 'w', compression) as file:
         for name, data in entries:

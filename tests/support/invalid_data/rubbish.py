@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Invalid messages on topic `action`, made from those of an agent, with their outcome."""
+"""Invalid messages on topic `action`, derived from valid ones, with their expected outcome."""
 from __future__ import annotations
 
 from typing import Any
@@ -13,23 +13,23 @@ from support.invalid_data.fuzzing import DAMAGES
 from support.invalid_data.fuzzing import damaged
 
 N = 8
-"""rockets that a valid action is for"""
+"""number of rockets of a valid action"""
 CODEC = Codec(msg.Action)
 NOTHING = np.zeros(0)
 
 
 class Rubbish:
-    """Actions that step nothing and whose outcome is predicted; this agent has control."""
+    """Messages of the agent in control that cause no step, with a predicted outcome."""
 
     def __init__(self, connection: Connection, seed: int) -> None:
         self.connection, self.rng = connection, np.random.default_rng(seed)
 
     def rubbish(self) -> bytes:
-        """Return a message that steps nothing."""
+        """Return a message that causes no step."""
         while True:
             data = self._any()
-            data += bytes(-len(data) % 4)  # as RTPS does, so that what arrives is what was sent
-            if data and self._fate(data) != 'flown':  # without any bytes nothing arrives
+            data += bytes(-len(data) % 4)  # pad as RTPS does, so that the same bytes arrive
+            if data and self._fate(data) != 'flown':  # empty messages do not arrive
                 return data
 
     def _any(self) -> bytes:
@@ -55,7 +55,7 @@ class Rubbish:
         return CODEC.encode(numbers, (values, rng.integers(0, 9, N) if wrong == 2 else NOTHING))
 
     def _fate(self, data: bytes) -> str:
-        """Return the expected outcome of an action now: flown, repeated or refused."""
+        """Return the expected outcome of an action at present: flown, repeated or refused."""
         connection = self.connection
         try:
             message = CODEC.decode(data)

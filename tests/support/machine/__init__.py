@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Changes that tests make to a machine: full or read-only disks, and a set system clock."""
+"""Changes to the machine for tests: full or read-only disks, and another system time."""

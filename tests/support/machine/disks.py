@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small disk for tests, which can be full or read-only; and writers that are killed."""
+"""A small disk for tests, which can be full or read-only; processes that write until killed."""
 from __future__ import annotations
 
 import contextlib
@@ -24,9 +24,9 @@ class Disk:
     """A file system in memory."""
 
     def __init__(self, path: Path, mebibytes: int) -> None:
-        """Mount it.
+        """Mount the file system.
 
-        :raises subprocess.CalledProcessError: where that is not allowed.
+        :raises subprocess.CalledProcessError: if that is not permitted.
         """
         self.path = path
         path.mkdir()
@@ -34,17 +34,17 @@ class Disk:
         self._filler = path / 'filler'
 
     def fill(self) -> None:
-        """Leave no room."""
+        """Fill the disk with a file."""
         with contextlib.suppress(OSError), self._filler.open('wb', buffering=0) as file:
             while file.write(bytes(1 << 16)):
                 pass
 
     def free(self) -> None:
-        """Make room again."""
+        """Remove that file."""
         self._filler.unlink()
 
     def close(self) -> None:
-        """Take it away, with what is on it."""
+        """Unmount the disk; its files are lost."""
         subprocess.run(['umount', '--lazy', str(self.path)], check=False, capture_output=True)
 
 
@@ -70,13 +70,13 @@ def save_for_ever(path: Path, first: int) -> None:
 
 
 class Writers:
-    """Processes that write for ever, one after the other, each ready at once.
+    """Processes that write until killed, one at a time.
 
-    They are forks of one that has imported all that they need.
+    They are forks of a process that has imported all modules, so each starts at once.
     """
 
     def __init__(self, path: Path) -> None:
-        """Prepare; nothing is written yet."""
+        """Start the parent process; nothing is written yet."""
         self._parent = subprocess.Popen(
             [sys.executable, __file__, str(path)], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, text=True, bufsize=1, start_new_session=True)
@@ -89,25 +89,25 @@ class Writers:
         return line
 
     def start(self, first: int) -> None:
-        """Start one that begins with a checkpoint of this number."""
+        """Start a writer, whose first checkpoint has this number."""
         assert self._parent.stdin is not None
         self._parent.stdin.write(f'{first}\n')
         self._writer = int(self._hear())
 
     def kill(self) -> None:
-        """Kill it."""
+        """Kill the writer."""
         os.kill(self._writer, signal.SIGKILL)
         self._hear()
 
     def close(self) -> None:
-        """End all of them."""
+        """End the writer and its parent."""
         os.killpg(self._parent.pid, signal.SIGKILL)
         self._parent.communicate()
 
 
 @contextlib.contextmanager
 def writers(path: Path) -> Iterator[Writers]:
-    """Yield writers into the folder of a run."""
+    """Yield writers for the folder of a run."""
     several = Writers(path)
     try:
         yield several

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two hosts on one machine, and what happens between them: delays, losses, intruders."""
+"""Two hosts on one machine, with delays and losses on their link, and intruders."""

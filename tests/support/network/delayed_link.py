@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A link between two network namespaces that delays each packet; few kernels have netem.
+"""A link between two network namespaces that delays each packet, for kernels without netem.
 
-A program: it makes a TUN device in each namespace and carries the packets from one to the other.
+This program makes a TUN device in each namespace and copies packets from one to the other.
 
     python -m support.network.delayed_link NAMESPACE NAMESPACE ADDRESS ADDRESS MILLISECONDS
 """
@@ -33,7 +33,7 @@ def _enter(namespace: str) -> None:
 
 
 def _make(namespace: str, address: str) -> int:
-    """Return a TUN device of a namespace, in which this process is afterwards."""
+    """Enter a namespace, make a TUN device in it and return its descriptor."""
     _enter(namespace)
     device = os.open('/dev/net/tun', os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(device, _TUNSETIFF, struct.pack(
@@ -45,7 +45,7 @@ def _make(namespace: str, address: str) -> int:
 
 
 def main(first: str, second: str, address: str, other: str, milliseconds: str) -> None:
-    """Carry packets until this process is ended."""
+    """Copy packets until this process is ended."""
     ends = _make(first, address), _make(second, other)
     delay = float(milliseconds) / 1000
     waiting: deque[tuple[float, int, bytes]] = deque()
@@ -60,7 +60,7 @@ def main(first: str, second: str, address: str, other: str, milliseconds: str) -
                     waiting.append((due, target, os.read(device, _LARGEST)))
         while waiting and waiting[0][0] <= time.monotonic():
             _, target, packet = waiting.popleft()
-            with suppress(OSError):  # a full queue loses it, as a network does
+            with suppress(OSError):  # if the queue is full, the packet is lost, as in a network
                 os.write(target, packet)
 
 

@@ -14,7 +14,7 @@ from support.processes import Processes
 
 
 def missing() -> str:
-    """Return why there can be no hosts here; empty when there can."""
+    """Return the reason why no hosts can be made here, or an empty string."""
     if shutil.which('ip') is None:
         return 'no command ip (package iproute2)'
     name = f'hoverslam-{os.getpid()}-probe'
@@ -29,7 +29,7 @@ def missing() -> str:
 
 
 def missing_loss() -> str:
-    """Return why there can be no hosts that lose packets; empty when there can."""
+    """Return the reason why hosts here cannot lose packets, or an empty string."""
     if why := missing():
         return why
     if shutil.which('nft') is None:
@@ -48,7 +48,7 @@ def missing_loss() -> str:
 _LOSS = (
     'table inet hoverslam {{ chain arriving {{ type filter hook input priority 0; '
     'iifname != "lo" counter numgen random mod 1000 < {per_mille} counter drop; }}; }}')
-"""This kernel need not have netem, which few kernels of virtual machines do."""
+"""Rules of nftables, because few kernels of virtual machines have netem."""
 
 
 def _ip(*arguments: str) -> None:
@@ -59,7 +59,7 @@ class Hosts(Processes):
     """Processes on two hosts, 0 and 1, which reach each other and no other host."""
 
     def __init__(self, folder: Path) -> None:
-        """Make the namespaces and the cable."""
+        """Make the namespaces and the virtual cable."""
         super().__init__(folder)
         self._names = [f'hoverslam-{os.getpid()}-{number}' for number in range(2)]
         ends = [f'hs{os.getpid() % 100_000}{side}' for side in 'ab']
@@ -80,12 +80,12 @@ class Hosts(Processes):
             raise
 
     def lose(self, share: float) -> None:
-        """Lose a share of the packets that arrive at either host, as the dice fall."""
+        """Drop a random share of the packets that arrive at either host."""
         for name in self._names:
             _ip('netns', 'exec', name, 'nft', _LOSS.format(per_mille=round(1000 * share)))
 
     def lost(self) -> tuple[int, int]:
-        """Return how many packets arrived at both hosts, and how many of these were lost."""
+        """Return the numbers of packets that arrived at both hosts and that were dropped there."""
         arrived = lost = 0
         for name in self._names:
             rules = json.loads(subprocess.run(
@@ -103,9 +103,9 @@ class Hosts(Processes):
         return {**super().env, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
 
     def on(self, host: int, **variables: str | None) -> Processes:
-        """Return what starts processes on a host.
+        """Return an object that starts processes on a host.
 
-        :param variables: of the environment, over those of `env`; None: not set.
+        :param variables: environment variables in addition to `env`; None: unset the variable.
         """
         changes = [
             *(word for name, value in variables.items() if value is None for word in ('-u', name)),
@@ -113,7 +113,7 @@ class Hosts(Processes):
         return _Host(self, ('ip', 'netns', 'exec', self._names[host], 'env', *changes))
 
     def delay(self, milliseconds: float) -> None:
-        """Make a second link, with other addresses, that has a one-way delay."""
+        """Make a second link, with other addresses and a one-way delay."""
         link = self.start(
             sys.executable, '-m', 'support.network.delayed_link', *self._names,
             *map(self.far_address, range(2)), str(milliseconds))
@@ -126,18 +126,18 @@ class Hosts(Processes):
 
     @staticmethod
     def far_address(host: int) -> str:
-        """Return the address of a host on the link with a delay."""
+        """Return the address of a host on the delayed link."""
         return f'10.213.8.{host + 1}'
 
     def end(self) -> None:
-        """End all processes and take the hosts away."""
+        """End all processes and remove the hosts."""
         super().end()
         for name in self._names:
             subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)
 
 
 class _Host(Processes):
-    """One host's view: what it starts is ended with the others."""
+    """Starts processes on one host; `Hosts` ends them."""
 
     def __init__(self, hosts: Hosts, prefix: tuple[str, ...]) -> None:
         self._hosts, self._prefix = hosts, prefix

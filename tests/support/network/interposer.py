@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bad network as a node: it stands between agent and simulator and harms what it passes on.
+"""A node that simulates a bad network: it relays messages between agent and simulator with faults.
 
-The simulator speaks on topics of its own, `far/action` and so on (see `FAR`), the agent on those
-without `far`. Of the messages in each direction some are dropped, sent twice, held back for a
-while, or overtaken by the next one; which, a seed decides. Run as a program it is the node.
+The simulator is remapped to the topics `far/action` and so on (see `FAR`); the agent uses those
+without `far`. In each direction some messages, chosen by a seed, are dropped, sent twice, delayed,
+or sent after the next one. Run as a program, this module is the node.
 """
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from support.processes import wait_until
 TOPICS = {'action': 'Action', 'observation': 'Observation', 'reward': 'Reward',
           'episodes': 'Episodes'}
 FAR = tuple(f'{topic}:=far/{topic}' for topic in TOPICS)
-"""how the simulator is remapped"""
+"""remapping rules of the simulator"""
 FAULTS = ('dropped', 'doubled', 'delayed', 'reordered')
 _LONGEST_DELAY = 0.05
-"""s"""
+"""maximum delay, s"""
 _LONGEST_HOLD = 0.1
-"""s after which a message that was to be overtaken goes on, as nothing has come to do so"""
+"""s after which a message to be reordered is sent even if no other message has arrived"""
 
 
 class Channel:
-    """One topic in one direction: takes messages, gives them on with faults.
+    """Relays one topic in one direction, with faults.
 
-    :param share: of messages that suffer each of the four faults.
-    :param send: what a message is passed on with.
+    :param share: share of messages affected by each of the four faults.
+    :param send: function that sends a message.
     """
 
     def __init__(self, seed: list[int], share: float, send: Callable[[bytes], None]) -> None:
@@ -49,7 +49,7 @@ class Channel:
         self.counts: Counter[str] = Counter()
 
     def take(self, message: bytes) -> None:
-        """Apply the drawn fault to a message."""
+        """Draw a fault for a message and apply it."""
         self.counts['messages'] += 1
         lot = int(self._random.uniform() / self._share)
         fault = FAULTS[lot] if lot < len(FAULTS) else ''
@@ -71,7 +71,7 @@ class Channel:
             self._send(message)
 
     def pass_on(self) -> None:
-        """Pass on what was held back for long enough."""
+        """Send held messages that are due."""
         now = time.monotonic()
         while self._held and self._held[0][0] <= now:
             self._send(heapq.heappop(self._held)[2])
@@ -80,7 +80,7 @@ class Channel:
 
 
 def start(processes: Processes, seed: int, share: float) -> tuple[Process, Path]:
-    """Start the node; return it and the file that it writes its counts into."""
+    """Start the node; return it and the file to which it writes its counts."""
     output = processes.folder / f'interposer_{seed}.json'
     node = processes.start(
         'python', '-m', 'support.network.interposer', '--ros-args', '-p', f'seed:={seed}',
@@ -91,14 +91,14 @@ def start(processes: Processes, seed: int, share: float) -> tuple[Process, Path]
 
 
 def stop(node: Process, output: Path) -> Counter[str]:
-    """End the node; return how many messages passed and how many suffered what."""
+    """End the node; return the number of messages, in total and by fault."""
     node.end()
     wait_until(output.exists, 5.0, node.output)
     return Counter(json.loads(output.read_text()))
 
 
 def interpose(node: Any, executor: Any) -> None:
-    """Be the node."""
+    """Run the node."""
     from rocket_msgs import msg
 
     from rocket_sim_node.wire.dds import qos

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Programs for two hosts: one tries to see and control nodes, one flies and compares.
+"""Programs for two hosts: an intruder that tries to see and control nodes, and a pilot.
 
-As a program: `intruder SECONDS PORT...`, `pilot FILE`, each writes what it found as JSON on its
-last line.
+Arguments: `intruder SECONDS PORT...` or `pilot FILE`. Each prints its results as JSON in its last
+line.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STEPS = 20
 
 
 def intrude(seconds: float) -> dict[str, Any]:
-    """Look for nodes and topics and, there or not, take control, act, and send what is no RTPS."""
+    """Look for nodes and topics, and try to take control and to send actions in any case."""
     import rclpy
     from rocket_msgs import msg
     from rocket_msgs import srv
@@ -54,7 +54,7 @@ def intrude(seconds: float) -> dict[str, Any]:
 
 
 def knock(host: str, ports: Collection[int]) -> int:
-    """Send what is no RTPS to each UDP port of a host; return how many were sent."""
+    """Send invalid RTPS packets to UDP ports of a host; return their number."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for port in ports:
             sender.sendto(b'RTPS' + os.urandom(60), (host, port))
@@ -62,7 +62,7 @@ def knock(host: str, ports: Collection[int]) -> int:
 
 
 def pilot(go: Path) -> int:
-    """Fly, wait until a file is there, fly on; print whether all was as in a world here."""
+    """Fly, wait for a file, fly on; print whether all results equal those of a world here."""
     import numpy as np
 
     from rocket_sim_node.wire.client.client import Client

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A process that exchanges actions and observations with a simulator until it is ended.
 
-It prints, in s of the system clock, when it was ready to look for the simulator, and the first
-exchange of each session. It starts as `ppo_agent` does, and imports what that needs.
+It prints the times, in s of the system clock, when it begins to look for the simulator and of the
+first exchange of each session. It starts like `ppo_agent`, with the same imports.
 """
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from rocket_sim_node.wire.node.running import Errors
 from rocket_sim_node.wire.node.running import run_late
 
 IDENTITY = 7
-"""the same at each start, as that of a run that is resumed"""
+"""the same at each start, like the identity of a resumed run"""
 PERIOD = 0.001
 """s from one exchange to the next"""
 
 
 def load() -> tuple[Body, Errors]:
-    """Import what an agent needs, and return what exchanges for ever."""
+    """Import the modules of an agent, and return a function that exchanges until it is ended."""
     import numpy as np
 
     importlib.import_module('ppo_agent_node.nodes.agent.modes')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulator in the process of a test: rockets that fall, and messages under its control."""
+"""A simulator in the process of a test: falling rockets, whose messages the test controls."""
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -24,10 +24,10 @@ FALL = 317
 
 
 class Simulator:
-    """Publishes rockets that fall, as a simulator would."""
+    """Publishes the states of falling rockets, as a simulator does."""
 
     def __init__(self, domain: int, rockets: int = ROCKETS) -> None:
-        """Join a domain of this machine, see `ROS_AUTOMATIC_DISCOVERY_RANGE`."""
+        """Create the node in a domain; `ROS_AUTOMATIC_DISCOVERY_RANGE` applies."""
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self._rockets = rockets
@@ -40,25 +40,25 @@ class Simulator:
         self._time = SimulatedTime(self._world.spec.dt)
 
     def end(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         if self.context.ok():
-            self._node.destroy_node()  # what it latched would outlive its context
+            self._node.destroy_node()  # otherwise its latched messages would outlive the context
             rclpy.shutdown(context=self.context)
 
     def take(self, world: str, **settings: Any) -> None:
-        """Go on with another world."""
+        """Continue with another world."""
         self._world = make(world, self._rockets, **settings)
         self._time = SimulatedTime(self._world.spec.dt)
 
     def describe(self) -> None:
-        """Publish the description of the world, from which listeners know its topics."""
+        """Publish the description of the world, from which subscribers learn its topics."""
         self.description.publish(
             conversion.world_to_message(self._world.spec, 1, 0, msg.World.LOCKSTEP))
 
     def begin(self, training: bool = True) -> None:
-        """Begin a session, once it has a subscriber.
+        """Begin a session when `state` has a subscriber.
 
-        :param training: whether to wait for a subscriber of that topic, too.
+        :param training: whether to wait for a subscriber of `training` as well.
         """
         wait_until(
             lambda: self.state.get_subscription_count() > 0
@@ -81,16 +81,16 @@ class Simulator:
         return self._world.telemetry(np.arange(self._rockets))
 
     def skip(self, steps: int) -> None:
-        """Fly for some steps whose states are lost."""
+        """Fly some steps without publishing their states."""
         state, self.state = self.state, SimpleNamespace(publish=lambda message: None)
         self.fall(steps)
         self.state = state
 
     def fall(self, steps: int, action: Any = None) -> None:
-        """Fly for some steps and publish the states, 25 steps to a message.
+        """Fly some steps and publish the states, in messages of 25 steps.
 
-        :param action: of all rockets at each step: a row of numbers, or one number if they are
-            discrete; None: idle.
+        :param action: action of all rockets at each step: a row of numbers, or one number if
+            actions are discrete; None: idle.
         """
         spec = self._world.spec
         given = spec.action_idle if action is None else np.atleast_1d(action)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `ppo_agent`, which also prints when it exchanges.
+"""Node `ppo_agent`, which also prints the times of its exchanges.
 
-It prints, in s of the system clock, when it begins to look for its simulator, and the first step
-of each flight that was answered.
+It prints the times, in s of the system clock, when it begins to look for its simulator and when
+the first step of each flight is answered.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ load = ppo_agent._load
 
 
 def load_timed() -> tuple[Body, Errors]:
-    """Import what `ppo_agent` does, and have it print."""
+    """Import the modules of `ppo_agent`, and patch them to print the times."""
     body, errors = load()
     from rocket_sim_node.wire.client.connection import Connection
     from rocket_sim_node.wire.client.fleet import SimulatorFleet

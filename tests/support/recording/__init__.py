@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings and bags for tests, read back as numbers or as pictures."""
+"""Recordings and bags for tests, and functions that read them as numbers or as pictures."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of a simulator for tests of bags, serialized as on the wire."""
+"""Messages of a simulator for tests of bags, serialized as DDS sends them."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -43,9 +43,9 @@ def write_records(path: Path, records: Sequence[McapRecord]) -> Path:
 def flight_messages(
     world: str, rockets: int, steps: int, session: int = 1, batch: int = 25,
 ) -> list[Any]:
-    """Return the description of a world, then the states of rockets that fall.
+    """Return the description of a world, followed by states of falling rockets.
 
-    :param batch: states in a message.
+    :param batch: number of states in a message.
     """
     simulated = make(world, rockets)
     spec = simulated.spec
@@ -71,7 +71,7 @@ def _decoder(type_name: str) -> Decoder:
 
 
 def serialized(message: Any) -> bytes:
-    """Return a message as on the wire: `serialize_message` leaves bytes behind its end."""
+    """Return a message as sent; `serialize_message` returns additional bytes after its end."""
     data = bytes(serialize_message(message))
     decoder = _decoder(f'rocket_msgs/msg/{type(message).__name__}')
     reading = _Reading(decoder._fields, data, '<')
@@ -89,7 +89,7 @@ def topic_of(message: Any, space: str = '') -> Topic:
 
 
 def write(bag: BagFile, messages: list[Any], space: str = '', at: int = 1_000_000_000) -> None:
-    """Write messages, 20 ms after each other."""
+    """Write messages at intervals of 20 ms."""
     for number, message in enumerate(messages):
         topic = topic_of(message, space)
         bag.add_topic(topic)

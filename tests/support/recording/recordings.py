@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings for tests: made of given samples, and read back entity by entity."""
+"""Recordings for tests: written from given samples, and read by entity."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -27,9 +27,9 @@ Pilot = Callable[[Telemetry, np.ndarray], np.ndarray]
 
 def fly(world: str, rockets: int, steps: int, pilot: Pilot, **settings: Any) -> tuple[
         SimulatedWorld, Samples]:
-    """Fly and return what a simulator publishes: all rows at each step, finished ones twice.
+    """Fly; return what a simulator publishes: all rows at each step, finished rows twice.
 
-    :param pilot: makes actions of telemetry and observation.
+    :param pilot: maps telemetry and observation to actions.
     """
     simulated = make(world, rockets, 0, **settings)
     rows = np.arange(rockets)
@@ -47,7 +47,7 @@ def record(
     path: Path, stage: WorldInfo, samples: Samples, settle: Settle | None = None,
     kind: type[Recorder] = Recorder, more: Sequence[tuple[WorldInfo, Samples]] = (),
 ) -> Recorder:
-    """Record samples to a file, and then `more` of other worlds, each a session of its own."""
+    """Record samples to a file, then `more` samples of other worlds, each as a new session."""
     recorder = kind(
         RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None, settle=settle)
     for session, (world, flown) in enumerate(((stage, samples), *more), 1):
@@ -61,7 +61,7 @@ def record(
 def rows_of(
     path: Path, entity: str, component: str, timeline: str = 'step',
 ) -> list[tuple[int, Any]]:
-    """Return (step, value) of an entity's component on a timeline, in the order of steps."""
+    """Return (step, value) of a component of an entity on a timeline, ordered by step."""
     rows: list[tuple[int, Any]] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path != entity:
@@ -76,13 +76,13 @@ def rows_of(
 
 
 def lines_of(path: Path, entity: str, name: str) -> list[tuple[int, list[float]]]:
-    """Return (step, values of its lines) of a plot of a rocket's entity, in the order of steps."""
+    """Return (step, values of the lines) of a plot of a rocket's entity, ordered by step."""
     return [
         (step, records[0][name]) for step, records in rows_of(path, entity, plots.SAMPLE)]
 
 
 def view_classes(path: Path) -> list[str]:
-    """Return the kinds of views of a recording's layout, sorted."""
+    """Return the kinds of views in the layout of a recording, sorted."""
     reader = RrdReader(path)
     kinds = []
     for chunk in reader.stream(store=reader.blueprints()[-1]):

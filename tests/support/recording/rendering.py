@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of recordings for tests, where this machine can draw them."""
+"""Pictures of recordings for tests, if this machine can render them."""
 from __future__ import annotations
 
 import os
@@ -13,9 +13,9 @@ from rocket_sim_node.recording import render
 
 
 def pictures(recording: Path, times: list[float], **how: Any) -> list[np.ndarray]:
-    """Return what the viewer shows at some times, `(rows, columns, 3)` each.
+    """Return pictures of the viewer at some times, `(rows, columns, 3)` each.
 
-    Without a graphics driver the test is skipped, but it fails in continuous integration.
+    Without a graphics driver the test is skipped; in continuous integration it fails.
     """
     try:
         drawn = render.render(recording, times, **{'size': (960, 600), 'patience': 60.0, **how})
@@ -27,7 +27,7 @@ def pictures(recording: Path, times: list[float], **how: Any) -> list[np.ndarray
 
 
 def colours(pixels: np.ndarray) -> int:
-    """Return how many colours there are; a picture of nothing has a handful."""
+    """Return the number of colours; an empty view has only a few."""
     return len(np.unique(pixels.reshape(-1, 3), axis=0))
 
 

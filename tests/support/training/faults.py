@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A training whose processes are killed, stopped and ended, and that continues each time."""
+"""A training whose processes are killed, stopped and ended; it continues each time."""
 from __future__ import annotations
 
 import random
@@ -19,20 +19,20 @@ from support.training.training_runs import agent
 from support.training.training_runs import simulator
 
 LONGEST_STOP = 2.5
-"""s; longer than a call of a service is waited for before it is repeated"""
+"""s; longer than the time after which a service call is repeated"""
 BEGUN = ('waiting for an agent', 'run /', 'recording to')
-"""what simulator, agent and recorder say first"""
+"""first output of simulator, agent and recorder"""
 ENDS = ('resume:=true', 'all files are in', 'stopped before the run began')
-"""what an agent says at its end"""
+"""last output of an agent"""
 END = 60.0
-"""s in which a process ends that was told to, and is not busy with a step"""
+"""s; time limit for a process to end after a signal"""
 
 
 class Moments:
-    """Random times and choices, which can be repeated with the printed seed."""
+    """Random times and choices, which the printed seed reproduces."""
 
     def __init__(self, seed: int | None = None) -> None:
-        """Draw a seed, and print it: pytest shows that when a test fails."""
+        """Draw a seed and print it; pytest shows it if a test fails."""
         self.seed = secrets.randbits(32) if seed is None else seed
         print(f'moments of faults: seed {self.seed}')
         self.random = random.Random(self.seed)
@@ -43,7 +43,7 @@ class Moments:
 
 
 class Training:
-    """Simulator, agent and recorder of a small training; each restarted when it was ended."""
+    """Simulator, agent and recorder of a small training, which are restarted after a fault."""
 
     def __init__(
         self, processes: Processes, run: Path, moments: Moments, **settings: object,
@@ -70,14 +70,14 @@ class Training:
         return log.stat().st_mtime_ns if log.exists() else 0
 
     def learns(self) -> bool:
-        """Wait for the agent to have learnt since it was started; it may end instead."""
+        """Wait until the agent has learnt since its start or has ended; return whether it runs."""
         wait_until(
             lambda: self._learnt() != self._learnt_before or not self.agent.running, END,
             self.processes.logs)
         return self.agent.running
 
     def restart(self, process: Process) -> None:
-        """Start again what has ended."""
+        """Restart a process that has ended."""
         if process is self.simulator:
             self.simulator = simulator(self.processes)
         elif process is self.recorder:
@@ -102,7 +102,7 @@ class Training:
         self.kill(self.agent)
 
     def kill_recorder(self) -> None:
-        """Kill the recorder; the next one repairs what it left."""
+        """Kill the recorder; the next one repairs its recording."""
         self.kill(self.recorder)
 
     def stop_and_continue(self) -> None:
@@ -116,7 +116,7 @@ class Training:
             process.signal(signal.SIGCONT)
 
     def tell_to_end(self, number: signal.Signals) -> None:
-        """Tell one of the three to end, once or several times on end; start it again."""
+        """Send one of the three processes a signal, once or repeatedly; restart the process."""
         random = self.moments.random
         process = random.choice([self.simulator, self.agent, self.recorder])
         for _ in range(random.choice([1, 1, 2, 3])):
@@ -129,30 +129,30 @@ class Training:
             if process is self.agent and self.run.exists():
                 assert any(said in output for said in ENDS), output
         else:
-            # It was still on its way, importing: the signal itself ends it.
+            # It was still importing, so the signal itself ends it.
             assert status in (0, 130, -number) or (
                 status == 1 and 'KeyboardInterrupt' in output), output
         self.restart(process)
 
     def interrupt(self) -> None:
-        """Tell one of them to end by SIGINT."""
+        """End one of the processes with SIGINT."""
         self.tell_to_end(signal.SIGINT)
 
     def terminate(self) -> None:
-        """Tell one of them to end by SIGTERM."""
+        """End one of the processes with SIGTERM."""
         self.tell_to_end(signal.SIGTERM)
 
     # The end
 
     def finish(self, seconds: float) -> None:
-        """Wait for the training to end, and for its recorder."""
+        """Wait for the end of the training, then end recorder and simulator."""
         assert self.agent.wait(seconds) == 0, self.processes.logs()
         for process in (self.recorder, self.simulator):
             process.signal(signal.SIGINT)
             assert process.wait(END) == 0, self.processes.logs()
 
     def assert_recordings_readable(self) -> int:
-        """Assert that each file of the recorders is whole; return how many flights they hold."""
+        """Assert that each recording is complete; return the total number of flights."""
         stem = self.recording.stem
         files = sorted(self.recording.parent.glob(f'{stem}*.rrd'))
         assert not list(self.recording.parent.glob(f'{stem}*partial*'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A world for tests with discrete actions, no levels and no fuel, small enough to be learnt."""
+"""A small world for tests that is quick to learn, with discrete actions, no levels and no fuel."""
 from __future__ import annotations
 
 from typing import Any
@@ -16,11 +16,11 @@ _REACH, _LIMIT = 8, 20
 
 
 class LineWorld:
-    """Each lander stands on a whole number and has to walk to 0, one step left or right a time.
+    """Each lander stands on an integer and has to walk to 0, one step left or right at a time.
 
-    There it has landed (+10), beyond 8 it is out of bounds (-10), after 20 steps it is cut short.
-    A step costs 0.1; the fault crashes at once (-20). Where an episode starts is a pure function
-    of (seed, row, episode), as in the real worlds.
+    At 0 it has landed (+10), beyond 8 it is out of bounds (-10), and after 20 steps the episode is
+    truncated. A step costs 0.1; the action `fault` crashes at once (-20). The start of an episode
+    is a pure function of (seed, row, episode), as in the real worlds.
     """
 
     def __init__(self, num_envs: int = 8, seed: int = 0) -> None:
@@ -92,5 +92,5 @@ class LineWorld:
 
 
 def walker(observation: np.ndarray) -> np.ndarray:
-    """Walk to 0, which is all that there is to be done."""
+    """Return the optimal actions, which walk to 0."""
     return np.where(observation[:, 0] > 0, LEFT, RIGHT).astype(np.int32)

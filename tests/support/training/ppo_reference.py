@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A PPO update as a textbook has it: autograd, torch's Adam, one minibatch after the other."""
+"""A textbook PPO update with autograd and torch's Adam, one minibatch after the other."""
 from __future__ import annotations
 
 import math
@@ -23,7 +23,7 @@ from ppo_agent_node.ppo.update import explained_variance
 def optimisers(
     policy: Policy, critic: Critic, rates: Sequence[float], fused: bool = False,
 ) -> tuple[Adam, Adam]:
-    """Return those of policy and critic; rates of policy, noise and critic."""
+    """Return optimisers of policy and critic; `rates` are those of policy, noise and critic."""
     noise = policy.noise_parameters()
     others = [p for p in policy.parameters() if all(p is not q for q in noise)]
     groups = [{'params': others, 'lr': rates[0]}, {'params': noise, 'lr': rates[1]}]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small training runs of several ranks: starts them, and is the program of each."""
+"""Small training runs of several ranks: starts the ranks, and is their program."""
 from __future__ import annotations
 
 import json
@@ -31,7 +31,7 @@ def free_port() -> int:
 
 
 def variables(rank: int, count: int, port: int, host: str = '127.0.0.1') -> dict[str, str]:
-    """Return the environment variables by which a rank finds the others."""
+    """Return the environment variables with which a rank finds the others."""
     return {'RANK': str(rank), 'WORLD_SIZE': str(count), 'MASTER_ADDR': host,
             'MASTER_PORT': str(port)}
 
@@ -40,11 +40,11 @@ def train(
     path: Path, count: int, values: dict[str, Any], on_rank: dict[int, dict] | None = None,
     awaited: int | None = None, **given: Any,
 ) -> list[str]:
-    """Train with some ranks; return what each one printed.
+    """Train with several ranks; return the output of each.
 
-    :param on_rank: what is different on a rank.
-    :param awaited: how many ranks, from 0, end by themselves; by default all.
-    :param given: what `main` takes.
+    :param on_rank: arguments of `main` that differ on a rank, by rank.
+    :param awaited: number of ranks, from rank 0, that end by themselves; by default all.
+    :param given: arguments of `main`.
     """
     port = free_port()
     processes = []
@@ -66,7 +66,7 @@ def train(
 def main(
     path: Path, resume: bool, values: dict, low: dict, stop_at: int, die_at: int, sleep_at: int,
 ) -> None:
-    """Train; stop, die or fall asleep when an iteration is reported."""
+    """Train; stop, kill the process or sleep when a given iteration is reported."""
     reached = [0]
 
     def report(status: Status) -> None:

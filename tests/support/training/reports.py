@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small run folders for the tests of reports: written by hand, or flown in this process."""
+"""Small run folders for tests of reports, with invented or flown figures."""
 from __future__ import annotations
 
 import json
@@ -24,14 +24,14 @@ from rocket_sim_node import worlds
 def flown(
     world: str = 'rocket', pilot: str = 'expert', episodes: int = 60, **settings: float,
 ) -> EvaluationResult:
-    """Fly a few episodes, all at once; the same ones are flown but once."""
+    """Fly a few episodes as one batch; results are cached."""
     env = worlds.make(world, num_envs=episodes)
     flier = scripted_pilot(env.spec) if pilot == 'expert' else RandomPilot(env.spec, 3)
     return evaluate(env, flier, episodes, 5, **settings)
 
 
 def write_evaluation(folder: Path, result: EvaluationResult) -> Path:
-    """Write what an evaluation leaves, but for its pictures."""
+    """Write the files of an evaluation, except its pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / 'evaluation.json', summarise(result))
     episode_table.write(folder / 'episodes.csv', episode_table.from_result(result))
@@ -42,7 +42,7 @@ def write_training(
     folder: Path, seed: int = 1, iterations: int = 6, first_step: int = 1000, slope: float = 1.0,
     scores: bool = False, **settings: Any,
 ) -> Path:
-    """Write settings and log of a run: returns rise by `slope` an iteration from `seed`."""
+    """Write settings and log of a run whose return rises from `seed` by `slope` per iteration."""
     folder.mkdir(parents=True, exist_ok=True)
     config = {
         'version': '0.1.0', 'world': 'rocket', 'num_envs': 4,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Comparing roll-outs bit for bit."""
+"""Bitwise comparison of roll-outs."""
 from __future__ import annotations
 
 from dataclasses import fields
@@ -11,7 +11,7 @@ from rocket_sim_node.worlds import Episodes
 
 
 def assert_same(ours: tuple[Any, ...], theirs: tuple[Any, ...]) -> None:
-    """Assert that two answers of `step` are the same, bit for bit and kind for kind."""
+    """Assert that two results of `step` are equal, bit for bit and with the same types."""
     for a, b in zip(ours[:4], theirs[:4], strict=True):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small training runs, in this process or as nodes, and whether two of them learnt the same."""
+"""Small training runs, in this process or as nodes, and comparisons between them."""
 from __future__ import annotations
 
 import json
@@ -33,7 +33,7 @@ SMALL = {
     'critic_warmup_iterations': 1,
     'curriculum_start_level': 3, 'curriculum_final_level': 3, 'curriculum_wide_level': 4,
 }
-"""Settings of a run that takes seconds and lands nothing."""
+"""Settings of a run that takes seconds and lands no rocket."""
 
 GENTLE: dict[str, Any] = {
     'demonstration_episodes': 8, 'demonstration_noise': 0.05, 'teacher_braking_share': 0.8,
@@ -73,19 +73,19 @@ def agent(processes: Processes, run: Path, **parameters: object) -> Process:
 
 
 def weights(run: Path) -> dict[str, torch.Tensor]:
-    """Return all that the last checkpoint of a run learnt."""
+    """Return the learnt tensors of the last checkpoint of a run."""
     tensors = load_file(max((run / 'checkpoints').glob('iteration_*.safetensors')))
     return {name: value for name, value in tensors.items() if not name.startswith('world')}
 
 
 def log_without_times(run: Path, but: tuple[str, ...] = ()) -> list[dict]:
-    """Return the lines of train.jsonl but for what the machine's speed decides, and `but`."""
+    """Return the lines of train.jsonl without times, and without the entries in `but`."""
     lines = RunFolder(run, resume=True).lines()
     return [{k: v for k, v in line.items() if k not in (*TIMES, *but)} for line in lines]
 
 
 def left_by(run: Path) -> dict[str, Any]:
-    """Return what a run leaves, but for times: its newest checkpoint, its policy and its log."""
+    """Return the newest checkpoint, the policy and the log of a run, without times."""
     folder = RunFolder(run, resume=True)
     newest = folder.newest(pytest.fail)
     assert newest is not None
@@ -99,7 +99,7 @@ def left_by(run: Path) -> dict[str, Any]:
 
 
 def assert_same_run(first: Path, second: Path, but: tuple[str, ...] = ()) -> None:
-    """Assert that two runs learnt the same, bit for bit, with the same log except for `but`."""
+    """Assert that two runs have the same weights, bit for bit, and the same log except `but`."""
     ours, theirs = weights(first), weights(second)
     assert ours.keys() == theirs.keys()
     for name in ours:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tools of a user: a browser, a viewer, a terminal, a script of their own."""
+"""Simulated users: a browser, a viewer, a terminal, and a script of their own."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A real browser without a screen, driven over the DevTools protocol.
+"""A real headless browser, controlled over the DevTools protocol.
 
-The protocol is JSON, which Chromium also speaks over a pair of pipes, one message after another
-with a zero byte between: so neither a driver program nor a web socket is needed.
+The protocol is JSON. Chromium also supports it over a pair of pipes, with a zero byte after each
+message, so neither a driver program nor a web socket is needed.
 """
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _FLAGS = (
     '--disable-background-networking', '--disable-component-update', '--disable-sync',
     '--disable-extensions', '--disable-default-apps', '--metrics-recording-only', '--mute-audio',
     '--no-proxy-server', '--hide-scrollbars',
-    # The page may use this machine and nothing else.
+    # The page may only contact this machine.
     '--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1',
 )
 
 
 _SHOT = 25.0
-"""s for one picture; then another is asked for"""
+"""s; time limit for one picture, after which another is requested"""
 _PAUSE = 2.0
-"""s between pictures: for each of them the page draws itself anew"""
+"""s between pictures, because the page is redrawn for each"""
 
 
 class Late(AssertionError):
@@ -45,13 +45,13 @@ class Late(AssertionError):
 
 
 class BrowserMissing(RuntimeError):
-    """There is no browser to test with."""
+    """No browser is installed."""
 
 
 def program() -> str:
     """Return the browser that is installed.
 
-    :raises BrowserMissing: when there is none.
+    :raises BrowserMissing: if there is none.
     """
     for name in NAMES:
         path = shutil.which(name)
@@ -63,15 +63,15 @@ def program() -> str:
 
 
 class Browser:
-    """One page of a browser with an empty profile, and all that it reported.
+    """One page of a browser with an empty profile, and its reports.
 
-    `console` holds the errors of the page and its scripts, `requests` every address asked for.
+    `console` has the errors of the page and its scripts, `requests` every requested address.
     """
 
     def __init__(self, folder: Path, size: tuple[int, int] = (1280, 800)) -> None:
-        """Start it; its profile and its log go into `folder`.
+        """Start the browser, with its profile and its log in `folder`.
 
-        :raises BrowserMissing: when none is installed.
+        :raises BrowserMissing: if no browser is installed.
         """
         command = [
             program(), *_FLAGS, f'--user-data-dir={folder / "profile"}',
@@ -79,7 +79,7 @@ class Browser:
         theirs_in, self._write = os.pipe()
         self._read, theirs_out = os.pipe()
         self.log = folder / 'browser.log'
-        # It reads from descriptor 3 and writes to 4; a shell puts the pipes there.
+        # It reads from descriptor 3 and writes to 4; a shell redirects these to the pipes.
         with self.log.open('wb') as log:
             self._child = subprocess.Popen(
                 ['bash', '-c', f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}', 'browser', *command],
@@ -101,9 +101,9 @@ class Browser:
             self.ask(f'{domain}.enable')
 
     def ask(self, method: str, seconds: float = 30.0, **parameters: Any) -> dict[str, Any]:
-        """Send a command and return its answer; what happens meanwhile is noted.
+        """Send a command and return its answer; record events that arrive in the meantime.
 
-        :raises AssertionError: when the browser refuses, ends, or does not answer in time.
+        :raises AssertionError: if the browser refuses, ends, or does not answer in time.
         """
         self._number += 1
         message = {'id': self._number, 'method': method, 'params': parameters}
@@ -146,7 +146,7 @@ class Browser:
             self.console.append(f'{said["entry"]["text"]} {said["entry"].get("url", "")}')
 
     def open(self, url: str, seconds: float = 60.0) -> None:
-        """Go to a page and wait until it is loaded; the one before is forgotten."""
+        """Open a page in place of the present one, and wait until it is loaded."""
         self._loaded = False
         error = self.ask('Page.navigate', url=url).get('errorText')
         assert not error, f'{url}: {error}'
@@ -155,23 +155,23 @@ class Browser:
             self._receive(end, f'Page.navigate to {url}')
 
     def picture(self, seconds: float) -> Image.Image:
-        """Return what the page shows; that takes as long as the page takes to draw itself."""
+        """Return a screenshot; this takes as long as the page takes to draw itself."""
         data = self.ask('Page.captureScreenshot', seconds, format='png')['data']
         return Image.open(io.BytesIO(base64.b64decode(data))).convert('RGB')
 
     def wait_for(
         self, seen: Callable[[Image.Image], bool], seconds: float, what: str,
     ) -> Image.Image:
-        """Return the first picture that shows something.
+        """Return the first picture for which `seen` is true.
 
-        :raises AssertionError: with the browser's output, when there is none in time.
+        :raises AssertionError: with the browser's output, if there is none in time.
         """
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            # A page that is busy loading may miss a request for a picture altogether.
+            # A page that is still loading may ignore a request for a picture.
             with suppress(Late):
                 picture = self.picture(min(_SHOT, max(1.0, end - time.monotonic())))
-                picture.save(self.log.with_suffix('.png'))  # shows the reason of a failure
+                picture.save(self.log.with_suffix('.png'))  # to show the reason of a failure
                 if seen(picture):
                     return picture
             time.sleep(_PAUSE)
@@ -179,12 +179,12 @@ class Browser:
             f'no {what} in the page after {seconds:g} s:\n{self.console}\n{self.said()}')
 
     def said(self) -> str:
-        """Return the end of what the program printed, but for its search for a desktop."""
+        """Return the end of the output of the program, without messages about dbus."""
         lines = self.log.read_text(errors='replace').splitlines()
         return '\n'.join(line for line in lines if 'dbus' not in line)[-4000:]
 
     def close(self) -> None:
-        """End it, with all its processes."""
+        """End the browser with all its processes."""
         with suppress(AssertionError, OSError):
             self.ask('Browser.close', 5.0)
         for fd in (self._write, self._read):
@@ -192,5 +192,5 @@ class Browser:
         with suppress(subprocess.TimeoutExpired):
             self._child.wait(5.0)
         with suppress(ProcessLookupError):
-            os.killpg(self._child.pid, signal.SIGKILL)  # it, and helpers that outlived it
+            os.killpg(self._child.pid, signal.SIGKILL)  # including helpers that outlived it
         self._child.wait()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A client of Foxglove's WebSocket protocol, which keeps what it receives."""
+"""A client of Foxglove's WebSocket protocol, which stores the received messages."""
 from __future__ import annotations
 
 import json
@@ -24,11 +24,11 @@ class Viewer:
         self._socket = self._stack.enter_context(
             connect(url, subprotocols=[Subprotocol('foxglove.sdk.v1')]))
         self.channels: dict[str, dict[str, Any]] = {}
-        """What the server offers, by topic."""
+        """Channels that the server offers, by topic."""
         self.received: dict[str, list[tuple[int, bytes]]] = {}
-        """Times, ns, and messages by topic."""
+        """Pairs of time, ns, and message, by topic."""
         self.time = -1
-        """ns, of the server"""
+        """time of the server, ns"""
         self._topics: list[str] = []
 
     def __enter__(self) -> Viewer:
@@ -41,14 +41,14 @@ class Viewer:
         self._stack.close()
 
     def subscribe(self, topic: str) -> list[tuple[int, bytes]]:
-        """Subscribe to a topic that is offered; return the list of messages, which grows."""
+        """Subscribe to an offered topic; return the list to which messages are added."""
         self._socket.send(json.dumps({'op': 'subscribe', 'subscriptions': [
             {'id': len(self._topics), 'channelId': self.channels[topic]['id']}]}))
         self._topics.append(topic)
         return self.received.setdefault(topic, [])
 
     def receive(self, seconds: float = 0.1) -> None:
-        """Receive all that comes until nothing has come for this long."""
+        """Receive messages until none has arrived for this time."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pseudo-terminal for tests, with a program in it that a person would sit in front of."""
+"""A pseudo-terminal for tests of interactive programs."""
 from __future__ import annotations
 
 import fcntl
@@ -19,10 +19,10 @@ _ESCAPES = re.compile(r'\x1b(?:\[[0-?]*[ -/]*[@-~]|.)')
 
 
 class PseudoTerminal:
-    """A terminal of 100 x 30 and the programs started in it."""
+    """A terminal of 100 x 30 characters and the programs started in it."""
 
     def __init__(self) -> None:
-        """Open it, and read what is written to it until it is closed."""
+        """Open the terminal, and read its output until it is closed."""
         self._master, self._slave = pty.openpty()
         fcntl.ioctl(self._slave, termios.TIOCSWINSZ, struct.pack('HHHH', 30, 100, 0, 0))
         self._output = b''
@@ -37,7 +37,7 @@ class PseudoTerminal:
                 self._output += data
 
     def start(self, *command: str, env: dict[str, str]) -> subprocess.Popen[bytes]:
-        """Start a program whose terminal this is, and forget what was shown before."""
+        """Start a program in this terminal, and discard earlier output."""
         self._output = b''
         child = subprocess.Popen(
             command, stdin=self._slave, stdout=self._slave, stderr=self._slave,
@@ -47,7 +47,7 @@ class PseudoTerminal:
         return child
 
     def fly(self, env: dict[str, str], **parameters: object) -> subprocess.Popen[bytes]:
-        """Start the keyboard's pilot and wait until it asks for keys."""
+        """Start the keyboard pilot and wait until it asks for keys."""
         given = [item for name, value in parameters.items() for item in ('-p', f'{name}:={value}')]
         child = self.start(
             'ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', '--ros-args', *given, env=env)
@@ -56,24 +56,24 @@ class PseudoTerminal:
 
     @property
     def output(self) -> str:
-        """All that was written since the last start, as it came."""
+        """All output since the last start, unchanged."""
         return self._output.decode(errors='replace')
 
     @property
     def text(self) -> str:
-        """The same without escape sequences."""
+        """The output without escape sequences."""
         return _ESCAPES.sub('', self.output)
 
     @property
     def restored(self) -> bool:
-        """Whether the terminal is as it was, on its first screen, with a cursor."""
+        """Whether modes, main screen and cursor of the terminal are restored."""
         return (
             termios.tcgetattr(self._slave) == self.modes
             and self.output.count('\x1b[?1049h') == self.output.count('\x1b[?1049l')
             and self.output.rfind('\x1b[?25h') >= self.output.rfind('\x1b[?25l'))
 
     def wait_for(self, text: str, seconds: float = 40.0) -> None:
-        """Wait until it has been shown."""
+        """Wait until the text has been shown."""
         wait_until(lambda: text in self.text, seconds, lambda: f'no {text!r} in:\n{self.text}')
 
     def press(self, keys: bytes) -> None:
@@ -81,16 +81,16 @@ class PseudoTerminal:
         os.write(self._master, keys)
 
     def hang_up(self) -> None:
-        """Close the terminal under its programs, as a window that is closed; they get SIGHUP.
+        """Close the terminal while its programs run, as a closed window does; they get SIGHUP.
 
-        Something has to be shown meanwhile: the kernel waits for the reader.
+        A program must be producing output: the kernel waits for the reader.
         """
         os.close(self._slave)
         os.close(self._master)
         self._slave = self._master = -1
 
     def close(self) -> None:
-        """End what still runs in it, kindly at first, and close it."""
+        """End its programs, with SIGTERM and then SIGKILL, and close the terminal."""
         for child in self._children:
             for number in (signal.SIGTERM, signal.SIGKILL):
                 if child.poll() is None:

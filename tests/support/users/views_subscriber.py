@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A viewer of the standard views: subscribes to every topic of `ros_bridge`, as RViz would.
 
-Messages are taken from DDS and not decoded, so it needs less processor time than a viewer in
-Python that looks at them.
+It takes messages from DDS without decoding them, so it needs less processor time than a Python
+program that does.
 """
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ ROCKETS = 4
 STREAMS = {
     'odom': Odometry, 'pose': PoseStamped, 'imu': Imu, 'joint_states': JointState,
     'wrench': WrenchStamped, 'wind': AccelStamped}
-"""topics of a rocket with a message for each step that is shown"""
+"""topics of a rocket with one message per shown step"""
 
 
 def main() -> None:
-    """Receive messages until told to stop."""
+    """Receive messages until a signal."""
     rclpy.init()
     node = Node('views_subscriber')
     views = {**STREAMS, 'conditions': DiagnosticStatus, 'markers': MarkerArray}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A user's script, run and type-checked where only the wheels are installed, without ROS."""
+"""A user's script, run and type-checked in an environment with only the wheels, without ROS."""
 from __future__ import annotations
 
 import importlib.util
@@ -42,7 +42,7 @@ def fly(name: str) -> float:
 
 
 def adapters() -> None:
-    """Step the vector and one single environment of each world."""
+    """Step the vector environment and a single environment of each world."""
     for name in rocket_sim_node.gym.IDS.values():
         envs = gymnasium.make_vec(name, num_envs=4, seed=1)
         envs.reset()
@@ -57,7 +57,7 @@ def adapters() -> None:
 
 
 def train(folder: Path) -> Path:
-    """Train a little and return the policy's file."""
+    """Train briefly and return the file of the policy."""
     world = worlds.make('rocket', num_envs=8, seed=1, level=7)
     config = load_preset(
         'quick', 'rocket', demonstration_episodes=8, clone_epochs=1, hidden_sizes=(16, 16),
@@ -69,7 +69,7 @@ def train(folder: Path) -> Path:
 
 
 def main() -> None:
-    """Do all of it in a folder."""
+    """Run all functions above in a folder."""
     folder = Path(sys.argv[1])
     assert importlib.util.find_spec('rclpy') is None, 'ROS is not expected here'
     assert importlib.util.find_spec('rocket_msgs') is None
