@@ -15,9 +15,9 @@ from support.processes import Process
 from support.processes import Processes
 
 START = 120.0
-"""s that a node may take to start"""
+"""time limit for a node to start, s"""
 _END = 20.0
-"""s that a node may take to end"""
+"""time limit for a node to end, s"""
 _RECORDED = 20_000
 """maximum number of recorded steps, half of them while an agent learns"""
 _PAUSE = 3.0

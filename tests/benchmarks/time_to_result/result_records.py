@@ -29,7 +29,7 @@ class Point:
     seconds: float
     """from the start of the processes"""
     steps: int
-    """of training so far, in all environments"""
+    """number of training steps so far, in all environments"""
     mean_return: float
     landing_rate: float | None = None
 

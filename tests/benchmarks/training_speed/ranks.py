@@ -34,7 +34,7 @@ DELAYS = (1.0, 10.0)
 """ms, one way"""
 RANKS = (1, 2, 16, 256, 4096)
 _PATIENCE = 300.0
-"""s for one measurement"""
+"""time limit of one measurement, s"""
 _SUMS = 200
 _WARM_UP = 2
 """iterations that are not counted"""

@@ -47,7 +47,7 @@ NODES = {
 PARTS = ('training', 'flying')
 _MISSED = re.compile(r'(\d+)(?= steps were not received)|(?<=DDS lost )(\d+)')
 _START = 60.0
-"""s that a node may take to start"""
+"""time limit for a node to start, s"""
 
 
 @dataclass

@@ -48,7 +48,7 @@ from rocket_sim_node.worlds.jobs import Snapshot
 
 SIZES = (256, 512, 1024, 2048)
 _START = 60.0
-"""s that a node may take to start"""
+"""time limit for a node to start, s"""
 
 
 def start(group: int) -> Job[bytes]:

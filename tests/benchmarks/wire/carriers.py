@@ -29,7 +29,7 @@ from rocket_sim_node.wire.distributions import fast_dds
 SIZES = (1, 256, 1024, 4096)
 OURS = 'ours'
 _PATIENCE = 60.0
-"""s for one measurement"""
+"""time limit of one measurement, s"""
 _TRANSPORT = '<userTransports>\n          <transport_id>loopback</transport_id>'
 _LARGE_SOCKET = '<receiveBufferSize>4194304</receiveBufferSize>'
 _USUAL_SOCKET = (
