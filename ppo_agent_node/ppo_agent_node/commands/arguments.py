@@ -38,7 +38,8 @@ CHOICES = {
     'mode': ('lockstep', 'realtime'),
     'pilot': ('policy', 'expert', 'expert_estimator', 'random')}
 """of launch arguments that nodes declare, which need ROS to be imported"""
-_NAMESPACE = re.compile(r'(/|(/[A-Za-z_][A-Za-z0-9_]*)+)')
+_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
+_NAMESPACE = re.compile(rf'(/|(/{_NAME.pattern})+)')
 _LONGEST_NAMESPACE = 150
 """characters; names of topics and services follow it"""
 _ARGUMENT = re.compile(r'([a-z_][a-z0-9_]*):=(.*)', re.DOTALL)
@@ -237,6 +238,11 @@ def _check(found: Arguments) -> None:
         raise ValueError(
             f'namespace: got {namespace!r}, expected words of letters, digits and _ that do not '
             f'begin with a digit, separated by /, {_LONGEST_NAMESPACE} characters at most')
+    second = found.launch.get('second_simulator', 'a')
+    if not _NAME.fullmatch(second) or len(second) > _LONGEST_NAMESPACE:
+        raise ValueError(
+            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that does '
+            f'not begin with a digit, {_LONGEST_NAMESPACE} characters at most')
     for name, choices in CHOICES.items():
         if name in found.declared:
             one_of(name, found.of_launch(name), choices)

@@ -89,6 +89,7 @@ def test_paths_and_names_mean_the_same_to_every_node(
      "conditions: got 'all', expected none, as world 'lunar_lander' has no conditions"),
     ('land', ['world:=lunar_lander', 'observation:=extended'],
      "observation: got 'extended', expected one of standard"),
+    ('train', ['second_simulator:=/b'], "second_simulator: got '/b', expected a word of letters"),
     ('train', ['seed=3'], "got 'seed=3', expected NAME:=VALUE, for example seed:=3"),
     ('fly', ['world'], "got 'world', expected NAME:=VALUE"),
     ('train', ['max_trust:=3'], "unknown argument 'max_trust', did you mean 'max_thrust'?"),
