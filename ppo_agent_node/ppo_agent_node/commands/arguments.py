@@ -241,8 +241,8 @@ def _check(found: Arguments) -> None:
     second = found.launch.get('second_simulator', 'a')
     if not _NAME.fullmatch(second) or len(second) > _LONGEST_NAMESPACE:
         raise ValueError(
-            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that does '
-            f'not begin with a digit, {_LONGEST_NAMESPACE} characters at most')
+            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that '
+            f'does not begin with a digit, {_LONGEST_NAMESPACE} characters at most')
     for name, choices in CHOICES.items():
         if name in found.declared:
             one_of(name, found.of_launch(name), choices)
