@@ -23,10 +23,12 @@ from ppo_agent_node.commands.arguments import Arguments
 from ppo_agent_node.commands.arguments import full_name
 from ppo_agent_node.commands.arguments import parse
 from ppo_agent_node.commands.parameter_file import LARGEST
+from ppo_agent_node.commands.parameter_file import read_parameters
 from ppo_agent_node.commands.parameter_file import require_parameters
 from ppo_agent_node.commands.parameter_file import write_parameters
 from ppo_agent_node.config import presets
 from ppo_agent_node.runs import run_lock
+from ppo_agent_node.runs.config_file import read_config
 from ppo_agent_node.runs.new_paths import PARTIAL
 from ppo_agent_node.runs.new_paths import new_folder
 from ppo_agent_node.runs.new_paths import new_recording
@@ -46,6 +48,7 @@ from rocket_sim_node.scratch_folder import remove_leftovers
 PLAN = 'plan.sh'
 SECOND = 'simulator_2'
 """namespace of the second simulator of a training"""
+_HAS_CORES = len(os.sched_getaffinity(0)) > 1
 _NODES = {
     'simulator_parameters': 'simulator',
     **dict.fromkeys(('agent_parameters', 'agent_overrides', 'agent_settings'), 'ppo_agent')}
@@ -96,8 +99,6 @@ def decided(start: Start) -> dict[str, str]:
         seen = presets.preset_values(given.preset, given.world).get('observation')
         if seen:
             found.setdefault('observation', seen)
-        if _flies_two_groups(given):
-            found['second_simulator'] = SECOND
     else:
         # Keeps the nodes apart from those of a training that runs at the same time.
         if 'namespace' not in given.given:
@@ -108,19 +109,6 @@ def decided(start: Start) -> dict[str, str]:
     if command == 'fly' and given.launch.get('connect'):
         found['serve_web'] = 'false'
     return {name: value for name, value in found.items() if name not in given.launch}
-
-
-def _flies_two_groups(given: Arguments) -> bool:
-    """Return whether a training starts two simulators.
-
-    They fly two groups of a roll-out at the same time, with the same results. A file of parameters
-    may be for the first one only.
-    """
-    if given.given.keys() & {'second_simulator', 'simulators', 'simulator_parameters'}:
-        return False
-    groups = given.agent.get(
-        'num_groups', presets.preset_values(given.preset, given.world).get('num_groups', 1))
-    return bool(groups > 1 and (os.cpu_count() or 1) > 1)
 
 
 def prepare(start: Start) -> None:
@@ -229,6 +217,8 @@ def _train(start: Start) -> None:
         launch['agent_settings'] = str(start.scratch / 'agent.yaml')
         write_parameters(
             Path(launch['agent_settings']), start.node('ppo_agent'), given.agent)
+    if _flies_two_groups(start):
+        launch['second_simulator'] = SECOND
     start.told.update({'run': str(run), 'resumed': str(resumed).lower()})
     # How to resume the run; until it has written its settings they have to be repeated.
     words = [os.environ.get('HOVERSLAM_SECURE', ''), start.script, f'run_dir:={run}']
@@ -238,6 +228,34 @@ def _train(start: Start) -> None:
              if name not in _OF_THE_START]
     start.told['resume'] = shell_command([*words, *shown])
     start.told['begin_again'] = shell_command([*words, *every])
+
+
+def _flies_two_groups(start: Start) -> bool:
+    """Return whether a training starts two simulators.
+
+    They fly two groups of a roll-out at the same time, with the same results.
+    """
+    if start.arguments.given.keys() & {'second_simulator', 'simulators'} or not _HAS_CORES:
+        return False
+    if file := start.launch.get('simulator_parameters'):
+        of_first, of_second = (
+            read_parameters(Path(file), start.node(name))
+            for name in ('simulator', f'{SECOND}/simulator'))
+        if of_first != of_second:
+            return False
+    return _num_groups(start) > 1
+
+
+def _num_groups(start: Start) -> int:
+    """Return the number of groups of a roll-out."""
+    given, launch = start.arguments, start.launch
+    values = dict(presets.preset_values(given.preset, given.world))
+    if launch.get('resume') == 'true':
+        values.update(read_config(Path(launch['run_dir']) / 'config.yaml').get('training', {}))
+    for name in ('agent_parameters', 'agent_overrides', 'agent_settings'):
+        if file := launch.get(name):
+            values.update(read_parameters(Path(file), start.node('ppo_agent')))
+    return int(values.get('num_groups', 1))
 
 
 def _land(start: Start) -> None:

@@ -11,9 +11,9 @@ from rocket_sim_node.settings import setting
 def simulators_setting() -> Any:
     """Declare the setting that names the simulators of a training."""
     return setting(
-        '', '', "namespaces of the simulators to train in, such as /sim_* or /,/simulator_2; "
-        "simulators may join later; {rank} stands for the rank of this agent. Empty: the "
-        "simulator in the agent's own namespace")
+        '', '', "namespaces of the simulators to train in, such as /sim_*; simulators may join "
+        "later; {rank} stands for the rank of this agent. Empty: the simulator in the agent's own "
+        'namespace')
 
 
 @dataclass(frozen=True)

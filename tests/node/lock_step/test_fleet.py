@@ -253,20 +253,48 @@ def test_a_real_time_simulator_is_not_used(
     assert '/sim_1 is not used: its mode is realtime, expected lockstep' in text
 
 
-def test_several_patterns_and_the_root_namespace(
+@pytest.mark.parametrize('namespace', ['', '/b'])
+def test_a_second_simulator_is_used_beside_that_of_the_namespace(
     processes: Processes, make_node: Callable[..., Any], capfd: pytest.CaptureFixture[str],
+    namespace: str,
 ) -> None:
-    """As `train` starts them; the agent may be in another namespace."""
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
-    for number in (1, 2):
-        simulator(processes, number)
-    node, executor = make_node('/b')
-    with SimulatorFleet(
-            node, executor, ConnectionOptions(0.1, 20.0), 1, '/,/sim_[13]') as fleet:
+    """The second one may be there first, and others are not used."""
+    for inner in (f'{namespace}/other', f'{namespace}/second'):
+        processes.run_node(
+            'rocket_sim_node', 'simulator', (f'__ns:={inner}',), num_envs=N
+        ).wait_for('waiting for an agent', 30.0)
+    node, executor = make_node(namespace)
+    with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, second='second') as fleet:
+        processes.run_node(
+            'rocket_sim_node', 'simulator', (f'__ns:={namespace or "/"}',), num_envs=N)
         text = fly_until('; simulators: 2', fleet, capfd)
         assert_same_flights(flown(fleet, range(3), lambda: None), in_process(range(3)))
-    assert 'simulator has joined' in text and '/sim_1 has joined' in text
-    assert 'sim_2' not in text
+        names = [worker.connection.name for worker in fleet._membership]
+    assert names == ['simulator', f'{namespace}/second']
+    assert f'{namespace}/second has joined' in text and 'other' not in text
+
+
+def test_a_second_simulator_of_another_world_is_not_used(
+    processes: Processes, make_node: Callable[..., Any], capfd: pytest.CaptureFixture[str],
+) -> None:
+    processes.run_node(
+        'rocket_sim_node', 'simulator', ('__ns:=/second',), num_envs=N, max_thrust=500_000.0
+    ).wait_for('waiting for an agent', 30.0)
+    node, executor = make_node()
+    with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, second='second') as fleet:
+        processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+        assert fleet.spec == make('rocket', N).spec
+        text = fly_until('is not used', fleet, capfd)
+    assert '/second is not used: its max_thrust is 500000.0, expected 470880.0' in text
+
+
+@pytest.mark.parametrize(('second', 'pattern', 'message'), [
+    ('/b', '', "second_simulator: got '/b', expected a word"),
+    ('b', '/sim_*', r"second_simulator: got 'b', expected none with simulators '/sim_\*'")])
+def test_an_invalid_second_simulator_is_refused(
+        make_node: Callable[..., Any], second: str, pattern: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        SimulatorFleet(*make_node(), ConnectionOptions(), 1, pattern, second)
 
 
 def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:

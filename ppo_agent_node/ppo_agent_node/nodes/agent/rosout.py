@@ -17,11 +17,13 @@ from rocket_sim_node.recording.sinks.web_page import INVITATION
 _ROSOUT = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def show_warnings(node: Node, terminal: Terminal) -> None:
+def show_warnings(node: Node, terminal: Terminal, second: str = '') -> None:
     """Show warnings of other nodes in this namespace, which a display would otherwise hide.
 
     The address of a live view is shown too, as users wait for it, and so are this node's own
     warnings if its log goes to a file.
+
+    :param second: namespace below this one whose nodes count as well; empty: none.
     """
     if not terminal.live:
         return
@@ -31,13 +33,16 @@ def show_warnings(node: Node, terminal: Terminal) -> None:
     prefix = f'{here}.' if here else ''
     skipped = prefix + node.get_name() if own else ''
     node.create_subscription(
-        Log, '/rosout', partial(_on_log, terminal.say, prefix, skipped), _ROSOUT)
+        Log, '/rosout', partial(_on_log, terminal.say, prefix, skipped, second), _ROSOUT)
 
 
-def _on_log(say: Callable[[str, str], None], prefix: str, skipped: str, message: Log) -> None:
+def _on_log(
+    say: Callable[[str, str], None], prefix: str, skipped: str, second: str, message: Log,
+) -> None:
     name = message.name
     inner = name.removeprefix(prefix)
-    if not name.startswith(prefix) or name == skipped or '.' in inner:
+    node = inner.removeprefix(f'{second}.')
+    if not name.startswith(prefix) or name == skipped or '.' in node:
         return
     if message.msg.startswith(INVITATION):
         say(message.msg, '')

@@ -25,8 +25,13 @@ STARTED_BY_TRAIN = 'HOVERSLAM_TRAIN'
 class StatusPublisher:
     """Reports the status of a run."""
 
-    def __init__(self, node: Node, terminal: Terminal, folder: RunFolder) -> None:
-        """Report where the run is."""
+    def __init__(
+        self, node: Node, terminal: Terminal, folder: RunFolder, second: str = '',
+    ) -> None:
+        """Report where the run is.
+
+        :param second: namespace, below the node's own, of a second simulator.
+        """
         self._terminal, self._folder = terminal, folder
         self._namespace, self._clock = node.get_namespace(), node.get_clock()
         self._publisher = node.create_publisher(TrainingStatus, 'training', qos.EVENTS)
@@ -34,7 +39,7 @@ class StatusPublisher:
         self._last = Status(run=folder.name, folder=str(folder.path))
         terminal.say(f'run {folder.path}')
         terminal.wait_for('the simulator', self._last)
-        show_warnings(node, terminal)
+        show_warnings(node, terminal, second)
 
     def report(self, status: Status) -> None:
         """Report an iteration of learning, or an event."""

@@ -40,6 +40,7 @@ from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.client.connection import SimulatorBusy
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.client.membership import check_pattern
+from rocket_sim_node.wire.client.membership import check_second
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
@@ -56,6 +57,9 @@ class TrainingParameters:
         'number')
     resume: bool = setting(False, '', 'whether to resume the run in run_dir')
     simulators: str = simulators_setting()
+    second_simulator: str = setting(
+        '', '', "namespace, below the agent's own, of a second simulator, which flies at the same "
+        'time; only without simulators')
     preset: str = setting(
         'default', '', "preset on which the run's settings are based",
         choices=presets.preset_names())
@@ -73,6 +77,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     connection = parameters.declare(ConnectionParameters)
     _check_given(node, parameters)
     check_pattern(options.simulators)
+    check_second(options.second_simulator, options.simulators)
     loggers = find_loggers(options.loggers)
     path = _run_path(options)
     try:
@@ -82,7 +87,8 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             Terminal() if ranks.first else nullcontext() as terminal,
             make_fleet(
                 node, executor, connection, options.simulators.replace('{rank}', str(ranks.index)),
-                agent_of_run(path if ranks.first else path / f'rank_{ranks.index}')) as fleet,
+                agent_of_run(path if ranks.first else path / f'rank_{ranks.index}'),
+                options.second_simulator) as fleet,
         ):
             if terminal is None:
                 return _follow(node, parameters, options, fleet, folder, ranks)
@@ -131,7 +137,7 @@ def _lead(
 
     if not folder.finished:  # a finished run stays finished if it cannot be opened
         folder.mark_unfinished()
-    publisher = StatusPublisher(node, terminal, folder)
+    publisher = StatusPublisher(node, terminal, folder, options.second_simulator)
     try:
         config = _config(parameters, options.preset, fleet.connect().name, saved)
         require_lockstep(fleet)

@@ -45,9 +45,10 @@ def make_client(
 
 def make_fleet(
     node: Node, executor: Executor, parameters: ConnectionParameters, simulators: str, agent: int,
+    second: str = '',
 ) -> SimulatorFleet:
     """Return all simulators that train one agent."""
-    return SimulatorFleet(node, executor, parameters.link_options(), agent, simulators)
+    return SimulatorFleet(node, executor, parameters.link_options(), agent, simulators, second)
 
 
 def require_lockstep(client: Client | SimulatorFleet) -> None:

@@ -98,8 +98,8 @@ class Connection:
         :param health: reports messages of others than the simulator; None: a new one.
         """
         self._node, self._options, self.agent = node, options, agent
-        prefix = f'{namespace.rstrip("/")}/' if namespace else ''
-        self.name = namespace.rstrip('/') or 'simulator'
+        prefix = f'{namespace}/' if namespace else ''
+        self.name = namespace or 'simulator'
         self._spec: WorldSpec | None = None
         self._realtime = False
         self.session = 0

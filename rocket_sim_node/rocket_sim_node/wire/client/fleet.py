@@ -53,17 +53,19 @@ class SimulatorFleet:
 
     def __init__(
         self, node: Node, executor: Executor, options: ConnectionOptions, agent: int,
-        pattern: str = '',
+        pattern: str = '', second: str = '',
     ) -> None:
         """Connect to simulators.
 
         :param agent: identity, 1 to 2**64 - 1.
         :param pattern: namespaces, such as `/sim_*`, of the simulators to use; every match is
             added when it appears. Empty: the simulator in the node's own namespace.
-        :raises ValueError: when the pattern is not a valid namespace.
+        :param second: namespace, below the node's own, of a second simulator to use when it
+            appears; only with an empty pattern.
+        :raises ValueError: when the pattern or `second` is not a valid namespace.
         """
         self._node = node
-        self._membership = FleetMembership(node, options, agent, pattern)
+        self._membership = FleetMembership(node, options, agent, pattern, second)
         self._waiter = Waiter(node, executor, options.patience)
         self._idle: Silence | None = None
         """Time-out that runs while no simulator has a job; None otherwise."""

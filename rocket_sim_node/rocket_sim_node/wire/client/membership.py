@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import fnmatch
+import re
 import time
 from collections.abc import Iterator
-from collections.abc import Sequence
 
 from rclpy.node import Node
 
@@ -24,41 +24,50 @@ _WORLD_TYPE = 'rocket_msgs/msg/World'
 
 
 def check_pattern(pattern: str) -> None:
-    """Check patterns, separated by commas, for the namespaces of simulators.
+    """Check a pattern for the namespaces of simulators.
 
     :raises ValueError: when it is not a valid namespace pattern.
     """
-    if pattern and not all(part.startswith('/') for part in pattern.split(',')):
+    if pattern and not pattern.startswith('/'):
         raise ValueError(
-            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*, '
-            'separated by commas')
+            f'simulators: got {pattern!r}, expected namespaces that begin with /, such as /sim_*')
 
 
-def _matches(namespace: str, patterns: Sequence[str]) -> bool:
-    """Return whether one of several patterns is for a namespace.
+def check_second(second: str, pattern: str) -> None:
+    """Check the namespace of a second simulator.
 
-    Only `/` itself is for the root namespace: `/*` was never for a simulator there.
+    :raises ValueError: when it is no name, or there is a pattern as well.
     """
-    if namespace == '/':
-        return '/' in patterns
-    return any(fnmatch.fnmatchcase(namespace, pattern) for pattern in patterns)
+    if second and not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', second):
+        raise ValueError(
+            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that '
+            'does not begin with a digit')
+    if second and pattern:
+        raise ValueError(
+            f'second_simulator: got {second!r}, expected none with simulators {pattern!r}')
 
 
 class FleetMembership:
     """The usable simulators: all with a matching namespace, or the one in the node's own.
 
-    The first one's world is the reference for all others.
+    The world of the first one is the reference for all others: with a pattern, of the first one to
+    join; otherwise, of the one in the node's namespace.
     """
 
-    def __init__(self, node: Node, options: ConnectionOptions, agent: int, pattern: str) -> None:
+    def __init__(
+        self, node: Node, options: ConnectionOptions, agent: int, pattern: str, second: str = '',
+    ) -> None:
         """Begin empty, or with the simulator of the node's namespace when the pattern is empty.
 
-        :raises ValueError: when the pattern is not a valid namespace.
+        :param second: namespace, below the node's own, of a simulator to use as well when it
+            appears; only with an empty pattern.
+        :raises ValueError: when the pattern or `second` is not a valid namespace.
         """
         check_pattern(pattern)
+        check_second(second, pattern)
         self._node, self._options, self._agent, self._pattern = node, options, agent, pattern
-        self._patterns = [part.rstrip('/') or '/' for part in pattern.split(',')]
         self._health = DiagnosticsPublisher(node, quiet=True)
+        self._second = f'{node.get_namespace().rstrip("/")}/{second}' if second else ''
         self._dropped = 0
         self._workers: dict[str, FleetWorker] = {}
         self.spec: WorldSpec | None = None
@@ -96,21 +105,21 @@ class FleetMembership:
                 self._vet(worker)
         now = time.monotonic()
         period = _LOOK_PERIOD if self.spec else _FIRST_LOOK_PERIOD
-        if not self._pattern or now - self._looked < period:
+        if not (self._pattern or self._second) or now - self._looked < period:
             return
         self._looked = now
         suffix = '/world'
         there = {
-            topic.removesuffix(suffix) or '/'
+            topic.removesuffix(suffix)
             for topic, kinds in self._node.get_topic_names_and_types()
             if topic.endswith(suffix) and _WORLD_TYPE in kinds
-            and _matches(topic.removesuffix(suffix) or '/', self._patterns)
+            and self._is_wanted(topic.removesuffix(suffix))
             and self._node.count_publishers(topic)}
         for namespace in sorted(there - self._workers.keys()):
             self._workers[namespace] = FleetWorker(
                 Connection(self._node, self._options, self._agent, namespace, self._health))
         for namespace, worker in list(self._workers.items()):
-            worker.gone = namespace not in there
+            worker.gone = bool(namespace) and namespace not in there
             if worker.task is None:
                 worker.connection.listen()
             if worker.gone and worker.task is None:
@@ -119,11 +128,20 @@ class FleetMembership:
                 connection.destroy()
                 self._tell(f'{namespace} has left')
 
+    def _is_wanted(self, namespace: str) -> bool:
+        """Return whether a simulator in a namespace is to be used."""
+        if self._second:
+            return namespace == self._second
+        return fnmatch.fnmatchcase(namespace, self._pattern)
+
     def _vet(self, worker: FleetWorker) -> None:
         """Adopt the first simulator's world as the reference; refuse any other world.
 
         Any node may publish on `world`; the world of an accepted simulator shows in its answers.
         """
+        own = worker is self._workers.get('')
+        if self._second and not own and self.spec is None:
+            return  # until the reference is known
         worker.vetted = worker.connection.world
         if worker.fits:
             return
@@ -132,18 +150,18 @@ class FleetMembership:
             spec = connection.described()
             if self.spec and spec != self.spec:
                 reason = f'its {difference(self.spec, spec)}'
-            elif self._pattern and connection.described_realtime:
+            elif not own and connection.described_realtime:
                 reason = 'its mode is realtime, expected lockstep'
             else:
                 self.spec = connection.adopt_spec()
         except ValueError as error:
-            if not self._pattern:
+            if own:
                 raise
             reason = str(error)
         worker.fits = not reason
         if reason:
             self._node.get_logger().error(f'{connection.name} is not used: {reason}')
-        elif self._pattern:
+        elif not own:
             self._tell(f'{connection.name} has joined')
 
     def _tell(self, text: str) -> None:

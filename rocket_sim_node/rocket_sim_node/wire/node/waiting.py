@@ -158,7 +158,7 @@ class Silence:
             f'waited {now - self._start:.0f} s for {self._what} from the simulator of {topic}; '
             f'{ros_environment.advice(os.environ)}'
         )
-        if not set('*?[,') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
+        if not set('*?[') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
             text += f'; {simulators} publish there: give each simulator a namespace of its own'
         if hint := self._hint():
             text += f'; {hint}'

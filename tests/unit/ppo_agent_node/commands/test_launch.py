@@ -87,18 +87,30 @@ def test_the_preset_selects_the_observation(
 def test_two_groups_are_flown_by_two_simulators(
         project: Project, given: list[str], second: str | None,
         monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, 'cpu_count', lambda: 2)
+    monkeypatch.setattr(launch, '_HAS_CORES', True)
     assert project.begin('train', *given).get('second_simulator') == second
-    monkeypatch.setattr(os, 'cpu_count', lambda: 1)
+    monkeypatch.setattr(launch, '_HAS_CORES', False)
     assert project.begin('train', *given).get('second_simulator') == (
         'b' if second == 'b' else None)
 
 
-def test_a_vehicle_from_a_file_is_flown_by_one_simulator(
-        project: Project, tmp_path: Path) -> None:
-    file = tmp_path / 'vehicle.yaml'
-    file.write_text('/simulator: {ros__parameters: {max_thrust: 500000.0}}\n')
-    assert 'second_simulator' not in project.begin('train', f'simulator_parameters:={file}')
+@pytest.mark.parametrize(('node', 'second'), [
+    ('/**', 'simulator_2'), ('/**/simulator', 'simulator_2'), ('/simulator', None)])
+def test_both_simulators_fly_the_vehicle_of_a_file_also_after_a_resume(
+        project: Project, tmp_path: Path, node: str, second: str | None,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, '_HAS_CORES', True)
+    file, run = tmp_path / 'vehicle.yaml', tmp_path / 'run'
+    file.write_text(f'{node}: {{ros__parameters: {{max_thrust: 500000.0}}}}\n')
+    begun = project.begin('train', f'simulator_parameters:={file}', f'run_dir:={run}')
+    assert begun.get('second_simulator') == second
+    config = 'world: rocket\nnum_envs: 8\ntraining: {num_groups: %d}\n'
+    (run / 'config.yaml').write_text(config % 2)
+    again = project.begin('train', f'run_dir:={run}', 'resume:=true')
+    assert again.get('second_simulator') == second
+    (run / 'config.yaml').write_text(config % 1)
+    again = project.begin('train', f'run_dir:={run}', 'resume:=true')
+    assert 'second_simulator' not in again
 
 
 @pytest.mark.parametrize('command', ['land', 'evaluate'])
