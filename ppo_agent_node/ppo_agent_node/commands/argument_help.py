@@ -22,7 +22,7 @@ from rocket_sim_node.worlds.rocket import conditions
 WIDTH = 99
 _COLUMN = 24
 PURPOSE = {
-    'train': 'Trains a policy, evaluates it and records its flights: simulator, agent and '
+    'train': 'Trains a policy, evaluates it and records its flights: simulators, agent and '
              'recorder as separate processes over DDS.',
     'land': 'Flies the policy of the newest finished run, or the shipped policy if there is no '
             'run, and records the flights.',
