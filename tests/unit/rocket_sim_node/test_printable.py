@@ -56,10 +56,11 @@ def shown(kind: type[io.StringIO], text: str) -> str:
     """Return what a terminal, or a file, gets when a text comes to it each way that there is."""
     screen = kind()
     terminal = Terminal(screen)
-    say = partial(_on_log, terminal.say, 'here.', '')
+    say = partial(_on_log, terminal.say, 'here.', '', 'second')
     terminal.say(text)
     terminal.show(Status(stage='finetune', message=text))
     say(Log(name='here.node', level=Log.ERROR, msg=text))
+    say(Log(name='here.second.node', level=Log.ERROR, msg=text))
     say(Log(name='here.node', level=Log.INFO, msg=INVITATION + text))
     return screen.getvalue()
 
