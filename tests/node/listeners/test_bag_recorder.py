@@ -69,9 +69,9 @@ def test_the_bag_holds_every_observation(
     wait_until(lambda: all(
         len(looker.get_subscriptions_info_by_topic(topic)) >= number
         for topic, number in (('/observation', 2), ('/state', 1))), 20.0)
-    # Nobody tells when its readers match both ends. On a busy machine that can take a second.
-    for _ in range(SESSIONS):
-        time.sleep(1.0)
+    # Nothing shows when its readers match both ends. On a busy machine that can take seconds.
+    for session in range(SESSIONS):
+        time.sleep(1.0 + session)
         observations = [client.reset(seed=4)]
         for _ in range(STEPS):
             observations.append(client.step(np.zeros((8, 3), np.float32))[0])
