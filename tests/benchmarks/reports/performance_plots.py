@@ -131,7 +131,9 @@ def _learner(axes: Axes, f: Figures) -> None:
 
 
 def _recorder(axes: Axes, f: Figures) -> None:
-    _bars(axes, [name.replace(', ', ',\n') for name in f], {
+    labels = [name.replace('_recorder', '_\nrecorder').replace('_viewed', ', viewed')
+              .replace(', ', ',\n') for name in f]
+    _bars(axes, labels, {
         'without the node': [part['without'] / 1e3 for part in f.values()],
         'with it': [part['with'] / 1e3 for part in f.values()]}, '1 000 rocket steps/s')
     axes.tick_params(axis='x', labelsize=8)
