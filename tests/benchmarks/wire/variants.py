@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import tempfile
 import time
-from array import array
 from collections.abc import Iterator
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -27,6 +26,8 @@ from benchmarks.wire.agent_node import agent_node
 from rocket_sim_node.wire.client import connection
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.messages.conversion import from_sequence
+from rocket_sim_node.wire.messages.conversion import to_sequence
 from rocket_sim_node.wire.node import inbox
 from rocket_sim_node.wire.node.far_end import FarEnd
 from rocket_sim_node.wire.server import step_messages
@@ -61,14 +62,13 @@ class RosidlCodec(Codec):
         for number, (name, _, _) in zip(numbers, self._fields[:self._first], strict=True):
             setattr(message, name, number)
         for values, (name, dtype, _) in zip(arrays, self._fields[self._first:], strict=True):
-            data = np.ascontiguousarray(values, dtype).tobytes()
-            setattr(message, name, array(getattr(message, name).typecode, data))
+            setattr(message, name, to_sequence(values, dtype.str[1:]))
         return message
 
     def decode(self, data: Any) -> Any:
         """Return the fields of a message that rclpy has deserialized."""
         return self._make([
-            np.frombuffer(getattr(data, name), dtype) if is_sequence else getattr(data, name)
+            from_sequence(getattr(data, name), dtype.str) if is_sequence else getattr(data, name)
             for name, dtype, is_sequence in self._fields])
 
 
