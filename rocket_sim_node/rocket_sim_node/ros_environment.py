@@ -26,6 +26,23 @@ _LONGEST = 100
 _LOGS = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 
 
+NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
+"""one part of the name of a node, topic or namespace"""
+LONGEST_NAMESPACE = 150
+"""characters; names of topics and services follow it"""
+
+
+def check_name(setting: str, name: str) -> None:
+    """Check a setting that is one part of a namespace.
+
+    :raises ValueError: naming the setting, its value and what was expected.
+    """
+    if not NAME.fullmatch(name) or len(name) > LONGEST_NAMESPACE:
+        raise ValueError(
+            f'{setting}: got {name!r}, expected a word of letters, digits and _ that does not '
+            f'begin with a digit, {LONGEST_NAMESPACE} characters at most')
+
+
 def check(environ: Mapping[str, str]) -> None:
     """Check variables that nodes read.
 

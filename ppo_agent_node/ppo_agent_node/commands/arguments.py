@@ -28,6 +28,9 @@ from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import settings
 from rocket_sim_node import worlds
 from rocket_sim_node.command_line import read_value
+from rocket_sim_node.ros_environment import LONGEST_NAMESPACE
+from rocket_sim_node.ros_environment import NAME
+from rocket_sim_node.ros_environment import check_name
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds.rocket import conditions
 
@@ -38,10 +41,7 @@ CHOICES = {
     'mode': ('lockstep', 'realtime'),
     'pilot': ('policy', 'expert', 'expert_estimator', 'random')}
 """of launch arguments that nodes declare, which need ROS to be imported"""
-_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
-_NAMESPACE = re.compile(rf'(/|(/{_NAME.pattern})+)')
-_LONGEST_NAMESPACE = 150
-"""characters; names of topics and services follow it"""
+_NAMESPACE = re.compile(rf'(/|(/{NAME.pattern})+)')
 _ARGUMENT = re.compile(r'([a-z_][a-z0-9_]*):=(.*)', re.DOTALL)
 _KEPT_BY_RUN = ('world', 'num_envs', 'conditions', 'observation')
 SET_BY_AGENT = {
@@ -234,15 +234,12 @@ def _check(found: Arguments) -> None:
         seen = infos['observation'].choices if 'observation' in infos else ('standard',)
         one_of('observation', found.of_launch('observation'), seen)
     namespace = found.launch.get('namespace', '/')
-    if not _NAMESPACE.fullmatch(namespace) or len(namespace) > _LONGEST_NAMESPACE:
+    if not _NAMESPACE.fullmatch(namespace) or len(namespace) > LONGEST_NAMESPACE:
         raise ValueError(
             f'namespace: got {namespace!r}, expected words of letters, digits and _ that do not '
-            f'begin with a digit, separated by /, {_LONGEST_NAMESPACE} characters at most')
-    second = found.launch.get('second_simulator', 'a')
-    if not _NAME.fullmatch(second) or len(second) > _LONGEST_NAMESPACE:
-        raise ValueError(
-            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that '
-            f'does not begin with a digit, {_LONGEST_NAMESPACE} characters at most')
+            f'begin with a digit, separated by /, {LONGEST_NAMESPACE} characters at most')
+    if second := found.launch.get('second_simulator'):
+        check_name('second_simulator', second)
     for name, choices in CHOICES.items():
         if name in found.declared:
             one_of(name, found.of_launch(name), choices)

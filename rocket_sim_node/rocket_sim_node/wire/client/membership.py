@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import fnmatch
-import re
 import time
 from collections.abc import Iterator
 
 from rclpy.node import Node
 
+from rocket_sim_node.ros_environment import check_name
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.connection import difference
@@ -38,11 +38,10 @@ def check_second(second: str, pattern: str) -> None:
 
     :raises ValueError: when it is no name, or there is a pattern as well.
     """
-    if second and not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', second):
-        raise ValueError(
-            f'second_simulator: got {second!r}, expected a word of letters, digits and _ that '
-            'does not begin with a digit')
-    if second and pattern:
+    if not second:
+        return
+    check_name('second_simulator', second)
+    if pattern:
         raise ValueError(
             f'second_simulator: got {second!r}, expected none with simulators {pattern!r}')
 
