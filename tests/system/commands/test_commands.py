@@ -25,8 +25,10 @@ SMALL = (
     'clone_epochs:=2', 'hidden_sizes:=[16,16]',
     'iterations:=2', 'n_steps:=64', 'batch_size:=256', 'selection_interval:=2',
     'selection_episodes:=8', 'evaluation_episodes:=8', 'critic_warmup_iterations:=1',
-    'threads:=1',
+    'threads:=1', 'curriculum_start_level:=3', 'curriculum_final_level:=3',
+    'curriculum_wide_level:=4', 'spawn_height:=40', 'time_limit:=6',
 )
+"""Settings of a run that takes seconds: few rockets, and flights of 4 s."""
 
 
 def command(processes: Processes, name: str, *arguments: str) -> Process:
