@@ -9,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-import yaml
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node')
@@ -18,17 +17,6 @@ PACKAGES = ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node')
 def described(package: str, tag: str) -> str:
     """Return the text of an element of a package's package.xml."""
     return ElementTree.parse(ROOT / package / 'package.xml').findtext(tag, '')
-
-
-def test_all_packages_have_one_version() -> None:
-    versions = {package: described(package, 'version') for package in PACKAGES}
-    for package in PACKAGES[1:]:
-        text = (ROOT / package / 'setup.py').read_text()
-        found = re.search(r"version='([^']+)'", text)
-        assert found is not None
-        versions[f'{package}/setup.py'] = found[1]
-    versions['CITATION.cff'] = yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version']
-    assert len(set(versions.values())) == 1, versions
 
 
 @pytest.mark.parametrize('package', PACKAGES)

@@ -108,16 +108,30 @@ def _var(context: Context, name: str) -> str:
 
 
 def _eval(context: Context, text: str) -> str:
-    """Return what 'A' if 'B' else 'C' stands for, of the expressions of Python the one we use."""
+    """Return the value of an expression; of Python's, those that our launch files use."""
     try:
-        match ast.parse(text.strip(), mode='eval').body:
-            case ast.IfExp(
-                    test=ast.Constant(value=str(test)), body=ast.Constant(value=str(body)),
-                    orelse=ast.Constant(value=str(other))):
-                return body if test else other
+        return _value(ast.parse(text.strip(), mode='eval').body)
     except (SyntaxError, ValueError) as error:
         raise LaunchError(f'$(eval) of {text!r} fails: {error}') from None
-    raise LaunchError(unknown(f'$(eval) of {text!r}', ["'A' if 'B' else 'C', each a text"]))
+    except TypeError:
+        raise LaunchError(unknown(f'$(eval) of {text!r}', [
+            "'A' if 'B' else 'C'", "'A' in ('B', 'C')", 'each a text'])) from None
+
+
+def _value(node: ast.expr) -> str:
+    """Return the text that an expression stands for.
+
+    :raises TypeError: when it is of another kind.
+    """
+    match node:
+        case ast.Constant(value=str(text)):
+            return text
+        case ast.IfExp(test=test, body=body, orelse=other):
+            return _value(body if _value(test) else other)
+        case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=found)]):
+            wanted = _value(left)
+            return wanted if wanted in [_value(each) for each in found] else ''
+    raise TypeError
 
 
 _MEANINGS: dict[str, tuple[int, Callable[..., str]]] = {

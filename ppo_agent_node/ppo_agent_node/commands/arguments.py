@@ -230,9 +230,9 @@ def _check(found: Arguments) -> None:
         if drawn != 'nominal' and not infos.keys() >= set(conditions.FLAT_NAMES):
             raise ValueError(
                 f'conditions: got {drawn!r}, expected none, as world {world!r} has no conditions')
-    if 'observation' in found.declared:
-        seen = infos['observation'].choices if 'observation' in infos else ('standard',)
-        one_of('observation', found.of_launch('observation'), seen)
+    if 'observation' in found.declared and (seen := found.of_launch('observation')):
+        known = infos['observation'].choices if 'observation' in infos else ('standard',)
+        one_of('observation', seen, known)
     namespace = found.launch.get('namespace', '/')
     if not _NAMESPACE.fullmatch(namespace) or len(namespace) > LONGEST_NAMESPACE:
         raise ValueError(

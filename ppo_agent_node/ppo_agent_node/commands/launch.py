@@ -103,9 +103,6 @@ def decided(start: Start) -> dict[str, str]:
         # Keeps the nodes apart from those of a training that runs at the same time.
         if 'namespace' not in given.given:
             found['namespace'] = f'/{command}_{start.pid}'
-        # Each pilot takes the columns that it knows.
-        if 'observation' in given.declared and given.world.startswith('rocket'):
-            found['observation'] = 'extended'
     if command == 'fly' and given.launch.get('connect'):
         found['serve_web'] = 'false'
     return {name: value for name, value in found.items() if name not in given.launch}

@@ -21,7 +21,8 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     index = prefix / 'share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
     for package, nodes in (
-        ('rocket_sim_node', ('simulator', 'rerun_recorder')), ('ppo_agent_node', ('ppo_agent',)),
+        ('rocket_sim_node', ('simulator', 'rerun_recorder')),
+        ('ppo_agent_node', ('ppo_agent', 'evaluate')),
     ):
         (index / package).touch()
         folder = prefix / 'lib' / package
@@ -84,6 +85,16 @@ def test_port_and_address_of_the_page_reach_the_recorder(tmp_path: Path, file: s
     found = told(
         tmp_path, file, 'rerun_recorder', serve_web='true', web_port='9123', web_host='127.0.0.2')
     assert (found['web_port'], found['web_host']) == (9123, '127.0.0.2')
+
+
+@pytest.mark.parametrize('file', ['land', 'evaluate'])
+@pytest.mark.parametrize(('given', 'seen'), [
+    ({}, 'extended'), ({'world': 'rocket_planar'}, 'extended'),
+    ({'world': 'lunar_lander'}, 'standard'), ({'observation': 'standard'}, 'standard')])
+def test_rockets_show_what_any_policy_that_ships_observes(
+    tmp_path: Path, file: str, given: dict[str, str], seen: str,
+) -> None:
+    assert told(tmp_path, file, 'simulator', **given)['observation'] == seen
 
 
 def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:

@@ -82,6 +82,8 @@ def parameters_of(plan: ProcessPlan) -> dict[str, object]:
     ('costs $5', 'costs $5'),
     ("$(eval \"'one' if '$(var name)' else 'two'\")", 'one'),
     ("$(eval \"'one' if '' else '$(var n)'\")", '3'),
+    ("$(eval \"'a' if '' else 'b' if '$(var n)' in ('2', '3') else 'c'\")", 'b'),
+    ("$(eval \"'a' if '$(var n)' in ('2', '4') else 'c'\")", 'c'),
 ])
 def test_substitutions(text: str, expected: str, context: Context) -> None:
     context.arguments['which'] = 'n'
