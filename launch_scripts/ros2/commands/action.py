@@ -54,14 +54,17 @@ def send_goal(args: argparse.Namespace) -> None:
             print('Goal was rejected.')
             return
         print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n', flush=True)
+        result = handle.get_result_async()
         try:
-            answer = _wait(node, handle.get_result_async())
+            answer = _wait(node, result)
         except (KeyboardInterrupt, BrokenPipeError):
+            # Sent before anything is printed, which fails where the pipe is closed.
+            cancelled = handle.cancel_goal_async()
             print('Canceling goal...', flush=True)
-            if not _wait(node, handle.cancel_goal_async()).goals_canceling:
+            if not _wait(node, cancelled).goals_canceling:
                 raise CommandError('Failed to cancel goal') from None
-            print('Goal canceled.')
-            return
+            print('Goal canceled.', flush=True)
+            answer = _wait(node, result)
         print(f'Result:\n{_indented(answer.result)}')
         print(f'Goal finished with status: {_STATUS.get(answer.status, "UNKNOWN")}')
 
