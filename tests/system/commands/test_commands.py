@@ -121,7 +121,7 @@ def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) 
     again = command(processes, 'land', f'output:={recording}')
     assert again.wait(30.0) == 2
     refused = command(processes, 'land', 'policy:=lunar_lander', f'output:={tmp_path}/none.rrd')
-    assert refused.wait(60.0) == 2
+    assert refused.wait(60.0) in (1, 2)  # 1: a full ROS 2
     assert 'Traceback' not in refused.output()
     assert list(tmp_path.glob('*.rrd')) == [recording], 'no recording of 0 flights'
     assert 'already exists' in again.output()
