@@ -13,7 +13,7 @@ from pathlib import Path
 
 NOT_OF_ROS = ('ros-wheels-bootstrapper',)
 """Finds the libraries of the wheels; an installed ROS 2 sets LD_LIBRARY_PATH."""
-SYSTEM = ('numpy', 'PyYAML', 'packaging', 'typing_extensions')
+SYSTEM = ('numpy', 'PyYAML', 'packaging', 'typing_extensions', 'lark-parser', 'empy', 'catkin-pkg')
 """What the packages of ROS 2 need of the system's Python."""
 
 

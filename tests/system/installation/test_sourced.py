@@ -7,9 +7,11 @@ It shows that nothing depends on wheels; it cannot show that packages of a distr
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,8 +25,10 @@ Run = Callable[[str], str]
 
 
 @pytest.fixture(scope='module')
-def sourced(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """Return what runs a command in a clone, in a shell in which ROS 2 is sourced."""
+def sourced(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Run]:
+    """Yield what runs a command in a clone, in a shell in which ROS 2 is sourced."""
     if not request.config.getoption('--nightly'):
         pytest.skip('takes minutes; ./launch_scripts/test --nightly runs it')
     folder = tmp_path_factory.mktemp('sourced')
@@ -42,7 +46,8 @@ def sourced(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
         assert done.returncode == 0, done.stdout
         return done.stdout
 
-    return run
+    yield run
+    shutil.rmtree(folder)  # gigabytes
 
 
 @pytest.mark.timeout(2 * SECONDS)
