@@ -104,6 +104,28 @@ def fly_until(words: str, fleet: SimulatorFleet, capfd: pytest.CaptureFixture[st
     return text
 
 
+def compute(seconds: float) -> Job[None]:
+    """Fly a few steps, then compute before the job ends."""
+    yield Reset(1)
+    yield from actions(1)[:10]
+    time.sleep(seconds)
+
+
+def test_a_simulator_is_not_silent_while_the_agent_computes(
+    processes: Processes, make_fleet: MakeFleet,
+) -> None:
+    """Its answer has arrived, or is on its way, and nobody has listened to it."""
+    for number in range(2):
+        simulator(processes, number)
+    told: list[str] = []
+    with make_fleet() as fleet:
+        while len([*fleet._membership]) < 2:
+            list(fleet.fly([functools.partial(fall, 1)]))
+        list(fleet.fly(
+            [functools.partial(compute, 2.5), functools.partial(fall, 1)], report=told.append))
+    assert told == []
+
+
 def test_flights_over_many_simulators_are_those_in_process(
     processes: Processes, make_fleet: MakeFleet,
 ) -> None:

@@ -132,10 +132,13 @@ class SimulatorFleet:
                 poll()
                 self._membership.look()
                 self._assign(waiting, results)
-                for worker in self._wait():
+                ready = self._wait()
+                # Taken before the jobs compute: meanwhile, nobody listens to the simulators.
+                now = time.monotonic()
+                for worker in ready:
                     self._attend(worker, waiting, results, report)
                 if not waiting:
-                    self._relieve(waiting, report)
+                    self._relieve(waiting, now, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
@@ -161,16 +164,21 @@ class SimulatorFleet:
             if waiting and worker.free:
                 self._start(worker, waiting.popleft(), results)
 
-    def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
-        """Move a job from an unresponsive simulator when another one is free."""
+    def _relieve(
+        self, waiting: deque[Task[T]], now: float, report: Callable[[str], None],
+    ) -> None:
+        """Move a job from an unresponsive simulator when another one is free.
+
+        :param now: steady-clock time, s, until which answers have been received.
+        """
         if not self._membership.has_free_worker:
             return
-        now = time.monotonic()
         for worker in self._membership:
             if worker.task is None:
                 continue
             patience = _SILENT * worker.task.attempts
-            if worker.gone or worker.connection.waited(now) > patience:
+            silent = worker.connection.waited(now) > patience and not worker.connection.arrived
+            if worker.gone or silent:
                 why = 'gone' if worker.gone else f'silent for {patience:g} s'
                 self._lose(worker, waiting, why, report)
                 return
