@@ -264,7 +264,6 @@ def _serve(pipe: Connection, name: str, options: Options) -> None:
         # Importing our package makes torch's idle threads sleep, which helps when other processes
         # need the cores. The other side is measured with its default and with this setting.
         os.environ.pop('OMP_WAIT_POLICY', None)
-        os.environ.pop('GOMP_SPINCOUNT', None)
         importlib.import_module('torch')
     side = SIDES[name](options)
     pipe.send(side.samples)
