@@ -106,13 +106,22 @@ def fly_until(words: str, fleet: SimulatorFleet, capfd: pytest.CaptureFixture[st
 
 def compute(seconds: float) -> Job[None]:
     """Fly a few steps, then compute before the job ends."""
-    yield Reset(1)
-    yield from actions(1)[:10]
+    observation = yield Reset(1)
+    for action in actions(1)[:10]:
+        observation, *_ = yield action
+    assert observation.shape[0] == N
     time.sleep(seconds)
 
 
+def begin_again(seed: int) -> Job[None]:
+    """Only reset."""
+    for number in range(40):
+        yield Reset(seed + number)
+
+
+@pytest.mark.parametrize('other', [fall, begin_again])
 def test_a_simulator_is_not_silent_while_the_agent_computes(
-    processes: Processes, make_fleet: MakeFleet,
+    processes: Processes, make_fleet: MakeFleet, other: Callable[[int], Job[Any]],
 ) -> None:
     """Its answer has arrived, or is on its way, and nobody has listened to it."""
     for number in range(2):
@@ -122,7 +131,7 @@ def test_a_simulator_is_not_silent_while_the_agent_computes(
         while len([*fleet._membership]) < 2:
             list(fleet.fly([functools.partial(fall, 1)]))
         list(fleet.fly(
-            [functools.partial(compute, 2.5), functools.partial(fall, 1)], report=told.append))
+            [functools.partial(compute, 2.5), functools.partial(other, 1)], report=told.append))
     assert told == []
 
 

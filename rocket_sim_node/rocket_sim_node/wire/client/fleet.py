@@ -46,6 +46,8 @@ _IDLE_PERIOD = 0.1
 _SILENT = 2.0
 """Seconds without an answer before a job is moved to an idle simulator; increased with each
 attempt, because a step may simply take long."""
+_BUSY = 0.1
+"""Seconds of computing after which silence is counted anew: meanwhile, nobody has listened."""
 
 
 class SimulatorFleet:
@@ -71,6 +73,8 @@ class SimulatorFleet:
         """Time-out that runs while no simulator has a job; None otherwise."""
         self._idle_look = math.inf
         """Steady-clock time, s, of the next check."""
+        self._listening_since = 0.0
+        """Steady-clock time, s, of the end of the jobs' last long computation."""
 
     def __enter__(self) -> SimulatorFleet:
         """Use as a context that releases the simulators on exit."""
@@ -133,12 +137,13 @@ class SimulatorFleet:
                 self._membership.look()
                 self._assign(waiting, results)
                 ready = self._wait()
-                # Taken before the jobs compute: meanwhile, nobody listens to the simulators.
-                now = time.monotonic()
+                begun = time.monotonic()
                 for worker in ready:
                     self._attend(worker, waiting, results, report)
+                if time.monotonic() - begun > _BUSY:
+                    self._listening_since = time.monotonic()
                 if not waiting:
-                    self._relieve(waiting, now, report)
+                    self._relieve(waiting, report)
                 while due in results:
                     yield results.pop(due)
                     due += 1
@@ -164,21 +169,17 @@ class SimulatorFleet:
             if waiting and worker.free:
                 self._start(worker, waiting.popleft(), results)
 
-    def _relieve(
-        self, waiting: deque[Task[T]], now: float, report: Callable[[str], None],
-    ) -> None:
-        """Move a job from an unresponsive simulator when another one is free.
-
-        :param now: steady-clock time, s, until which answers have been received.
-        """
+    def _relieve(self, waiting: deque[Task[T]], report: Callable[[str], None]) -> None:
+        """Move a job from an unresponsive simulator when another one is free."""
         if not self._membership.has_free_worker:
             return
+        now = time.monotonic()
         for worker in self._membership:
             if worker.task is None:
                 continue
             patience = _SILENT * worker.task.attempts
-            silent = worker.connection.waited(now) > patience and not worker.connection.arrived
-            if worker.gone or silent:
+            silence = min(worker.connection.waited(now), now - self._listening_since)
+            if worker.gone or silence > patience:
                 why = 'gone' if worker.gone else f'silent for {patience:g} s'
                 self._lose(worker, waiting, why, report)
                 return
