@@ -115,7 +115,7 @@ def _eval(context: Context, text: str) -> str:
         raise LaunchError(f'$(eval) of {text!r} fails: {error}') from None
     except TypeError:
         raise LaunchError(unknown(f'$(eval) of {text!r}', [
-            "'A' if 'B' else 'C'", "'A' in ('B', 'C')", 'each a text'])) from None
+            "'A' if 'B' else 'C'", "'A' if 'B' in ('C', 'D') else 'E'", 'each a text'])) from None
 
 
 def _value(node: ast.expr) -> str:
@@ -127,11 +127,16 @@ def _value(node: ast.expr) -> str:
         case ast.Constant(value=str(text)):
             return text
         case ast.IfExp(test=test, body=body, orelse=other):
-            return _value(body if _value(test) else other)
-        case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=found)]):
-            wanted = _value(left)
-            return wanted if wanted in [_value(each) for each in found] else ''
+            return _value(body if _holds(test) else other)
     raise TypeError
+
+
+def _holds(node: ast.expr) -> bool:
+    """Return whether a condition holds: a text that is not empty, or one that is in a tuple."""
+    match node:
+        case ast.Compare(left=left, ops=[ast.In()], comparators=[ast.Tuple(elts=found)]):
+            return _value(left) in [_value(each) for each in found]
+    return bool(_value(node))
 
 
 _MEANINGS: dict[str, tuple[int, Callable[..., str]]] = {
