@@ -78,9 +78,9 @@ activates the environment in a shell, with `ros2`, `rerun` and `python`.
 
 A command refuses an unknown name and suggests the most similar known one. The exit status is 0
 when the work is complete, 130 after Ctrl-C, 143 after SIGTERM, and 1 or 2 after an error; a start
-that is refused ends with 2. Nodes that `ros2 run` starts end with 2 after an error, with one line
-that says what was wrong. [Guarantees](guarantees.md#commands) lists the guarantees for every
-command, with their tests.
+that is refused ends with 2 (with a full ROS 2: 1, if a node refuses it). Nodes that `ros2 run`
+starts end with 2 after an error, with one line that says what was wrong.
+[Guarantees](guarantees.md#commands) lists the guarantees for every command, with their tests.
 
 A parameter file must have parameters for the node that it is given to, under `/**`, `/**/NODE` or
 the node's full name. `land`, `evaluate` and `fly` choose a namespace of their own unless
