@@ -43,7 +43,7 @@ def made(
 ) -> tuple[Config, Learner, Symmetry, int]:
     config = load_preset(
         preset, world, symmetry=kind, hidden_sizes=(16, 24), batch_size=32, clone_batch_size=32,
-        target_kl=0.0, threads=1)
+        log_std_init=-1.0, target_kl=0.0, threads=1)
     seen = {'observation': observation} if observation else {}
     spec = worlds.make(world, 4, **seen).spec
     symmetry = symmetry_of(spec, config.network)
