@@ -59,10 +59,17 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
             'which need DDS; ./launch_scripts/test runs them')
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def nightly(request: pytest.FixtureRequest) -> bool:
     """Whether there is time for many rounds."""
     return bool(request.config.getoption('--nightly'))
+
+
+@pytest.fixture(scope='session')
+def nightly_only(nightly: bool) -> None:
+    """Skip what there is no time for."""
+    if not nightly:
+        pytest.skip('takes minutes; ./launch_scripts/test --nightly runs it')
 
 
 @pytest.hookimpl(wrapper=True)

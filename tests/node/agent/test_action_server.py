@@ -212,7 +212,7 @@ def test_the_command_line_lists_actions_and_cancels_a_goal(
     goal.wait_for('Feedback:\n    figures:\n      episodes: ', 60.0)
     goal.signal(signal.SIGINT)
     goal.wait(60.0)
-    assert 'Canceling goal...\n' in goal.output()
+    assert 'Canceling goal...\nGoal canceled.' in goal.output()
     ending = goal.output().partition('Goal canceled.\n')[2]  # feedback may still follow
     assert 'Result:\n    code: 3\n' in ending
     assert ending.endswith('Goal finished with status: CANCELED\n')

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Iterator
 from importlib.metadata import Distribution
 from importlib.metadata import distribution
 from importlib.metadata import distributions
 from pathlib import Path
 
-NOT_OF_ROS = ('ros-wheels-bootstrapper',)
+NOT_OF_ROS = 'ros-wheels-bootstrapper'
 """Finds the libraries of the wheels; an installed ROS 2 sets LD_LIBRARY_PATH."""
 SYSTEM = ('numpy', 'PyYAML', 'packaging', 'typing_extensions', 'lark-parser', 'empy', 'catkin-pkg')
 """What the packages of ROS 2 need of the system's Python."""
@@ -20,7 +19,8 @@ SYSTEM = ('numpy', 'PyYAML', 'packaging', 'typing_extensions', 'lark-parser', 'e
 def install(prefix: Path, name: str) -> Path:
     """Install ROS 2 below a folder, and return the file to source."""
     for each in distributions():
-        if each.metadata['Name'].startswith('ros-') and each.metadata['Name'] not in NOT_OF_ROS:
+        package = each.metadata['Name']
+        if package.startswith('ros-') and package != NOT_OF_ROS:
             _copy(each, prefix)
     environment = Path(sys.prefix)
     for file in (path for path in prefix.glob('share/**/*') if path.suffix in ('.cmake', '.pc')):
@@ -28,8 +28,8 @@ def install(prefix: Path, name: str) -> Path:
         if str(environment) in text:
             file.write_text(text.replace(str(environment), str(prefix)))
     packages, = prefix.glob('lib/python3.*/site-packages')
-    for each in SYSTEM:
-        _copy(distribution(each), prefix)
+    for package in SYSTEM:
+        _copy(distribution(package), prefix)
     for bundled in packages.glob('*.libs/*'):
         shutil.copy(bundled, prefix / 'lib')
     command = prefix / 'bin' / 'ros2'
@@ -47,15 +47,10 @@ export PYTHONPATH={packages}
 
 
 def _copy(of: Distribution, prefix: Path) -> None:
-    for source, relative in _files(of):
-        target = prefix / relative
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(source, target, follow_symlinks=False)
-
-
-def _files(of: Distribution) -> Iterator[tuple[Path, Path]]:
-    """Yield each installed file, with its path relative to the environment."""
+    """Copy the installed files to the same places below another prefix."""
     for file in of.files or ():
-        path = Path(os.path.normpath(str(of.locate_file(file))))
-        if path.is_relative_to(sys.prefix) and path.suffix != '.pyc' and path.is_file():
-            yield path, path.relative_to(sys.prefix)
+        source = Path(os.path.normpath(str(of.locate_file(file))))
+        if source.is_relative_to(sys.prefix) and source.suffix != '.pyc' and source.is_file():
+            target = prefix / source.relative_to(sys.prefix)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target, follow_symlinks=False)

@@ -44,11 +44,9 @@ def start(processes: Processes, folder: Path, text: str) -> Process:
 
 @pytest.fixture(scope='module')
 def project(
-        request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory,
+        nightly_only: None, tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Path]:
     """The project, with the runs, recordings and files that the commands name."""
-    if not request.config.getoption('--nightly'):
-        pytest.skip('takes minutes; ./launch_scripts/test --nightly runs it')
     folder = tmp_path_factory.mktemp('project')
     for path in ROOT.iterdir():
         if path.name not in ('runs', '.git'):

@@ -26,11 +26,9 @@ Run = Callable[[str], str]
 
 @pytest.fixture(scope='module')
 def sourced(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory,
+    nightly_only: None, tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Run]:
     """Yield what runs a command in a clone, in a shell in which ROS 2 is sourced."""
-    if not request.config.getoption('--nightly'):
-        pytest.skip('takes minutes; ./launch_scripts/test --nightly runs it')
     folder = tmp_path_factory.mktemp('sourced')
     setup = sourced_ros.install(folder / 'ros', os.environ['ROS_DISTRO'])
     clone = folder / 'hoverslam'

@@ -63,11 +63,9 @@ class Environment:
 
 @pytest.fixture(scope='module')
 def folder(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory,
+    nightly_only: None, tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Path]:
     """A folder with `constraints.txt` and the wheels in `dist`, built by `python -m build`."""
-    if not request.config.getoption('--nightly'):
-        pytest.skip('takes minutes; ./launch_scripts/test --nightly runs it')
     made = tmp_path_factory.mktemp('wheels')
     lines = (ROOT / 'launch_scripts' / 'requirements.lock').read_text().splitlines()
     constraints = made / 'constraints.txt'
