@@ -48,10 +48,12 @@ COMPRESSIONS = {'zstd': CompressionType.ZSTD, 'none': CompressionType.NONE}
 
 @dataclass
 class _Open:
-    """Channel of a topic, and the number of its messages."""
+    """A topic, its definition, and the number of its messages."""
 
     topic: Topic
-    channel: int
+    text: str
+    channel: int | None = None
+    """None until the first message: what is told of the topic may still change."""
     count: int = 0
 
 
@@ -130,22 +132,29 @@ class BagFile:
     def add_topic(self, topic: Topic) -> None:
         """Add a topic, or tell what its publishers offer; its definition is that installed.
 
+        Once it has a message, what they offer is written and stays: package rosbags skips a topic
+        of which the MCAP file and metadata.yaml tell different things.
+
         :raises ValueError: when the message is not installed.
         """
-        if topic.name not in self._topics:
-            self._add_topic(topic, definition(topic.type_name))
-        self._topics[topic.name].topic = topic
+        one = self._topics.get(topic.name)
+        if one is None:
+            self._topics[topic.name] = _Open(topic, definition(topic.type_name))
+        elif one.channel is None:
+            one.topic = topic
 
-    def _add_topic(self, topic: Topic, text: str) -> None:
-        name = topic.type_name
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(
-                name, 'ros2msg', text.encode('utf-8'))
-        channel = self._writer.register_channel(topic.name, 'cdr', self._schemas[name], {
-            'offered_qos_profiles': yaml.safe_dump(
-                [quality_values(one) for one in topic.offered], sort_keys=False),
-            'topic_type_hash': topic.type_hash})
-        self._topics[topic.name] = _Open(topic, channel)
+    def _channel(self, one: _Open) -> int:
+        """Return the channel of a topic, which is written if there is none yet."""
+        if one.channel is None:
+            topic, name = one.topic, one.topic.type_name
+            if name not in self._schemas:
+                self._schemas[name] = self._writer.register_schema(
+                    name, 'ros2msg', one.text.encode('utf-8'))
+            one.channel = self._writer.register_channel(topic.name, 'cdr', self._schemas[name], {
+                'offered_qos_profiles': yaml.safe_dump(
+                    [quality_values(offer) for offer in topic.offered], sort_keys=False),
+                'topic_type_hash': topic.type_hash})
+        return one.channel
 
     def write(self, topic: str, data: bytes, received: int, published: int) -> None:
         """Write a serialized message, or close the bag when the disk is nearly full.
@@ -182,7 +191,7 @@ class BagFile:
         self._start = received if not self.count else min(self._start, received)
         self._end = max(self._end, received)
         self.count += 1
-        self._writer.add_message(one.channel, received, data, published, one.count)
+        self._writer.add_message(self._channel(one), received, data, published, one.count)
 
     def tick(self) -> None:
         """Write what has waited in memory for long enough; call it about once a second."""
@@ -206,6 +215,8 @@ class BagFile:
         stream, self._stream = self._stream, None
         try:
             with stream:
+                for one in self._topics.values():
+                    self._channel(one)  # a topic without messages is in the bag, too
                 self._writer.finish()
             if not self.count:
                 shutil.rmtree(self._partial)
@@ -257,7 +268,7 @@ class BagFile:
         assert stream is not None
         for topic, text, message in salvage(broken):
             if topic.name not in self._topics:
-                self._add_topic(topic, text)
+                self._topics[topic.name] = _Open(topic, text)
             self._put(topic.name, message.data, message.log_time, message.publish_time)
         self._custom['repaired'] = 'its recorder was killed: the last second may be incomplete'
         with stream:

@@ -9,6 +9,7 @@ import importlib
 import os
 import re
 from dataclasses import dataclass
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -27,8 +28,8 @@ from rocket_sim_node.bags.bag_file import COMPRESSIONS
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.missed import counter_of
 from rocket_sim_node.bags.steady_date import SteadyDate
-from rocket_sim_node.bags.step_counts import StepCounter
 from rocket_sim_node.nodes.listening import NICENESS
 from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.nodes.listening import drain
@@ -72,7 +73,7 @@ class _Recorded:
     def __init__(self, topic: Topic) -> None:
         """Begin before the first message."""
         self.topic = topic
-        self.steps = StepCounter(topic.type_name)
+        self.counter = counter_of(topic.type_name)
         self.lost = 0
         self.profile: QoSProfile | None = None
         self.subscription: Any = None
@@ -166,24 +167,35 @@ class BagNode:
 
     def _on_message(self, recorded: _Recorded, data: bytes) -> None:
         self.count += 1
+        if not recorded.topic.offered:
+            # Its publisher is newer than the last look; after this message, the bag tells no more.
+            self._tell_offers(recorded)
         # Kilted's events executor fails on callbacks that ask for DDS's own times of a message.
         now = self._clock.now()
         self._bag.write(recorded.topic.name, data, now, now)
-        gap = recorded.steps.note(data)
-        if gap is not None:
-            session, first, missing = gap
+        missing = recorded.counter.note(data) if recorded.counter else ''
+        if missing:
             self._node.get_logger().warning(
-                f'{recorded.topic.name}: {missing} steps before step {first} of session '
-                f'{session} were not received', throttle_duration_sec=1.0,
-                throttle_time_source_type=STEADY)
+                f'{recorded.topic.name}: {missing} were not received',
+                throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
+
+    def _tell_offers(self, recorded: _Recorded) -> None:
+        """Tell the bag what the publishers of a topic offer.
+
+        The subscription may not be replaced inside its own callback: the next look does that.
+        """
+        ends = self._node.get_publishers_info_by_topic(recorded.topic.name)
+        self._bag.add_topic(replace(
+            recorded.topic, offered=tuple(_quality(end.qos_profile) for end in ends)))
 
     def summary(self) -> list[tuple[str, str]]:
         """Return what was lost, by topic."""
         found = []
         for name, recorded in self._recorded.items():
             parts = []
-            if recorded.steps.missed:
-                parts.append(f'{recorded.steps.missed} steps were not received')
+            if recorded.counter and recorded.counter.missed:
+                parts.append(
+                    f'{recorded.counter.missed} {recorded.counter.unit} were not received')
             if recorded.lost:
                 parts.append(f'DDS lost {recorded.lost} messages')
             if parts:

@@ -2,17 +2,25 @@
 """Count of the steps that a listener has missed."""
 from __future__ import annotations
 
+_SESSIONS = 8
+"""Sessions that are remembered: two simulators by mistake on one topic take turns."""
+
 
 class GapCounter:
-    """Counts missed steps: within a session they are numbered one after the other.
+    """Counts missed steps: within a session they are numbered one after the other, from 0.
 
     A step may be published again; that is no gap. Nothing is known of steps before the first
-    message, nor of the last steps of a session.
+    message of all, nor of the last steps of a session.
     """
 
-    def __init__(self) -> None:
-        """Begin before the first message."""
-        self._session, self._last = 0, -1
+    def __init__(self, whole_sessions: bool = True) -> None:
+        """Begin before the first message.
+
+        :param whole_sessions: whether the first steps of later sessions count; not for a topic
+            on which anybody may name any session.
+        """
+        self._whole = whole_sessions
+        self._last: dict[int, int] = {}
         self.missed = 0
         """Steps missed so far."""
 
@@ -22,10 +30,13 @@ class GapCounter:
         :param last: None for a message of one step.
         """
         last = first if last is None else last
-        if session != self._session:
-            self._session, self._last = session, last
-            return 0
-        missing = max(first - self._last - 1, 0)
-        self._last = max(self._last, last)
+        if session in self._last:
+            before = self._last[session]
+        else:
+            before = -1 if self._last and self._whole else first - 1
+            if len(self._last) == _SESSIONS:
+                del self._last[next(iter(self._last))]
+        missing = max(first - before - 1, 0)
+        self._last[session] = max(before, last)
         self.missed += missing
         return missing

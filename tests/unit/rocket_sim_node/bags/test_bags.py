@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from rclpy.serialization import serialize_message
 from rocket_msgs import msg
 from rosbags.highlevel import AnyReader
 from support.recording.bags import flight_messages
+from support.recording.bags import serialized
+from support.recording.bags import topic_of
 from support.recording.bags import write
 from tf2_msgs.msg import TFMessage
 
@@ -27,11 +30,12 @@ from rocket_sim_node.bags import bag_file
 from rocket_sim_node.bags import definitions
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.decoder import Decoder
+from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
+from rocket_sim_node.bags.missed import counter_of
 from rocket_sim_node.bags.reader import files_of
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
-from rocket_sim_node.bags.step_counts import StepCounter
 from rocket_sim_node.bags.to_rerun import main as to_rerun
 from rocket_sim_node.recording import reader as recordings
 from rocket_sim_node.recording.sinks.rrd_file import opened
@@ -451,18 +455,76 @@ def test_every_end_of_a_message_is_noticed() -> None:
 
 
 def test_missed_steps_are_counted_from_the_bytes() -> None:
-    counter = StepCounter('rocket_msgs/msg/RocketState')
+    counter = counter_of('rocket_msgs/msg/RocketState')
+    assert counter is not None
     said = [bytes(serialize_message(message))
             for message in flight_messages('rocket', 2, 199, session=2**63 + 5)[1:]]
     found = [counter.note(data) for data in said[:2] + said[4:]]
-    assert [gap for gap in found if gap] == [(2**63 + 5, 100, 50)]
+    assert [gap for gap in found if gap] == [f'50 steps before step 100 of session {2**63 + 5}']
     assert counter.missed == 50
-    single = StepCounter('rocket_msgs/msg/Observation')
+    single = counter_of('rocket_msgs/msg/Observation')
+    assert single is not None
     for step in (5, 6, 6, 9):
         last = single.note(bytes(serialize_message(msg.Observation(session=1, step=step))))
-    assert last == (1, 9, 2)
-    assert StepCounter('rocket_msgs/msg/World').note(said[0]) is None
-    assert StepCounter('rocket_msgs/msg/RocketState').note(b'\x00\x01\x00\x00') is None
+    assert last == '2 steps before step 9 of session 1'
+    assert counter_of('rocket_msgs/msg/World') is None
+    assert counter.note(b'\x00\x01\x00\x00') == ''
+
+
+@pytest.mark.parametrize(('kind', 'missing'), [(msg.Observation, 7), (msg.Action, 0)])
+def test_first_steps_of_a_later_session_are_counted_where_only_the_simulator_publishes(
+    kind: Any, missing: int,
+) -> None:
+    counter = counter_of(f'rocket_msgs/msg/{kind.__name__}')
+    assert counter is not None
+    for session, step in ((3, 40), (3, 41), (4, 0), (5, 7), (3, 42), (5, 8), (3, 43)):
+        counter.note(bytes(serialize_message(kind(session=session, step=step))))
+    assert counter.missed == missing
+
+
+def test_missing_episodes_are_counted_by_rocket_and_session() -> None:
+    counter = counter_of('rocket_msgs/msg/Episodes')
+    assert counter is not None
+    said = [
+        (1, 90, [0, 2], [5, 4]),  # nothing is known of earlier ones
+        (1, 95, [1], [4]),
+        (1, 180, [0, 1, 2], [6, 5, 8]),  # 5 to 7 of rocket 2
+        (1, 180, [0, 1, 2], [6, 5, 8]),  # again
+        (1, 270, [0, 1], [8, 6]),  # 7 of rocket 0
+        (2, 90, [0, 1, 2], [0, 0, 0]),
+        (2, 180, [0, 1, 2], [1, 1, 1])]
+    texts = [
+        counter.note(bytes(serialize_message(
+            msg.Episodes(session=session, step=step, row=rows, episode=episodes))))
+        for session, step, rows, episodes in said]
+    assert [text for text in texts if text] == [
+        '3 episodes before step 180 of session 1', '1 episodes before step 270 of session 1']
+    assert (counter.missed, counter.unit) == (4, 'episodes')
+    assert counter.note(bytes(serialize_message(msg.Episodes()))[:20]) == ''
+
+
+def test_what_publishers_offer_is_written_with_the_first_message(
+    make_bag: Callable[..., BagFile], tmp_path: Path,
+) -> None:
+    bag = make_bag()
+    said = flight_messages('rocket', 1, 49)[1:]
+    topic = topic_of(said[0])
+    told = Quality(reliability='best_effort')
+    bag.add_topic(replace(topic, offered=()))
+    bag.add_topic(replace(topic, offered=(told,)))  # it has a publisher now
+    bag.write(topic.name, serialized(said[0]), 10**9, 10**9)
+    bag.add_topic(replace(topic, offered=(told, Quality())))  # and another one
+    bag.add_topic(replace(topic, name='/silent'))
+    for number, message in enumerate(said[1:], 2):
+        bag.write(topic.name, serialized(message), number * 10**9, number * 10**9)
+    bag.close()
+    with AnyReader([tmp_path / 'bag']) as found:
+        wanted = [one for one in found.connections if one.topic == topic.name]
+        offers = [one.ext.offered_qos_profiles for one in wanted]
+        assert [offer.reliability.name for one in offers for offer in one] == ['BEST_EFFORT']
+        assert len(list(found.messages(wanted))) == len(said)
+        assert {one.topic: one.msgcount for one in found.connections} == {
+            topic.name: len(said), '/silent': 0}
 
 
 def test_times_and_topics_of_messages(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
