@@ -14,14 +14,18 @@ import pytest
 from support.processes import Processes
 
 ROOT = Path(__file__).parents[3]
+MESSAGES = 'rocket_msgs'
 PACKAGES = ('rocket_sim_node', 'ppo_agent_node')
 
 
 @pytest.fixture(scope='module')
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Copies of the packages, built over the messages that are there already."""
+def workspace(tmp_path_factory: pytest.TempPathFactory, nightly: bool) -> Path:
+    """Copies of the packages, built over the messages that are there already.
+
+    The messages take minutes to compile: only a nightly run copies and builds them as well.
+    """
     folder = tmp_path_factory.mktemp('workspace')
-    for package in PACKAGES:
+    for package in (*((MESSAGES,) if nightly else ()), *PACKAGES):
         shutil.copytree(
             ROOT / package, folder / 'src' / package, symlinks=True,
             ignore=shutil.ignore_patterns('__pycache__', '*.egg-info'))
@@ -31,10 +35,12 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def environment(folder: Path) -> dict[str, str]:
     """Return the environment in which these packages come before ours."""
-    prefixes = [str(folder / 'install' / package) for package in PACKAGES]
+    prefixes = [str(folder / 'install' / package.name) for package in (folder / 'src').iterdir()]
     libraries = [str(path) for prefix in prefixes for path in Path(prefix).glob('lib/python*/*')]
     return {
         'AMENT_PREFIX_PATH': os.pathsep.join([*prefixes, os.environ['AMENT_PREFIX_PATH']]),
+        'LD_LIBRARY_PATH': os.pathsep.join([
+            *(f'{prefix}/lib' for prefix in prefixes), os.environ.get('LD_LIBRARY_PATH', '')]),
         'PYTHONPATH': os.pathsep.join([*libraries, os.environ['PYTHONPATH']])}
 
 
@@ -42,7 +48,7 @@ def colcon(folder: Path, *arguments: str) -> str:
     """Run colcon in a workspace and return what it printed."""
     done = subprocess.run(
         [sys.executable, '-m', 'colcon', *arguments], cwd=folder, capture_output=True, text=True,
-        timeout=300, check=False, env={**os.environ, **environment(folder)})
+        timeout=900, check=False, env={**os.environ, **environment(folder)})
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -56,7 +62,7 @@ def foreign(processes: Processes, workspace: Path, monkeypatch: pytest.MonkeyPat
     yield processes
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_the_launch_files_start_from_the_share_folder(
         foreign: Processes, workspace: Path, tmp_path: Path) -> None:
     recording = tmp_path / 'landing.rrd'
@@ -76,7 +82,17 @@ def test_the_launch_files_start_from_the_share_folder(
         assert str(ROOT) not in process.output()
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
+@pytest.mark.usefixtures('nightly_only')
+def test_the_messages_are_those_of_the_workspace(foreign: Processes, workspace: Path) -> None:
+    told = subprocess.run(
+        [sys.executable, '-c', 'from rocket_msgs import msg; print(msg.__file__); '
+         'from rclpy.serialization import serialize_message; serialize_message(msg.World())'],
+        capture_output=True, text=True, timeout=60, check=True)
+    assert told.stdout.startswith(str(workspace / 'install' / MESSAGES))
+
+
+@pytest.mark.timeout(1200)
 def test_colcon_runs_the_tests_of_the_packages_and_counts_them(workspace: Path) -> None:
     colcon(workspace, 'test', '--packages-select', *PACKAGES)
     counted = colcon(workspace, 'test-result', '--verbose')
