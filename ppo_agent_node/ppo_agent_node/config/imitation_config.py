@@ -27,9 +27,6 @@ class DemonstrationConfig:
         0.2, '', 'standard deviation of the noise added to the actions flown; the recorded '
         'actions have none',
         0.0, 2.0)
-    demonstration_stride: int = setting(
-        1, '', 'one of this many consecutive steps of a flight is a sample, in demonstrations and '
-        'rounds of DAgger; 1: each. Consecutive steps are nearly equal', 1, 1000)
     demonstration_spawn_angle: float = setting(
         37.0, 'deg', 'range of pitch and roll at the start, plus or minus; -1: by '
         'level', UNSET, 180.0)

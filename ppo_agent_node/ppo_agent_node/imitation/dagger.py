@@ -98,8 +98,7 @@ class Imitation:
             functools.partial(
                 fly_clone, self._spec, without_noise(policy), self._expert, settings,
                 random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave),
-                self._config.demonstration.demonstration_episodes,
-                self._config.demonstration.demonstration_stride)
+                self._config.demonstration.demonstration_episodes)
             for wave, settings in enumerate(self.starts(1))]
         samples, episodes = zip(*self._fly(waves), strict=True)
         for flown in episodes:

@@ -153,12 +153,12 @@ def fly_wave(
     landed = np.zeros(spec.num_envs, np.bool_)
     landed[episodes.row[episodes.outcome == spec.outcomes.index('landed')]] = True
     landed[config.demonstration_episodes:] = False
-    return _samples(spec, steps, landed, config.demonstration_stride), episodes
+    return _samples(spec, steps, landed), episodes
 
 
 def fly_clone(
     spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
-    most: int = sys.maxsize, stride: int = 1,
+    most: int = sys.maxsize,
 ) -> Job[tuple[Demonstrations, Episodes]]:
     """Fly one episode with each rocket by a clone, labelled with the expert's actions.
 
@@ -167,7 +167,6 @@ def fly_clone(
 
     :param settings: reset settings of the world.
     :param most: number of rockets that count, the first ones.
-    :param stride: one of this many consecutive steps is a sample.
     :return: the clone's observations with the expert's actions, and the episodes.
     """
     observation = yield Reset(seed, settings)
@@ -180,18 +179,14 @@ def fly_clone(
         tell_begun(expert, step.ended)
     episodes = Episodes.concatenate([step.episodes for step in steps])
     usable = usable_engine(steps, spec.after_reset(settings).settings)
-    counted = np.arange(spec.num_envs) < most
-    return _samples(spec, labelled, counted, stride, usable), episodes
+    return _samples(spec, labelled, np.arange(spec.num_envs) < most, usable), episodes
 
 
 def _samples(
-    spec: WorldSpec, steps: Sequence[Step], chosen: Bools, stride: int = 1,
-    usable: Bools | None = None,
+    spec: WorldSpec, steps: Sequence[Step], chosen: Bools, usable: Bools | None = None,
 ) -> Demonstrations:
     """Return the samples of selected rockets `(N,)`, rocket by rocket.
 
-    :param stride: one of this many consecutive steps is a sample; the first one differs between
-        rockets, so that together they show each step of a flight.
     :param usable: `(N, T)`, which steps count; by default all.
     """
     # (N, T) before flattening.
@@ -199,7 +194,6 @@ def _samples(
     if usable is not None:
         kept &= usable
     kept &= steered(steps, spec.settings)
-    kept &= np.add.outer(np.arange(spec.num_envs), np.arange(len(steps))) % stride == 0
     action = np.stack([step.action for step in steps], axis=1)[kept]
     if spec.continuous:
         action = np.clip(action, spec.action_low, spec.action_high, dtype=np.float32)

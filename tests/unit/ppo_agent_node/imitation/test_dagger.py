@@ -2,7 +2,6 @@
 """DAgger and the wide level: what is flown, labelled, learnt and written down."""
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 from typing import ClassVar
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.config.presets import preset_values
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.flying.episodes import Step
@@ -19,7 +17,6 @@ from ppo_agent_node.imitation.dagger import Imitation
 from ppo_agent_node.imitation.demonstrations import fly_clone
 from ppo_agent_node.imitation.demonstrations import fly_wave
 from ppo_agent_node.imitation.demonstrations import usable_engine
-from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
@@ -69,28 +66,6 @@ def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
     np.testing.assert_array_equal(
         np.bincount(samples.episode), episodes.length[np.argsort(episodes.row)])
     np.testing.assert_array_equal(samples.action, expert(samples.observation.numpy()))
-
-
-def test_one_of_several_steps_is_a_sample_with_the_label_that_it_has_among_all() -> None:
-    """Also where the teacher remembers earlier steps; together the rockets show each step."""
-    env = worlds.make(
-        'rocket', num_envs=6, seed=0, level=1, conditions='mix', observation='extended')
-    calm = DemonstrationConfig(demonstration_noise=0.0)
-    config = dataclasses.replace(calm, demonstration_stride=3)
-    teacher = ExpertEstimator(env.spec)
-    every, episodes = fly(env, fly_wave(env.spec, teacher, calm, {'level': 1}, 5, 0))
-    some, _ = fly(env, fly_wave(env.spec, teacher, config, {'level': 1}, 5, 0))
-    assert (episodes.outcome == 0).all()
-    first = np.flatnonzero(np.diff(every.episode, prepend=-1))
-    step = np.arange(len(every.episode)) - first[every.episode]
-    chosen = (step + every.episode.numpy()) % 3 == 0
-    assert set(step[chosen][:400]) >= set(range(100))
-    for all_, found in zip(every, some, strict=True):
-        assert torch.equal(all_[torch.from_numpy(chosen)], found)
-    seen, _ = fly(env, fly_clone(env.spec, RandomPilot(env.spec, 1), teacher, {'level': 1}, 5))
-    fewer, _ = fly(env, fly_clone(
-        env.spec, RandomPilot(env.spec, 1), teacher, {'level': 1}, 5, stride=3))
-    assert len(fewer.episode) == pytest.approx(len(seen.episode) / 3, abs=6)
 
 
 def test_a_stateful_teacher_receives_the_flown_actions() -> None:
