@@ -282,6 +282,9 @@ def _nodes(used: dict[str, dict[str, tuple[str, ...]]]) -> Iterable[str]:
             if actions := used[node].get('execute'):
                 named = ', '.join(f'`{name}`' for name in actions)
                 cells[2] = ', '.join(filter(None, (cells[2], f'actions {named}')))
+            if node == 'simulator':
+                page = '../how-to/simulation-interfaces.md'
+                cells[2] += f', [services of simulation_interfaces]({page})'
             yield f'| `{node}` | {" | ".join(cells)} |'
         yield ''
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import time
 from datetime import datetime
@@ -39,8 +40,12 @@ def record(args: argparse.Namespace) -> None:
     if Path(output).exists():
         raise CommandError(f"Output folder '{output}' already exists.")
     path = str(packages.executable('rocket_sim_node', 'bag_recorder'))
-    parameters = [f'output:={output}', f'topics:={" ".join(map(graph.absolute, names))}']
-    arguments = [word for one in parameters for word in ('-p', one)]
+    parameters = {'output': output}
+    if not args.all:
+        parameters['topics'] = ' '.join(map(graph.absolute, names))
+    # Quoted: rcl reads a bare 2024 or true as another type, and refuses an empty text.
+    arguments = [word for name, value in parameters.items()
+                 for word in ('-p', f'{name}:={json.dumps(value, ensure_ascii=False)}')]
     try:
         os.execv(path, [path, '--ros-args', *arguments])
     except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from typing import ClassVar
 from typing import Protocol
 
 from rocket_sim_node.telemetry.gaps import GapCounter
@@ -23,10 +24,12 @@ _Reader = Callable[[bytes, str], 'tuple[int, int, int] | None']
 class MissedCounter(Protocol):
     """Counts what is missing on one topic."""
 
-    unit: str
+    unit: ClassVar[str]
     """Name of what is counted."""
-    missed: int
-    """How many are missing so far."""
+
+    @property
+    def missed(self) -> int:
+        """How many are missing so far."""
 
     def note(self, data: bytes) -> str:
         """Note a serialized message; return what is missing before it, '' if nothing is."""
@@ -46,7 +49,7 @@ def counter_of(type_name: str) -> MissedCounter | None:
 class _StepCounter:
     """Counts missing steps."""
 
-    unit = 'steps'
+    unit: ClassVar[str] = 'steps'
 
     def __init__(self, read: _Reader, whole_sessions: bool = True) -> None:
         """Begin before the first message.
@@ -80,7 +83,7 @@ class _EpisodeCounter:
     Nothing is known of those before a rocket's first one in a session.
     """
 
-    unit = 'episodes'
+    unit: ClassVar[str] = 'episodes'
 
     def __init__(self) -> None:
         """Begin before the first message."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from collections.abc import Mapping
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,6 +101,7 @@ def read(
     ...     print(flight.row, flight.episode, flight.outcome, flight.position[-1])
     """
     flights: list[Trajectory] = []
+    unfinished: list[Trajectory] = []
     buffers: dict[int, TrajectoryBuffer] = {}
     outcomes: dict[str, tuple[str, ...]] = {}
     session, found = None, topic
@@ -116,14 +118,19 @@ def read(
         samples = samples_of(one.message)
         if one.message.session != session:
             session = one.message.session
+            unfinished += _finished(buffers)
             buffers = {}
         names = outcomes.get(space, ())
         for row in np.unique(samples.row).tolist():
             if rows is None or row in rows:
                 buffer = buffers.setdefault(row, TrajectoryBuffer())
                 flights += _flights(row, buffer, samples.take(samples.row == row), names)
-    flights += [buffer.finish(row, '') for row, buffer in buffers.items() if len(buffer) > 1]
-    return flights
+    return flights + unfinished + _finished(buffers)
+
+
+def _finished(buffers: Mapping[int, TrajectoryBuffer]) -> list[Trajectory]:
+    """Return flights that have not ended, by rocket."""
+    return [buffer.finish(row, '') for row, buffer in buffers.items() if len(buffer) > 1]
 
 
 def _flights(

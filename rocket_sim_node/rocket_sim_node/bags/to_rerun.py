@@ -42,13 +42,17 @@ def convert(
     recorder = Recorder(
         selection, [FileSink(output.absolute(), note)], note, clock=lambda: now / 1e9,
         settle=touchdown.follow)
-    looked = 0
+    looked, spaces = 0, set()
     try:
         for one in messages(bag, types=(WORLD, STATE, TRAINING)):
             now = one.received
             if one.type_name == TRAINING:
                 recorder.training(training_of(one.message))
-            elif one.topic.rpartition('/')[0] == space:
+                continue
+            found = one.topic.rpartition('/')[0]
+            if one.type_name == STATE:
+                spaces.add(found)
+            if found == space:
                 try:
                     if one.type_name == WORLD:
                         recorder.world(_info(one.message))
@@ -61,6 +65,10 @@ def convert(
                 recorder.tick()
     finally:
         recorder.close()
+    if spaces and space not in spaces:
+        raise ValueError(
+            f'namespace: got {namespace!r}, expected one of those with states in this bag: '
+            f'{", ".join(sorted(spaces))}')
     return recorder.flights
 
 

@@ -51,6 +51,8 @@ _LOOK = 0.25
 _DEPTH = 1000
 """Messages of a topic that wait while the recorder is busy."""
 _STAR = 'any_characters_'
+_UNKNOWN = -1
+"""Number of publishers of a topic that the next look examines in any case."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,18 @@ class _Recorded:
         self.topic = topic
         self.counter = counter_of(topic.type_name)
         self.lost = 0
+        self.publishers = _UNKNOWN
         self.profile: QoSProfile | None = None
         self.subscription: Any = None
+
+    def missing(self) -> str:
+        """Return what is missing so far; '' if nothing is."""
+        parts = []
+        if self.counter and self.counter.missed:
+            parts.append(f'{self.counter.missed} {self.counter.unit} were not received')
+        if self.lost:
+            parts.append(f'DDS lost {self.lost} messages')
+        return ', '.join(parts)
 
 
 class BagNode:
@@ -98,10 +110,12 @@ class BagNode:
         """Messages received so far."""
 
     def look(self) -> None:
-        """Subscribe to the wanted topics that are new."""
+        """Subscribe to the wanted topics that are new or have other publishers than before."""
         for name, types in self._node.get_topic_names_and_types():
             recorded = self._recorded.get(name)
-            if (recorded is not None and recorded.topic.offered) or not self._is_wanted(name):
+            if not self._is_wanted(name) or (
+                    recorded is not None and recorded.topic.offered
+                    and recorded.publishers == self._node.count_publishers(name)):
                 continue
             try:
                 self._record(name, types, recorded)
@@ -125,17 +139,20 @@ class BagNode:
         """
         ends = self._node.get_publishers_info_by_topic(name)
         if recorded is not None and not ends:
+            recorded.publishers = 0
             return
         if len(types) != 1:
             raise ValueError(f'it has the types {", ".join(types)}, expected one')
         kind = _class_of(types[0])
         expected = definitions.type_hash(types[0])
-        told = {hash_ for _, hash_ in hashes(ends)}
-        if told and expected not in told:
-            if recorded is not None:
+        others = {hash_ for _, hash_ in hashes(ends)} - {expected}
+        if others:
+            if recorded is not None and recorded.subscription is not None:
                 self._node.destroy_subscription(recorded.subscription)
+                recorded.subscription = recorded.profile = None
+                recorded.publishers = _UNKNOWN
             raise ValueError(
-                f'its type {types[0]} has the hash {min(told)}, expected {expected}: its '
+                f'its type {types[0]} has the hash {min(others)}, expected {expected}: its '
                 'publisher was built from another definition')
         offers = [end.qos_profile for end in ends]
         topic = Topic(name, types[0], expected, tuple(map(_quality, offers)))
@@ -144,7 +161,7 @@ class BagNode:
         if recorded is None:
             recorded = self._recorded[name] = _Recorded(topic)
             self._node.get_logger().info(f'recording {printable(name)} ({types[0]})')
-        recorded.topic = topic
+        recorded.topic, recorded.publishers = topic, len(ends)
         profile = _profile(offers)
         if recorded.profile != profile:
             self._subscribe(recorded, kind, profile)
@@ -156,6 +173,7 @@ class BagNode:
 
         def on_lost(event: Any) -> None:
             recorded.lost += event.total_count_change
+            self._tell_missing(recorded)
 
         earlier = recorded.subscription
         recorded.profile = profile
@@ -167,47 +185,43 @@ class BagNode:
 
     def _on_message(self, recorded: _Recorded, data: bytes) -> None:
         self.count += 1
-        if not recorded.topic.offered:
-            # Its publisher is newer than the last look; after this message, the bag tells no more.
-            self._tell_offers(recorded)
-        # Kilted's events executor fails on callbacks that ask for DDS's own times of a message.
-        now = self._clock.now()
-        self._bag.write(recorded.topic.name, data, now, now)
+        if not recorded.topic.offered and not self._tell_offers(recorded):
+            return
         missing = recorded.counter.note(data) if recorded.counter else ''
         if missing:
             self._node.get_logger().warning(
                 f'{recorded.topic.name}: {missing} were not received',
                 throttle_duration_sec=1.0, throttle_time_source_type=STEADY)
+            self._tell_missing(recorded)
+        # Kilted's events executor fails on callbacks that ask for DDS's own times of a message.
+        now = self._clock.now()
+        self._bag.write(recorded.topic.name, data, now, now)
 
-    def _tell_offers(self, recorded: _Recorded) -> None:
-        """Tell the bag what the publishers of a topic offer.
+    def _tell_offers(self, recorded: _Recorded) -> bool:
+        """Tell the bag what the publishers of a topic offer that the last look did not find.
 
-        The subscription may not be replaced inside its own callback: the next look does that.
+        The next look replaces the subscription; inside its own callback it must remain.
+
+        :return: whether all of them have the topic's definition.
         """
-        ends = self._node.get_publishers_info_by_topic(recorded.topic.name)
+        topic = recorded.topic
+        ends = self._node.get_publishers_info_by_topic(topic.name)
+        if any(hash_ != topic.type_hash for _, hash_ in hashes(ends)):
+            return False  # the next look reports it
         self._bag.add_topic(replace(
-            recorded.topic, offered=tuple(_quality(end.qos_profile) for end in ends)))
+            topic, offered=tuple(_quality(end.qos_profile) for end in ends)))
+        return True
 
-    def summary(self) -> list[tuple[str, str]]:
-        """Return what was lost, by topic."""
-        found = []
-        for name, recorded in self._recorded.items():
-            parts = []
-            if recorded.counter and recorded.counter.missed:
-                parts.append(
-                    f'{recorded.counter.missed} {recorded.counter.unit} were not received')
-            if recorded.lost:
-                parts.append(f'DDS lost {recorded.lost} messages')
-            if parts:
-                found.append((name, ', '.join(parts)))
-        return found
+    def _tell_missing(self, recorded: _Recorded) -> None:
+        """Tell the bag what is missing: it may be closed at any message, on a full disk."""
+        if missing := recorded.missing():
+            self._bag.tell(recorded.topic.name, missing)
 
     def close(self) -> None:
-        """Finish the bag, and say what was lost."""
-        lost = self.summary()
-        for name, text in lost:
-            self._bag.tell(name, text)
-            self._node.get_logger().warning(f'{printable(name)}: {text}')
+        """Finish the bag, and say what is missing."""
+        for name, recorded in self._recorded.items():
+            if missing := recorded.missing():
+                self._node.get_logger().warning(f'{printable(name)}: {missing}')
         self._bag.close()
 
 

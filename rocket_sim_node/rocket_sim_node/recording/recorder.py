@@ -92,7 +92,7 @@ class Recorder:
 
     @property
     def missed(self) -> int:
-        """Steps that were published and not received."""
+        """Steps not received; a simulator that knows no subscriber does not publish them."""
         return self._gaps.missed
 
     # Input

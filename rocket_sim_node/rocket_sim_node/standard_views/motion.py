@@ -103,7 +103,7 @@ class MotionViews:
 
     @property
     def missed(self) -> int:
-        """Steps that were published and not received."""
+        """Steps not received; a simulator that knows no subscriber does not publish them."""
         return self._gaps.missed
 
     def add(self, session: int, samples: Samples, stamp: int | None = None) -> list[Moment]:

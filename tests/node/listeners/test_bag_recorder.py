@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from rclpy.duration import Duration
+from rclpy.serialization import serialize_message
 from rclpy.type_hash import TypeHash
 from rocket_msgs import msg
 from rosbags.highlevel import AnyReader
@@ -26,6 +27,7 @@ from support.processes import Processes
 from support.processes import wait_until
 
 from rocket_sim_node.bags.bag_file import FLUSH
+from rocket_sim_node.bags.definitions import type_hash
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read
 from rocket_sim_node.nodes.bag_recorder import BagNode
@@ -193,6 +195,77 @@ def test_messages_of_another_definition_are_left_out() -> None:
     assert re.fullmatch(
         r'/world ignored: its type rocket_msgs/msg/World has the hash RIHS01_0{64}, expected '
         r'RIHS01_\w{64}: its publisher was built from another definition', said[0])
+
+
+def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
+    """And what is missing is in the bag at once: a full disk may end it at any message."""
+    said: list[str] = []
+    subscriptions: list[Any] = []
+    told: dict[str, str] = {}
+    written: list[bytes] = []
+    kind = 'rocket_msgs/msg/Observation'
+    ends: list[Any] = []
+
+    def end(value: bytes) -> Any:
+        return SimpleNamespace(
+            node_name='one', node_namespace='/', qos_profile=qos.STREAM,
+            topic_type_hash=TypeHash(version=1, value=value))
+
+    def subscribe(kind: Any, topic: str, on_message: Any, *_: Any, **__: Any) -> Any:
+        subscriptions.append(on_message)
+        return on_message
+
+    node: Any = SimpleNamespace(
+        get_topic_names_and_types=lambda: [('/observation', [kind])],
+        get_publishers_info_by_topic=lambda topic: ends,
+        count_publishers=lambda topic: len(ends),
+        create_subscription=subscribe, destroy_subscription=subscriptions.remove,
+        get_logger=lambda: SimpleNamespace(
+            error=said.append, info=lambda text: None, warning=lambda text, **_: None))
+    bag: Any = SimpleNamespace(
+        tick=lambda: None, add_topic=lambda topic: None, tell=told.__setitem__,
+        write=lambda topic, data, *_: written.append(data))
+    recorder = BagNode(node, bag, '')
+    right, wrong = end(bytes.fromhex(type_hash(kind).removeprefix('RIHS01_'))), end(bytes(32))
+
+    def publish(step: int) -> None:
+        data = bytes(serialize_message(msg.Observation(session=1, step=step)))
+        for on_message in subscriptions:
+            on_message(data)
+
+    recorder.look()  # only subscribers so far
+    assert len(subscriptions) == 1
+    ends[:] = [wrong]
+    publish(1)  # before the next look
+    assert not written
+    recorder.look()
+    assert not subscriptions and len(said) == 1
+    ends[:] = [right]
+    recorder.look()
+    publish(2)
+    publish(5)
+    assert len(written) == 2
+    assert told == {'/observation': '2 steps were not received'}
+    ends[:] = [right, wrong]
+    recorder.look()
+    assert not subscriptions and len(said) == 2
+    ends[:] = [right]
+    recorder.look()
+    publish(6)
+    assert len(written) == 3
+
+
+def test_all_topics_are_recorded_by_the_command_under_any_name(
+    processes: Processes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Names that YAML would read as a number or a truth value."""
+    monkeypatch.chdir(tmp_path)
+    for name in ('2024', 'true'):
+        recorder = processes.start('ros2', 'bag', 'record', '-a', '-o', name)
+        recorder.wait_for('recording /rosout ', 20.0)
+        recorder.signal(signal.SIGINT)
+        assert recorder.wait(30.0) in (0, 130)
+        assert f'recording to {name}' in recorder.output()
 
 
 def test_a_bag_is_shown_and_played_by_the_command(

@@ -36,8 +36,8 @@ class DiagnosticsPublisher:
 
     A first refusal or warning is reported at once. Each report has the counts, the last case, and
     the agent, session and step of the simulator. The level is ERROR while the engine is cut (an
-    alarm) and after a fault within the last second, such as a message of a stranger, WARN after a
-    refusal or warning within the last second, and OK otherwise.
+    alarm) and after a fault within the last second, such as a message of another participant, WARN
+    after a refusal or warning within the last second, and OK otherwise.
     """
 
     def __init__(

@@ -527,6 +527,30 @@ def test_what_publishers_offer_is_written_with_the_first_message(
             topic.name: len(said), '/silent': 0}
 
 
+def test_unfinished_flights_of_each_session_come_last(
+        make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 49, session=1))
+    write(bag, flight_messages('rocket', 1, STEPS, session=2), at=3_000_000_000)
+    bag.close()
+    flights = read(tmp_path / 'bag')
+    assert [bool(flight.outcome) for flight in flights] == [True, False, False]
+    assert [len(flight) for flight in flights][1] == 50
+
+
+def test_a_namespace_without_states_is_refused_by_the_conversion(
+    make_bag: Callable[..., BagFile], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    bag = make_bag()
+    write(bag, flight_messages('rocket', 1, 49), '/sim_0')
+    bag.close()
+    arguments = [str(tmp_path / 'bag'), str(tmp_path / 'run.rrd')]
+    assert to_rerun(arguments) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "to_rerun: namespace: got '', expected one of those with states in this bag: /sim_0")
+    assert to_rerun([*arguments, '--namespace', '/sim_0']) == 0
+
+
 def test_times_and_topics_of_messages(make_bag: Callable[..., BagFile], tmp_path: Path) -> None:
     bag = make_bag()
     said = flight_messages('rocket', 1, 49)
