@@ -68,8 +68,13 @@ def main() -> None:
     parser.add_argument('--output', type=Path, default=Path('sb3_ppo.zip'))
     options = vars(parser.parse_args())
     output = options.pop('output')
-    train(**options).save(output)
-    print(f'policy: {output}')
+    model = train(**options)
+    model.save(output)
+    # The policy is worthless without the means and deviations of its observations.
+    statistics = model.get_vec_normalize_env()
+    assert statistics is not None
+    statistics.save(str(output.with_suffix('.pkl')))
+    print(f'policy: {output}; for VecNormalize.load: {output.with_suffix(".pkl")}')
 
 
 if __name__ == '__main__':

@@ -14,8 +14,9 @@ from rocket_sim_node.settings import check
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 
-OWN = ('seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience', 'step_threads')
-"""Keywords of the environment; all others are settings of the world."""
+OWN = (
+    'num_envs', 'seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience', 'step_threads')
+"""Keywords of the vector environment; all others are settings of the world."""
 RENDER_MODES = ('rgb_array',)
 
 
@@ -35,7 +36,7 @@ def check_names(world: str, given: Mapping[str, Any], own: tuple[str, ...] = OWN
         meant = f' (did you mean {alike[0]!r}?)' if alike else ''
         raise ValueError(
             f'unknown keyword {", ".join(map(repr, unknown))}{meant}, expected '
-            f'num_envs, {", ".join(own)}, or a setting of world {world!r}: {", ".join(known)}')
+            f'{", ".join(own)}, or a setting of world {world!r}: {", ".join(known)}')
 
 
 def has_conditions(world: str) -> bool:

@@ -43,7 +43,7 @@ class Simulators:
     """
 
     def __init__(self, world: str, num_envs: int, pattern: str, patience: float) -> None:
-        """Wait until as many simulators are there as have `num_envs` rockets.
+        """Wait until enough simulators have joined to supply `num_envs` rockets.
 
         :param world: the world that they must fly.
         :param num_envs: rockets of all simulators together.

@@ -15,8 +15,8 @@ IDS = {
 def register() -> None:
     """Register the worlds with Gymnasium, once; importing `rocket_sim_node.gym` calls this.
 
-    It is also the entry point `hoverslam` of the group `gymnasium.envs`, which Gymnasium itself
-    reads no more since 1.0, but other programs that look for environments do.
+    It is also the entry point `hoverslam` of the group `gymnasium.envs`. Gymnasium itself has not
+    read this group since 1.0, but other programs that look for environments do.
     """
     for world, name in IDS.items():
         if name not in gymnasium.registry:

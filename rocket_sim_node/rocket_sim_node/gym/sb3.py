@@ -47,7 +47,13 @@ class HoverslamVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> F32:
-        """Begin new episodes, with the seed of `seed` and the options of `set_options`, once."""
+        """Begin new episodes, with the seed of `seed` and the options of `set_options`, once.
+
+        :raises ValueError: when the options are not the same for all environments.
+        """
+        if any(options != self._options[0] for options in self._options):
+            raise ValueError(
+                f'set_options: got {self._options}, expected the same for all environments')
         observation: F32
         observation, _ = self.env.reset(seed=self._seeds[0], options=self._options[0])
         self.reset_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -86,23 +92,33 @@ class HoverslamVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the vector environment, once for each of the environments."""
-        return [getattr(self.env, attr_name) for _ in self._get_indices(indices)]
+        # Gymnasium's wrappers pass on only the attributes of its own class.
+        owner = self.env if hasattr(self.env, attr_name) else self.env.unwrapped
+        return [getattr(owner, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of the vector environment.
 
         :raises ValueError: when it is not for all environments, which share it.
         """
-        if len(list(self._get_indices(indices))) != self.num_envs:
-            raise ValueError(f'indices: got {indices!r}, expected None: all share {attr_name!r}')
+        self._check_all(indices, attr_name)
         setattr(self.env, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any,
     ) -> list[Any]:
-        """Call a method of the vector environment once, and return its result for each."""
-        result = getattr(self.env, method_name)(*method_args, **method_kwargs)
+        """Call a method of the vector environment once, and return its result for each.
+
+        :raises ValueError: when it is not for all environments, which share it.
+        """
+        self._check_all(indices, method_name)
+        owner = self.env if hasattr(self.env, method_name) else self.env.unwrapped
+        result = getattr(owner, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
+
+    def _check_all(self, indices: Any, name: str) -> None:
+        if len(list(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f'indices: got {indices!r}, expected None: all share {name!r}')
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Return False for each environment: they have no wrappers of their own."""

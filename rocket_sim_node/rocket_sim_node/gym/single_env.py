@@ -56,11 +56,11 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         """Begin an episode; see `HoverslamVectorEnv.reset`."""
         super().reset(seed=seed)
         options = dict(options or {})
-        first, self._next = self._next, None
+        first = self._next
         if first is None or seed is not None or options != self._options:
             observation, _ = self._envs.reset(seed=seed, options=options)
             first = observation[0]
-        self._options = options
+        self._next, self._options = None, options  # not when the reset has been refused
         return first, {}
 
     def step(self, action: Any) -> tuple[F32, float, bool, bool, dict[str, Any]]:

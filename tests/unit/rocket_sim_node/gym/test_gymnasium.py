@@ -188,6 +188,19 @@ def test_a_single_environment_flies_the_episodes_of_the_first_row() -> None:
         np.testing.assert_array_equal(observation, seen[0])
 
 
+def test_a_refused_reset_of_a_single_environment_does_not_begin_the_next_episode() -> None:
+    env = gymnasium.make('hoverslam/Rocket-v1', seed=1, **LOW).unwrapped
+    env.reset(seed=1)
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
+    with pytest.raises(ValueError, match='leevl'):
+        env.reset(options={'leevl': 3})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(env.action_space.sample())
+    with pytest.raises(ValueError, match=r"'num_envs', expected seed, render_mode"):
+        gymnasium.make('hoverslam/Rocket-v1', num_envs=4)
+
+
 def test_pictures_show_the_end_of_an_episode() -> None:
     env = gymnasium.make('hoverslam/Rocket-v1', render_mode='rgb_array', seed=1, **LOW)
     env.reset()

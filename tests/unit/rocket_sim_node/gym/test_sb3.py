@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rocket_sim_node.gym import IDS
+from rocket_sim_node.gym import ReverseCurriculum
 
 N = 3
 LOW = {'spawn_reach': 15.0}
@@ -82,6 +83,22 @@ def test_seed_and_options_reach_the_next_reset() -> None:
     env.seed(5)
     env.set_options({'level': 1})
     assert (env.reset() != first).any()
+
+
+def test_what_environments_share_cannot_be_set_for_some_of_them() -> None:
+    env = make(num_envs=4)
+    env.env = ReverseCurriculum(env.env)
+    assert {spec.name for spec in env.get_attr('world_spec')} == {'rocket'}
+    for misuse in (lambda: env.env_method('close', indices=[1]),
+                   lambda: env.set_attr('render_mode', None, indices=[0])):
+        with pytest.raises(ValueError, match=r'indices: got .*expected None'):
+            misuse()
+    env.set_options([{'level': 1}, {'level': 2}, {'level': 1}, {'level': 1}])
+    with pytest.raises(ValueError, match='set_options: got'):
+        env.reset()
+    env.set_options({'level': 3})
+    env.reset()
+    env.close()
 
 
 def test_only_same_step_autoreset_is_accepted() -> None:
