@@ -22,7 +22,7 @@ setup(
         'setuptools', 'rocket_sim_node[recording]', 'clarabel', 'matplotlib', 'numpy', 'pillow',
         'pyyaml', 'rich', 'safetensors', 'scipy', 'torch'],
     extras_require={
-        'onnx': ['onnxruntime'],  # flies ONNX files, without torch
+        'onnx': ['onnxruntime'],  # flies ONNX files; torch is installed, but not imported
         'tensorboard': ['tensorboard'],
         'test': ['pytest'],  # for colcon test
         'export': ['onnx', 'onnxruntime', 'onnxscript'],

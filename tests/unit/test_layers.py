@@ -15,7 +15,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ('rocket_sim_node', 'ppo_agent_node')
 ROS = {'rclpy', 'rocket_msgs', 'rosidl_runtime_py', 'ament_index_python', 'diagnostic_msgs',
-       'service_msgs'}
+       'service_msgs', 'std_msgs', 'nav_msgs', 'sensor_msgs', 'geometry_msgs', 'tf2_msgs',
+       'visualization_msgs', 'rosgraph_msgs', 'simulation_interfaces', 'action_msgs',
+       'builtin_interfaces', 'rcl_interfaces', 'std_srvs'}
 LATE = {'rocket_sim_node.gym.over_dds'}
 """modules of a core that need ROS, and are imported by name when it is asked for"""
 MOST_MODULES = 12

@@ -40,19 +40,19 @@ ALL = 'all'
 CHOICES = {
     'mode': ('lockstep', 'realtime'),
     'pilot': ('policy', 'expert', 'expert_estimator', 'random')}
-"""of launch arguments that nodes declare, which need ROS to be imported"""
+"""Choices of node parameters, repeated because nodes cannot be imported without ROS."""
 _NAMESPACE = re.compile(rf'(/|(/{NAME.pattern})+)')
 _ARGUMENT = re.compile(r'([a-z_][a-z0-9_]*):=(.*)', re.DOTALL)
 _KEPT_BY_RUN = ('world', 'num_envs', 'conditions', 'observation')
 SET_BY_AGENT = {
     'level': 'curriculum_start_level and curriculum_final_level', 'spawn_copies': 'start_copies',
     'spawn_reach': 'curriculum_start_reach', 'spawn_heading': 'curriculum_heading'}
-"""settings of worlds that a training changes itself, and the settings of it that say how"""
+"""World settings that a training controls, and the training settings that replace them."""
 
 
 @dataclass
 class Arguments:
-    """The arguments of a command, by whom they are for."""
+    """Arguments of a command, grouped by recipient."""
 
     command: str
     file: Path
@@ -186,7 +186,7 @@ def _absolute(path: str) -> str:
 
 
 def _absolute_policy(name: str) -> str:
-    """Return the path of a policy; a word that is no file here stands for one that ships."""
+    """Return the path of a policy; a name that is not a file means a shipped policy."""
     return _absolute(name) if '.' in name or '/' in name or Path(name).is_file() else name
 
 
@@ -258,7 +258,7 @@ def _check(found: Arguments) -> None:
 
 
 def _check_training(found: Arguments) -> None:
-    """Check what a training is given, and tell the agent what it shares with the launch.
+    """Check the arguments of a training, and copy shared ones to the agent.
 
     :raises ValueError: naming an argument.
     """

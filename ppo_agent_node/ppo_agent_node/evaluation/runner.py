@@ -156,8 +156,8 @@ def evaluate(
 ) -> EvaluationResult:
     """Fly `episodes` episodes from a seed; equal arguments give equal results, bit for bit.
 
-    Every rocket flies its share (see :func:`quotas`); one that is done goes on, uncounted, until
-    the last has finished.
+    Every rocket flies its share (see :func:`quotas`). One that has finished keeps flying until the
+    last has finished; its further episodes are not counted.
 
     :param pilot: called once per step; no noise is added to its actions.
     :param progress: called with (episodes counted, total) when the count has changed.

@@ -27,7 +27,8 @@ from rocket_sim_node.worlds.base import F32
 OBSERVATIONS = 10_000
 """Observations on which the graph is compared with PyTorch."""
 TOLERANCE = 1e-5
-"""Largest allowed difference of an action; for discrete actions, of the logits."""
+"""Largest allowed difference of an action; for discrete actions, between the logit of the choice
+and the largest one."""
 _WIDE = 5.0
 """Bound of random observations for entries that the world does not bound."""
 _FLOWN_ENVS, _FLOWN_EVERY = 100, 9

@@ -37,7 +37,7 @@ class GroupWorlds:
         """Begin without worlds.
 
         :param fly: runs jobs, job number j on rank j modulo the number of ranks.
-        :param ranks: their number; each has a roll-out of its groups alone.
+        :param ranks: number of ranks; each rolls out only its own groups.
         """
         self._spec, self._config, self._fly, self._ranks = spec, config, fly, ranks
         self.snapshots = [b''] * config.ppo.num_groups

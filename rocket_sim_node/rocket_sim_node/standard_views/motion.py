@@ -25,7 +25,7 @@ F64 = NDArray[np.float64]
 _UNIT = 1e-3
 """Tolerance for the length of a quaternion; tf2 refuses others."""
 _BURST = 1.0
-"""Seconds of `max_rate` that may be shown at once: messages arrive with many steps."""
+"""Burst of the rate limiter, in seconds of `max_rate`: messages arrive with many steps."""
 
 
 @dataclass(frozen=True)

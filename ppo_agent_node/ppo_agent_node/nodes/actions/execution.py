@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Execution of one goal: the processes of its command, and what came of them."""
+"""Execution of one goal: the processes of its command, and their result."""
 from __future__ import annotations
 
 from contextlib import suppress
@@ -95,7 +95,7 @@ class Execution:
         return (self._place / 'config.yaml').exists()
 
     def _tidy(self) -> None:
-        """Remove what the start made and nothing was put into, as the commands do."""
+        """Remove files and folders that the start created and left empty, as the commands do."""
         told = self._start.told
         if self.command == 'train' and not self._begun:
             if told['made']:
@@ -108,7 +108,7 @@ class Execution:
 
 
 def _mark(path: Path) -> tuple[int, int] | None:
-    """Return what differs after a file has been written anew; None: there is no file."""
+    """Return a fingerprint that changes when a file is rewritten; None: there is no file."""
     try:
         about = path.stat()
     except OSError:

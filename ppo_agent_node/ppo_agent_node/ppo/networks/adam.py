@@ -45,8 +45,8 @@ class FlatAdam:
     ) -> None:
         """Take over parameters, in groups that each have a learning rate.
 
-        :param ties: symmetries of flat parameters: gradients are projected to what they leave
-            as it is, so that parameters which they leave as they are remain so.
+        :param ties: symmetries of flat parameters: gradients are projected onto the invariant
+            subspace, so that invariant parameters stay invariant.
         """
         self._betas, self._epsilon = betas, epsilon
         self._parameters = [parameter for group in groups for parameter in group]

@@ -47,7 +47,7 @@ _SILENT = 2.0
 """Seconds without an answer before a job is moved to an idle simulator; increased with each
 attempt, because a step may simply take long."""
 _BUSY = 0.1
-"""Seconds of computing after which silence is counted anew: meanwhile, nobody has listened."""
+"""Seconds of computing after which the silence timer restarts: no messages were read meanwhile."""
 
 
 class SimulatorFleet:

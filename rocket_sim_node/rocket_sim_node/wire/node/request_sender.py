@@ -4,7 +4,7 @@
 rclpy does not pass on who called a service. The introspection of services does: a service can
 publish an event, with the GID of the client, for each request that it takes
 (`rclpy.service.Service.configure_introspection`). DDS delivers it within the process before the
-service's callback runs, so the service hears from itself who is calling.
+service's callback runs, so the service learns the caller from its own event.
 """
 from __future__ import annotations
 

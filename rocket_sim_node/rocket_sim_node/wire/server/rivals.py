@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Notice of a second simulator on the same topics."""
+"""Detects a second simulator on the same topics."""
 from __future__ import annotations
 
 from typing import ClassVar
