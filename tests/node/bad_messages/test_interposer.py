@@ -71,11 +71,12 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_in_process(tmp_path_factory.mktemp('undisturbed') / 'run', **BRIEF)
 
 
+@pytest.mark.usefixtures('nightly_only')
 def test_training_learns_the_same(
-        processes: Processes, tmp_path: Path, undisturbed: Path, nightly: bool) -> None:
+        processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
     processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N, **LOW)
     counts: Counter[str] = Counter()
-    for seed in range(1, 51 if nightly else 2):
+    for seed in range(1, 51):
         run = tmp_path / f'run_{seed}'
         node, output = interposer.start(processes, seed, SHARE / 4)
         trainer = agent(processes, run, resend_after=0.02, **BRIEF)

@@ -362,33 +362,33 @@ def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> N
             in process.output())
 
 
-@pytest.mark.parametrize('name', NODES)
 def test_no_parameter_can_be_changed_after_start(
-        processes: Processes, make_client: MakeClient, tmp_path: Path, name: str) -> None:
+        processes: Processes, make_client: MakeClient, tmp_path: Path) -> None:
     """A client keeps control meanwhile: the other nodes wait, and serve their parameters."""
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
-    package, some = NODES[name]
-    if name != 'simulator':
-        given = {
-            'ppo_agent': {'run_dir': tmp_path / 'run'}, 'evaluate': {'pilot': 'random'},
-            'bag_recorder': {'output': tmp_path / 'bag', 'topics': 'world'}}
-        processes.run_node(package, name, **given.get(name, {}))
+    given = {
+        'ppo_agent': {'run_dir': tmp_path / 'run'}, 'evaluate': {'pilot': 'random'},
+        'bag_recorder': {'output': tmp_path / 'bag', 'topics': 'world'}}
+    for name, (package, _) in NODES.items():
+        if name != 'simulator':
+            processes.run_node(package, name, **given.get(name, {}))
 
-    def names() -> set[str]:
-        return set(call(client, ListParameters, f'/{name}/list_parameters').result.names)
+    def names(node: str) -> set[str]:
+        return set(call(client, ListParameters, f'/{node}/list_parameters').result.names)
 
-    wait_until(lambda: names() >= some, 60.0, processes.logs)
-    wanted = [
-        Parameter(key, value=value).to_parameter_msg()
-        for key in sorted({*names(), 'unheard_of'} - {'use_sim_time'})
-        for value in (1, 2.5, True, 'lockstep', [1, 2], [0.5], ['a'])]
-    results = call(
-        client, SetParameters, f'/{name}/set_parameters', parameters=wanted).results
-    for parameter, result in zip(wanted, results, strict=True):
-        assert not result.successful, parameter
-        assert 'read-only' in result.reason or parameter.name == 'unheard_of', result.reason
+    for name, (_, some) in NODES.items():
+        wait_until(lambda: names(name) >= some, 60.0, processes.logs)  # noqa: B023
+        wanted = [
+            Parameter(key, value=value).to_parameter_msg()
+            for key in sorted({*names(name), 'unheard_of'} - {'use_sim_time'})
+            for value in (1, 2.5, True, 'lockstep', [1, 2], [0.5], ['a'])]
+        results = call(
+            client, SetParameters, f'/{name}/set_parameters', parameters=wanted).results
+        for parameter, result in zip(wanted, results, strict=True):
+            assert not result.successful, (name, parameter)
+            assert 'read-only' in result.reason or parameter.name == 'unheard_of', result.reason
 
 
 def test_use_sim_time_can_be_set_and_does_not_stop_the_simulation(

@@ -143,7 +143,8 @@ def test_exchange(tmp_path: Path) -> None:
     assert 'TCP' in text
 
 
-@pytest.mark.parametrize('variant', ['unchecked', 'rosidl'])
+@pytest.mark.parametrize('variant', [
+    'unchecked', pytest.param('rosidl', marks=pytest.mark.usefixtures('nightly_only'))])
 def test_exchange_with_a_variant(tmp_path: Path, variant: str) -> None:
     text, figures = run(
         'exchange', tmp_path / 'out.json', '--variant', variant, '--sizes', '8', '--rounds', '2',
@@ -154,6 +155,7 @@ def test_exchange_with_a_variant(tmp_path: Path, variant: str) -> None:
     assert text.startswith('batch 8: ')
 
 
+@pytest.mark.usefixtures('nightly_only')
 def test_carriers(tmp_path: Path) -> None:
     text, figures = run(
         'carriers', tmp_path / 'out.json', '--rounds', '1', '--count', '20', '--sizes', '8',
@@ -231,6 +233,7 @@ def test_fleet(tmp_path: Path) -> None:
     assert 'agent CPU' in text
 
 
+@pytest.mark.usefixtures('nightly_only')
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_hosts(tmp_path: Path) -> None:
     text, figures = run(
@@ -252,6 +255,7 @@ def test_ranks(tmp_path: Path, long_enough: None) -> None:
     assert 'speed-up' in text
 
 
+@pytest.mark.usefixtures('nightly_only')
 @pytest.mark.skipif(bool(missing_loss()), reason=missing_loss())
 def test_loss(tmp_path: Path) -> None:
     text, figures = run(

@@ -142,21 +142,15 @@ def test_a_refused_recorder_ends_a_launch_of_land(processes: Processes, tmp_path
     assert not list(tmp_path.glob('*.rrd'))
 
 
-def test_land_until_interrupted(processes: Processes, tmp_path: Path) -> None:
-    recording = tmp_path / 'landing.rrd'
-    land = command(processes, 'land', 'episodes:=0', f'output:={recording}')
-    land.wait_for('episodes:', 60.0)
-    land.signal(signal.SIGINT)
-    assert land.wait(45.0) == 0, processes.logs()
-    assert recording.is_file()
-
-
-def test_land_passes_a_signal_on_to_its_nodes(processes: Processes, tmp_path: Path) -> None:
+@pytest.mark.parametrize('number', [
+    pytest.param(signal.SIGINT, marks=pytest.mark.usefixtures('nightly_only')), signal.SIGTERM])
+def test_land_passes_a_signal_on_to_its_nodes(
+        processes: Processes, tmp_path: Path, number: signal.Signals) -> None:
     """`kill PID` and supervisors send a signal to the script alone."""
     land = command(processes, 'land', 'episodes:=0', f'output:={tmp_path}/landing.rrd')
     land.wait_for('episodes:', 60.0)
     nodes = psutil.Process(land.pid).children(recursive=True)
-    os.kill(land.pid, signal.SIGTERM)
+    os.kill(land.pid, number)
     land.wait(45.0)
     assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
     assert (tmp_path / 'landing.rrd').is_file()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.processes import Processes
 
-STOPS, NIGHTLY_STOPS = 5, 60
+STOPS, NIGHTLY_STOPS = 2, 60
 STILL = 1.5
 """s for which the recorder is stopped"""
 

@@ -25,7 +25,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize('world', ['lunar_lander', 'rocket_planar'])
+@pytest.mark.parametrize('world', [
+    pytest.param('lunar_lander', marks=pytest.mark.usefixtures('nightly_only')), 'rocket_planar'])
 def test_training_over_dds_and_kills_equals_training_in_process(
         world: str, processes: Processes, tmp_path: Path) -> None:
     settings = SETTINGS[world]
