@@ -223,6 +223,8 @@ def main() -> None:
     figures: dict[str, Any] = {'cores': len(cores)}
     if 'lunar_lander' in options.worlds:
         figures['lunar_lander'] = lander(options)
+        if options.output:
+            write_json(options.output, figures)  # minutes of work, whatever comes after
     if 'rocket' in options.worlds:
         figures['rocket'] = fly_rocket(options)
     if options.output:

@@ -31,6 +31,8 @@ LANDERS = 128
 """number of landers, for which the preset is made; each flies once in an evaluation"""
 SIMULATORS = 1
 """number of simulators; two are not faster, because the agent is the bottleneck"""
+ROCKETS, ROCKET_SIMULATORS = 256, 2
+"""number of rockets, for which the preset is made; it trains on two levels, one a simulator"""
 NEEDED_RATE = 0.99
 """required landing rate of the rockets"""
 _POLL = 0.01
@@ -197,7 +199,9 @@ CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> TimedRun:
     """Train the rocket with preset `quick`, up to its evaluation on 2 000 fresh starts."""
     run = TimedRun('rocket', seed)
-    with begun(nodes(1, {}, {'seed': seed, **extra})) as (agent, log, began):
+    start = nodes(
+        ROCKET_SIMULATORS, {'num_envs': ROCKETS // ROCKET_SIMULATORS}, {'seed': seed, **extra})
+    with begun(start) as (agent, log, began):
         folder, end = log.parent, began + cap
         found = folder / 'evaluation.json'
         for line in follow(log, agent, end):

@@ -73,6 +73,22 @@ def test_heuristic(tmp_path: Path) -> None:
     assert 'published' in text
 
 
+@pytest.mark.usefixtures('nightly_only')
+def test_the_time_of_the_rocket(tmp_path: Path) -> None:
+    text, figures = run(
+        'result', tmp_path / 'out.json', '--worlds', 'rocket', '--rocket-seeds', '11')
+    assert figures['rocket']['summary']['passed'] == 1
+    assert '1 of 1 land 99 %' in text
+
+
+def test_seeds_that_settings_were_chosen_on_are_refused() -> None:
+    refused = subprocess.run(
+        [sys.executable, '-m', 'benchmarks.run_part', 'result', '--seeds', '3', '11'],
+        capture_output=True, text=True, timeout=60.0, check=False)
+    assert refused.returncode == 2
+    assert 'seeds: got 3, expected none of 1 to 10' in refused.stderr
+
+
 def test_stepping(tmp_path: Path) -> None:
     text, figures = run(
         'stepping', tmp_path / 'out.json', '--sizes', '1', '4', '--rounds', '1', '--seconds',
@@ -143,9 +159,11 @@ def test_exchange(tmp_path: Path) -> None:
     assert 'TCP' in text
 
 
-@pytest.mark.parametrize('variant', [
-    'unchecked', pytest.param('rosidl', marks=pytest.mark.usefixtures('nightly_only'))])
-def test_exchange_with_a_variant(tmp_path: Path, variant: str) -> None:
+@pytest.mark.parametrize('variant', ['unchecked', 'rosidl'])
+def test_exchange_with_a_variant(
+        tmp_path: Path, request: pytest.FixtureRequest, variant: str) -> None:
+    if variant == 'rosidl':
+        request.getfixturevalue('nightly_only')
     text, figures = run(
         'exchange', tmp_path / 'out.json', '--variant', variant, '--sizes', '8', '--rounds', '2',
         '--count', '20')
@@ -328,7 +346,7 @@ def test_result(tmp_path: Path) -> None:
     # Any policy returns so much.
     text, figures = run(
         'result', tmp_path / 'out.json', '--worlds', 'lunar_lander', '--contestants', 'ours',
-        'envpool_ppo', '--seeds', '3', '--target', '-100000', '--verify', '20')
+        'envpool_ppo', '--seeds', '13', '--target', '-100000', '--verify', '20')
     lander = figures['lunar_lander']
     assert [run['contestant'] for run in lander['runs']] == ['ours', 'envpool_ppo']
     for flown in lander['runs']:
