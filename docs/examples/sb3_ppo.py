@@ -73,8 +73,9 @@ def main() -> None:
     # The policy is worthless without the means and deviations of its observations.
     statistics = model.get_vec_normalize_env()
     assert statistics is not None
-    statistics.save(str(output.with_suffix('.pkl')))
-    print(f'policy: {output}; for VecNormalize.load: {output.with_suffix(".pkl")}')
+    beside = output.with_name(f'{output.name}.vecnormalize.pkl')
+    statistics.save(str(beside))
+    print(f'policy: {output}; for VecNormalize.load: {beside}')
 
 
 if __name__ == '__main__':

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import ClassVar
 from typing import Protocol
 
+from rocket_sim_node.telemetry.gaps import SESSIONS
 from rocket_sim_node.telemetry.gaps import GapCounter
 
 _ONE_STEP = ('rocket_msgs/msg/Observation', 'rocket_msgs/msg/Reward', 'rocket_msgs/msg/Action')
@@ -89,8 +90,7 @@ class _EpisodeCounter:
         """Begin before the first message."""
         self.missed = 0
         """Episodes missed so far."""
-        self._session = 0
-        self._next: dict[int, int] = {}
+        self._next: dict[int, dict[int, int]] = {}
 
     def note(self, data: bytes) -> str:
         """Note a message; see the protocol."""
@@ -102,14 +102,15 @@ class _EpisodeCounter:
             episodes = struct.unpack_from(f'{order}{count}Q', data, _ENCODING + place + -place % 8)
         except struct.error:
             return ''  # the bag's reader reports that the message is cut short
-        if session != self._session:
-            self._session = session
-            self._next.clear()
+        following = self._next.pop(session, {})
+        if len(self._next) == SESSIONS:
+            del self._next[next(iter(self._next))]
+        self._next[session] = following
         missing = 0
         for row, episode in zip(rows, episodes, strict=True):
-            expected = self._next.get(row, episode)
+            expected = following.get(row, episode)
             missing += max(episode - expected, 0)
-            self._next[row] = max(expected, episode + 1)
+            following[row] = max(expected, episode + 1)
         self.missed += missing
         return f'{missing} episodes before step {step} of session {session}' if missing else ''
 

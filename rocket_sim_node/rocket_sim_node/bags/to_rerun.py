@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from rocket_sim_node.bags.metadata import read_metadata
 from rocket_sim_node.bags.reader import STATE
 from rocket_sim_node.bags.reader import TRAINING
 from rocket_sim_node.bags.reader import WORLD
@@ -38,21 +39,27 @@ def convert(
     :raises OSError: when the recording cannot be written.
     """
     space = namespace.rstrip('/')
+    if bag.is_dir():  # before anything is written
+        _check_space({
+            one['topic_metadata']['name'].rpartition('/')[0]
+            for one in read_metadata(bag)['topics_with_message_count']
+            if one['topic_metadata']['type'] == STATE and one['message_count']}, space)
     now = 0
     recorder = Recorder(
         selection, [FileSink(output.absolute(), note)], note, clock=lambda: now / 1e9,
         settle=touchdown.follow)
-    looked, spaces = 0, set()
+    looked = 0
+    spaces: set[str] = set()
     try:
         for one in messages(bag, types=(WORLD, STATE, TRAINING)):
             now = one.received
             if one.type_name == TRAINING:
                 recorder.training(training_of(one.message))
-                continue
-            found = one.topic.rpartition('/')[0]
-            if one.type_name == STATE:
+            elif (found := one.topic.rpartition('/')[0]) != space:
+                if one.type_name == STATE:
+                    spaces.add(found)
+            else:
                 spaces.add(found)
-            if found == space:
                 try:
                     if one.type_name == WORLD:
                         recorder.world(_info(one.message))
@@ -65,11 +72,19 @@ def convert(
                 recorder.tick()
     finally:
         recorder.close()
+    _check_space(spaces, space)
+    return recorder.flights
+
+
+def _check_space(spaces: set[str], space: str) -> None:
+    """Check that a simulator's namespace is one of those with states, if there are any.
+
+    :raises ValueError: naming them.
+    """
     if spaces and space not in spaces:
         raise ValueError(
-            f'namespace: got {namespace!r}, expected one of those with states in this bag: '
+            f'namespace: got {space!r}, expected one of those with states in this bag: '
             f'{", ".join(sorted(spaces))}')
-    return recorder.flights
 
 
 def _info(message: object) -> WorldInfo:

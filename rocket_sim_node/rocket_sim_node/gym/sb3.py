@@ -92,9 +92,7 @@ class HoverslamVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the vector environment, once for each of the environments."""
-        # Gymnasium's wrappers pass on only the attributes of its own class.
-        owner = self.env if hasattr(self.env, attr_name) else self.env.unwrapped
-        return [getattr(owner, attr_name) for _ in self._get_indices(indices)]
+        return [getattr(self._owner(attr_name), attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of the vector environment.
@@ -102,7 +100,7 @@ class HoverslamVecEnv(VecEnv):
         :raises ValueError: when it is not for all environments, which share it.
         """
         self._check_all(indices, attr_name)
-        setattr(self.env, attr_name, value)
+        setattr(self._owner(attr_name), attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any,
@@ -112,9 +110,18 @@ class HoverslamVecEnv(VecEnv):
         :raises ValueError: when it is not for all environments, which share it.
         """
         self._check_all(indices, method_name)
-        owner = self.env if hasattr(self.env, method_name) else self.env.unwrapped
-        result = getattr(owner, method_name)(*method_args, **method_kwargs)
+        result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
+
+    def _owner(self, name: str) -> Any:
+        """Return the environment or the first wrapper that has an attribute; else the outermost.
+
+        Gymnasium's wrappers pass on only the attributes of its own class.
+        """
+        env = self.env
+        while not hasattr(env, name) and env is not env.unwrapped:
+            env = env.env
+        return env if hasattr(env, name) else self.env
 
     def _check_all(self, indices: Any, name: str) -> None:
         if len(list(self._get_indices(indices))) != self.num_envs:

@@ -119,11 +119,12 @@ class BagNode:
                 continue
             try:
                 self._record(name, types, recorded)
-            except ValueError as error:
-                if self._refused.get(name) != str(error):
-                    self._refused[name] = str(error)
+            except (ValueError, InvalidTopicNameException) as error:
+                reason = str(error).partition('\n')[0]
+                if self._refused.get(name) != reason:
+                    self._refused[name] = reason
                     self._node.get_logger().error(
-                        f'{printable(name)} ignored: {printable(str(error))}')
+                        f'{printable(name)} ignored: {printable(reason)}')
         self._bag.tick()
 
     def _is_wanted(self, name: str) -> bool:
@@ -141,10 +142,16 @@ class BagNode:
         if recorded is not None and not ends:
             recorded.publishers = 0
             return
+        if recorded is not None and recorded.topic.type_name in types:
+            types = [recorded.topic.type_name]  # no messages of another type arrive
         if len(types) != 1:
             raise ValueError(f'it has the types {", ".join(types)}, expected one')
+        if recorded is not None and types[0] != recorded.topic.type_name:
+            raise ValueError(
+                f'its type is now {types[0]}, expected {recorded.topic.type_name} as before')
         kind = _class_of(types[0])
         expected = definitions.type_hash(types[0])
+        ends = [end for end in ends if end.topic_type == types[0]]
         others = {hash_ for _, hash_ in hashes(ends)} - {expected}
         if others:
             if recorded is not None and recorded.subscription is not None:
@@ -161,9 +168,10 @@ class BagNode:
         if recorded is None:
             recorded = self._recorded[name] = _Recorded(topic)
             self._node.get_logger().info(f'recording {printable(name)} ({types[0]})')
-        recorded.topic, recorded.publishers = topic, len(ends)
+        unknown = not recorded.topic.offered or recorded.profile is None
+        recorded.topic, recorded.publishers = topic, self._node.count_publishers(name)
         profile = _profile(offers)
-        if recorded.profile != profile:
+        if recorded.profile != profile and (unknown or _asks_more(recorded.profile, profile)):
             self._subscribe(recorded, kind, profile)
 
     def _subscribe(self, recorded: _Recorded, kind: Any, profile: QoSProfile) -> None:
@@ -270,6 +278,13 @@ def _profile(offers: list[QoSProfile]) -> QoSProfile:
         depth=_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+
+
+def _asks_more(profile: QoSProfile | None, offered: QoSProfile) -> bool:
+    """Return whether a subscription with a profile would miss some of what is offered."""
+    return profile is None or (
+        profile.reliability == ReliabilityPolicy.RELIABLE != offered.reliability) or (
+        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL != offered.durability)
 
 
 def record(node: Node, executor: Executor) -> int:

@@ -2,7 +2,7 @@
 """Count of the steps that a listener has missed."""
 from __future__ import annotations
 
-_SESSIONS = 8
+SESSIONS = 8
 """Sessions that are remembered: two simulators by mistake on one topic take turns."""
 
 
@@ -31,10 +31,10 @@ class GapCounter:
         """
         last = first if last is None else last
         if session in self._last:
-            before = self._last[session]
+            before = self._last.pop(session)  # to the end: the oldest one is forgotten
         else:
             before = -1 if self._last and self._whole else first - 1
-            if len(self._last) == _SESSIONS:
+            if len(self._last) == SESSIONS:
                 del self._last[next(iter(self._last))]
         missing = max(first - before - 1, 0)
         self._last[session] = max(before, last)

@@ -182,6 +182,7 @@ def test_messages_of_another_definition_are_left_out() -> None:
     said: list[str] = []
     other: Any = SimpleNamespace(
         node_name='old', node_namespace='/', qos_profile=qos.WORLD,
+        topic_type='rocket_msgs/msg/World',
         topic_type_hash=TypeHash(version=1, value=bytes(32)))
     node: Any = SimpleNamespace(
         get_topic_names_and_types=lambda: [('/world', ['rocket_msgs/msg/World'])],
@@ -204,11 +205,12 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
     told: dict[str, str] = {}
     written: list[bytes] = []
     kind = 'rocket_msgs/msg/Observation'
+    types = [kind]
     ends: list[Any] = []
 
     def end(value: bytes) -> Any:
         return SimpleNamespace(
-            node_name='one', node_namespace='/', qos_profile=qos.STREAM,
+            node_name='one', node_namespace='/', qos_profile=qos.STREAM, topic_type=kind,
             topic_type_hash=TypeHash(version=1, value=value))
 
     def subscribe(kind: Any, topic: str, on_message: Any, *_: Any, **__: Any) -> Any:
@@ -216,7 +218,7 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
         return on_message
 
     node: Any = SimpleNamespace(
-        get_topic_names_and_types=lambda: [('/observation', [kind])],
+        get_topic_names_and_types=lambda: [('/observation', types)],
         get_publishers_info_by_topic=lambda topic: ends,
         count_publishers=lambda topic: len(ends),
         create_subscription=subscribe, destroy_subscription=subscriptions.remove,
@@ -253,6 +255,14 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
     recorder.look()
     publish(6)
     assert len(written) == 3
+    types[:], ends[:] = ['std_msgs/msg/String'], [right, right]
+    recorder.look()
+    assert said[-1] == (
+        f'/observation ignored: its type is now std_msgs/msg/String, expected {kind} as before')
+    types[:] = ['std_msgs/msg/String', kind]
+    recorder.look()
+    publish(7)
+    assert len(written) == 4 and len(said) == 3
 
 
 def test_all_topics_are_recorded_by_the_command_under_any_name(

@@ -368,8 +368,10 @@ def test_no_parameter_can_be_changed_after_start(
     processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
+    waits = {'patience': 600.0}  # for control, until all nodes have been examined
     given = {
-        'ppo_agent': {'run_dir': tmp_path / 'run'}, 'evaluate': {'pilot': 'random'},
+        'ppo_agent': {'run_dir': tmp_path / 'run', **waits},
+        'evaluate': {'pilot': 'random', **waits}, 'random_pilot': waits, 'expert_pilot': waits,
         'bag_recorder': {'output': tmp_path / 'bag', 'topics': 'world'}}
     for name, (package, _) in NODES.items():
         if name != 'simulator':

@@ -155,7 +155,9 @@ def test_land_passes_a_signal_on_to_its_nodes(
     land.wait_for('episodes:', 60.0)
     nodes = psutil.Process(land.pid).children(recursive=True)
     os.kill(land.pid, number)
-    land.wait(45.0)
+    ended = land.wait(45.0)
+    if number == signal.SIGINT:
+        assert ended == 0, processes.logs()
     assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
     assert (tmp_path / 'landing.rrd').is_file()
 

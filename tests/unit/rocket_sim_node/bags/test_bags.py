@@ -480,6 +480,11 @@ def test_first_steps_of_a_later_session_are_counted_where_only_the_simulator_pub
     for session, step in ((3, 40), (3, 41), (4, 0), (5, 7), (3, 42), (5, 8), (3, 43)):
         counter.note(bytes(serialize_message(kind(session=session, step=step))))
     assert counter.missed == missing
+    before = counter.missed
+    for session in range(10, 40):  # session 3 goes on while others come and go
+        counter.note(bytes(serialize_message(kind(session=session, step=0))))
+        counter.note(bytes(serialize_message(kind(session=3, step=34 + session))))
+    assert counter.missed == before
 
 
 def test_missing_episodes_are_counted_by_rocket_and_session() -> None:
@@ -492,14 +497,16 @@ def test_missing_episodes_are_counted_by_rocket_and_session() -> None:
         (1, 180, [0, 1, 2], [6, 5, 8]),  # again
         (1, 270, [0, 1], [8, 6]),  # 7 of rocket 0
         (2, 90, [0, 1, 2], [0, 0, 0]),
-        (2, 180, [0, 1, 2], [1, 1, 1])]
+        (2, 180, [0, 1, 2], [1, 1, 1]),
+        (1, 360, [1], [8])]  # 7 of rocket 1; another simulator speaks on this topic by mistake
     texts = [
         counter.note(bytes(serialize_message(
             msg.Episodes(session=session, step=step, row=rows, episode=episodes))))
         for session, step, rows, episodes in said]
     assert [text for text in texts if text] == [
-        '3 episodes before step 180 of session 1', '1 episodes before step 270 of session 1']
-    assert (counter.missed, counter.unit) == (4, 'episodes')
+        '3 episodes before step 180 of session 1', '1 episodes before step 270 of session 1',
+        '1 episodes before step 360 of session 1']
+    assert (counter.missed, counter.unit) == (5, 'episodes')
     assert counter.note(bytes(serialize_message(msg.Episodes()))[:20]) == ''
 
 
