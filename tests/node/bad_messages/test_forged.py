@@ -10,6 +10,7 @@ import re
 import time
 from collections.abc import Callable
 from importlib.metadata import version
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from support.training.rollouts import assert_same
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages.cdr import Codec
+from rocket_sim_node.wire.node import far_end
+from rocket_sim_node.wire.server import rivals
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 
@@ -188,6 +191,56 @@ def test_an_agent_reports_that_it_was_replaced_while_silent(
         client.step(np.zeros((N, 3), np.float32))
     assert again.waiter.until(lambda: any(
         'acts as agent 5, which is another participant' in text for text in errors.texts), 10.0)
+
+
+@pytest.mark.parametrize('others', [0, 1, 2])
+def test_a_node_knows_its_own_writer_when_others_of_its_name_appear(
+        monkeypatch: pytest.MonkeyPatch, others: int) -> None:
+    """Two simulators that start at once: each must know which messages are not its own."""
+    there: dict[bytes, str] = {}
+    made: list[bytes] = []
+
+    def create(*_: Any) -> bytes:
+        made.append(b'own %d' % len(made))
+        there[made[-1]] = '/space/simulator'
+        if len(made) <= others:
+            there[b'other %d' % len(made)] = '/space/simulator'
+        there[b'third %d' % len(made)] = '/space/recorder'
+        return made[-1]
+
+    monkeypatch.setattr(far_end, 'writers', lambda *_: dict(there))
+    node: Any = SimpleNamespace(
+        get_namespace=lambda: '/space', get_name=lambda: 'simulator', create_publisher=create,
+        destroy_publisher=there.pop)
+    found = far_end.known_publisher(node, msg.World, 'world', qos.WORLD)
+    assert found == (made[-1], made[-1])
+    assert len(made) == 1 + others
+    assert len([gid for gid in there if gid.startswith(b'own')]) == 1
+
+
+def test_a_second_simulator_is_reported_once_the_graph_lists_it(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its one message may come earlier; and it is forgotten when it has gone."""
+    gid, letters = bytes(range(16)), list[Any]()
+    listed, told = dict[bytes, str](), list[str]()
+    monkeypatch.setattr(rivals, 'Letterbox', lambda *_: SimpleNamespace(
+        take=lambda: letters.pop() if letters else None))
+    monkeypatch.setattr(rivals, 'writers', lambda *_: listed)
+    node: Any = None
+    far: Any = SimpleNamespace(named=lambda *_: '/other')
+    health: Any = SimpleNamespace(fault=lambda *given: told.append(given[2]()))
+    watch = rivals.Rivals(node, far, health, bytes(12))
+    letters.append((None, gid))
+    watch.look()
+    assert not told
+    listed[gid] = '/other'
+    watch.look()
+    assert len(told) == 1 and told[0].startswith('world: /other also describes a world')
+    listed.clear()
+    watch.look()
+    listed[gid] = '/other'
+    watch.look()
+    assert len(told) == 1
 
 
 def test_a_second_simulator_on_the_same_topics_is_reported_by_all(

@@ -82,9 +82,11 @@ def test_the_time_of_the_rocket(tmp_path: Path) -> None:
 
 
 def test_seeds_that_settings_were_chosen_on_are_refused() -> None:
+    path = os.pathsep.join(filter(None, (str(TESTS), os.environ.get('PYTHONPATH'))))
     refused = subprocess.run(
-        [sys.executable, '-m', 'benchmarks.run_part', 'result', '--seeds', '3', '11'],
-        capture_output=True, text=True, timeout=60.0, check=False)
+        [sys.executable, '-m', MODULES['result'], '--seeds', '3', '11'],
+        env={**os.environ, 'PYTHONPATH': path}, capture_output=True, text=True, timeout=60.0,
+        check=False)
     assert refused.returncode == 2
     assert 'seeds: got 3, expected none of 1 to 10' in refused.stderr
 

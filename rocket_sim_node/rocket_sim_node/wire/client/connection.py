@@ -29,7 +29,7 @@ from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.definitions import check_definitions
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import own_gid
+from rocket_sim_node.wire.node.far_end import known_publisher
 from rocket_sim_node.wire.node.far_end import participant_of
 from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Caller
@@ -125,11 +125,10 @@ class Connection:
         """Steady-clock time, s, of the next comparison of message definitions: at the first step,
         then periodically until all topics have a peer."""
         self._next, self._pause, self._described_by, self._warned = 0.0, 0.0, 0.0, False
-        before = set(writers(node, f'{prefix}action'))
-        self._publisher = node.create_publisher(msg.Action, f'{prefix}action', qos.STREAM)
+        self._publisher, self._writer = known_publisher(
+            node, msg.Action, f'{prefix}action', qos.STREAM)
         self._flown_by = b''
         """Participant of the simulator that entered the present session."""
-        self._writer = own_gid(node, self._publisher.topic_name, before)
         self._far = FarEnd(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
         self._descriptions = Descriptions(node, prefix, self._far, self._accept_description)
         self._stream = stream = qos.read_stream(options.acknowledge)

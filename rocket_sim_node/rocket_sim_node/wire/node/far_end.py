@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 
 from rocket_sim_node.printable import printable
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
@@ -27,6 +29,8 @@ _NAMED_WITHIN, _LOOK_AGAIN = 2.0, 0.1
 between two looks for it."""
 _FAST_DDS = b'\x01\x0f'
 """Vendor of Fast DDS, with which its GIDs begin; the next two bytes stand for the machine."""
+_ATTEMPTS = 5
+"""Times that a publisher is created to learn its GID."""
 _UNKNOWN = '_NODE_NAME_UNKNOWN_'
 _NAMELESS = 'a participant whose node is not known'
 
@@ -161,12 +165,23 @@ class FarEnd:
         return name_of(gid, known, self._own)
 
 
-def own_gid(node: Node, topic: str, before: set[bytes]) -> bytes:
-    """Return the GID of the writer that this node has just created on a topic.
+def known_publisher(
+    node: Node, kind: Any, topic: str, profile: QoSProfile,
+) -> tuple[Publisher, bytes]:
+    """Create a publisher; return it and its GID, empty when it cannot be told.
 
-    :param before: the GIDs of the topic's writers before that.
-    :return: empty when it cannot be told.
+    rclpy does not tell the GID: it is the one that is new on the topic. If another node of the
+    same name appears at the same moment, two are new, and the publisher is created again.
     """
     own = f'{node.get_namespace().rstrip("/")}/{node.get_name()}'
-    new = [gid for gid, name in writers(node, topic).items() if gid not in before and name == own]
-    return new[0] if len(new) == 1 else b''
+    for attempt in range(_ATTEMPTS):
+        before = set(writers(node, topic))
+        publisher = node.create_publisher(kind, topic, profile)
+        new = [gid for gid, name in writers(node, topic).items()
+               if gid not in before and name == own]
+        if len(new) == 1:
+            return publisher, new[0]
+        if not new or attempt == _ATTEMPTS - 1:
+            break
+        node.destroy_publisher(publisher)
+    return publisher, b''

@@ -35,6 +35,7 @@ class Rivals:
         self._node, self._far, self._health, self._own = node, far, health, own
         self._letters = Letterbox(node, msg.World, 'world', qos.READ_WORLD)
         self._known: dict[bytes, bytes] = {}
+        self._listed: set[bytes] = set()
 
     def look(self) -> None:
         """Report an error for each rival that is there."""
@@ -45,8 +46,13 @@ class Rivals:
         if not self._known:
             return
         there = writers(self._node, 'world')
-        self._known = {one: gid for one, gid in self._known.items() if gid in there}
-        for gid in self._known.values():
+        # The graph may list a writer only after its message has come.
+        self._listed |= {gid for gid in self._known.values() if gid in there}
+        self._known = {
+            one: gid for one, gid in self._known.items()
+            if gid in there or gid not in self._listed}
+        self._listed &= {*self._known.values()}
+        for gid in self._listed:
             name = self._far.named(gid, there)
             self._health.fault('second simulator seen', gid, lambda name=name: (  # type: ignore[misc]
                 f'world: {name} also describes a world on this topic; give each simulator a '

@@ -24,7 +24,7 @@ from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.diagnostics import shortened
 from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import own_gid
+from rocket_sim_node.wire.node.far_end import known_publisher
 from rocket_sim_node.wire.node.far_end import participant_of
 from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Inbox
@@ -114,9 +114,7 @@ class Server:
         self._clipped = Clipped(world.spec)
         self._health = DiagnosticsPublisher(
             node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
-        before = set(writers(node, 'world'))
-        self._world_publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
-        own = own_gid(node, self._world_publisher.topic_name, before)
+        self._world_publisher, own = known_publisher(node, msg.World, 'world', qos.WORLD)
         self._far = FarEnd(node, self._health, own)
         """The participant of the agent in control."""
         self._rivals = Rivals(node, self._far, self._health, participant_of(own))
