@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import ClassVar
 from typing import Protocol
 
-from rocket_sim_node.telemetry.gaps import SESSIONS
 from rocket_sim_node.telemetry.gaps import GapCounter
+from rocket_sim_node.telemetry.gaps import of_session
 
 _ONE_STEP = ('rocket_msgs/msg/Observation', 'rocket_msgs/msg/Reward', 'rocket_msgs/msg/Action')
 """Types that begin with session and step, published at each step."""
@@ -102,10 +102,7 @@ class _EpisodeCounter:
             episodes = struct.unpack_from(f'{order}{count}Q', data, _ENCODING + place + -place % 8)
         except struct.error:
             return ''  # the bag's reader reports that the message is cut short
-        following = self._next.pop(session, {})
-        if len(self._next) == SESSIONS:
-            del self._next[next(iter(self._next))]
-        self._next[session] = following
+        following = of_session(self._next, session, {})
         missing = 0
         for row, episode in zip(rows, episodes, strict=True):
             expected = following.get(row, episode)

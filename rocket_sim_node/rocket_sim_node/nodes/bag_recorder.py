@@ -138,8 +138,7 @@ class BagNode:
         :param recorded: the topic, if it is recorded already but had no publisher so far.
         :raises ValueError: when its messages cannot be recorded.
         """
-        ends = self._node.get_publishers_info_by_topic(name)
-        if recorded is not None and not ends:
+        if recorded is not None and not self._node.count_publishers(name):
             recorded.publishers = 0
             return
         if recorded is not None and recorded.topic.type_name in types:
@@ -150,19 +149,16 @@ class BagNode:
             raise ValueError(
                 f'its type is now {types[0]}, expected {recorded.topic.type_name} as before')
         kind = _class_of(types[0])
-        expected = definitions.type_hash(types[0])
-        ends = [end for end in ends if end.topic_type == types[0]]
-        others = {hash_ for _, hash_ in hashes(ends)} - {expected}
-        if others:
+        try:
+            offers = self._offers(name, types[0])
+        except ValueError:
             if recorded is not None and recorded.subscription is not None:
                 self._node.destroy_subscription(recorded.subscription)
                 recorded.subscription = recorded.profile = None
                 recorded.publishers = _UNKNOWN
-            raise ValueError(
-                f'its type {types[0]} has the hash {min(others)}, expected {expected}: its '
-                'publisher was built from another definition')
-        offers = [end.qos_profile for end in ends]
-        topic = Topic(name, types[0], expected, tuple(map(_quality, offers)))
+            raise
+        topic = Topic(
+            name, types[0], definitions.type_hash(types[0]), tuple(map(_quality, offers)))
         self._bag.add_topic(topic)
         self._refused.pop(name, None)
         if recorded is None:
@@ -173,6 +169,21 @@ class BagNode:
         profile = _profile(offers)
         if recorded.profile != profile and (unknown or _asks_more(recorded.profile, profile)):
             self._subscribe(recorded, kind, profile)
+
+    def _offers(self, name: str, type_name: str) -> list[QoSProfile]:
+        """Return the profiles of a topic's publishers.
+
+        :raises ValueError: when one of them was built from another definition.
+        """
+        ends = [end for end in self._node.get_publishers_info_by_topic(name)
+                if end.topic_type == type_name]
+        expected = definitions.type_hash(type_name)
+        others = {hash_ for _, hash_ in hashes(ends)} - {expected}
+        if others:
+            raise ValueError(
+                f'its type {type_name} has the hash {min(others)}, expected {expected}: its '
+                'publisher was built from another definition')
+        return [end.qos_profile for end in ends]
 
     def _subscribe(self, recorded: _Recorded, kind: Any, profile: QoSProfile) -> None:
         """Subscribe, in place of an earlier subscription with another profile."""
@@ -213,11 +224,11 @@ class BagNode:
         :return: whether all of them have the topic's definition.
         """
         topic = recorded.topic
-        ends = self._node.get_publishers_info_by_topic(topic.name)
-        if any(hash_ != topic.type_hash for _, hash_ in hashes(ends)):
+        try:
+            offers = self._offers(topic.name, topic.type_name)
+        except ValueError:
             return False  # the next look reports it
-        self._bag.add_topic(replace(
-            topic, offered=tuple(_quality(end.qos_profile) for end in ends)))
+        self._bag.add_topic(replace(topic, offered=tuple(map(_quality, offers))))
         return True
 
     def _tell_missing(self, recorded: _Recorded) -> None:

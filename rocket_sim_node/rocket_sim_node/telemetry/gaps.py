@@ -2,8 +2,20 @@
 """Count of the steps that a listener has missed."""
 from __future__ import annotations
 
-SESSIONS = 8
+from typing import TypeVar
+
+T = TypeVar('T')
+_SESSIONS = 8
 """Sessions that are remembered: two simulators by mistake on one topic take turns."""
+
+
+def of_session(memory: dict[int, T], session: int, new: T) -> T:
+    """Return what is remembered of a session, at first `new`; forget the oldest of many others."""
+    found = memory.pop(session, new)
+    if len(memory) == _SESSIONS:
+        del memory[next(iter(memory))]
+    memory[session] = found
+    return found
 
 
 class GapCounter:
@@ -30,12 +42,8 @@ class GapCounter:
         :param last: None for a message of one step.
         """
         last = first if last is None else last
-        if session in self._last:
-            before = self._last.pop(session)  # to the end: the oldest one is forgotten
-        else:
-            before = -1 if self._last and self._whole else first - 1
-            if len(self._last) == SESSIONS:
-                del self._last[next(iter(self._last))]
+        before = of_session(
+            self._last, session, -1 if self._last and self._whole else first - 1)
         missing = max(first - before - 1, 0)
         self._last[session] = max(before, last)
         self.missed += missing

@@ -35,7 +35,8 @@ class Rivals:
         self._node, self._far, self._health, self._own = node, far, health, own
         self._letters = Letterbox(node, msg.World, 'world', qos.READ_WORLD)
         self._known: dict[bytes, bytes] = {}
-        self._listed: set[bytes] = set()
+        self._new: set[bytes] = set()
+        """Writers whose message has come and which the graph does not list yet."""
 
     def look(self) -> None:
         """Report an error for each rival that is there."""
@@ -43,16 +44,16 @@ class Rivals:
             gid = taken[1]
             if self._own and gid and participant_of(gid) != self._own:
                 self._known[participant_of(gid)] = gid
+                self._new.add(gid)
         if not self._known:
             return
         there = writers(self._node, 'world')
-        # The graph may list a writer only after its message has come.
-        self._listed |= {gid for gid in self._known.values() if gid in there}
         self._known = {
-            one: gid for one, gid in self._known.items()
-            if gid in there or gid not in self._listed}
-        self._listed &= {*self._known.values()}
-        for gid in self._listed:
+            one: gid for one, gid in self._known.items() if gid in there or gid in self._new}
+        self._new -= there.keys()
+        for gid in self._known.values():
+            if gid not in there:
+                continue
             name = self._far.named(gid, there)
             self._health.fault('second simulator seen', gid, lambda name=name: (  # type: ignore[misc]
                 f'world: {name} also describes a world on this topic; give each simulator a '
