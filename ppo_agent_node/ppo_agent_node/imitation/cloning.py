@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -18,7 +19,11 @@ from ppo_agent_node.config.imitation_config import CloneConfig
 from ppo_agent_node.imitation.demonstrations import Demonstrations
 from ppo_agent_node.ppo.minibatches import Minibatches
 from ppo_agent_node.ppo.networks.adam import FlatAdam
+from ppo_agent_node.ppo.networks.adam import GradientOf
 from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
+from ppo_agent_node.ppo.parallel import Begin
+from ppo_agent_node.ppo.parallel import beside
+from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
 
 
@@ -59,6 +64,41 @@ def split_by_episode(
     return torch.nonzero(~validating)[:, 0], torch.nonzero(validating)[:, 0]
 
 
+class CloneGradient:
+    """Computes the loss of imitation and its gradient."""
+
+    def __init__(self, policy: Policy, config: CloneConfig, gradient_of: GradientOf) -> None:
+        """Prepare for pieces of minibatches.
+
+        :param gradient_of: returns the tensor to which a parameter's gradient is added.
+        """
+        self._policy, self._config = policy, config
+        most = -(-config.clone_batch_size // 2)
+        self._network = Backpropagation(policy.network, gradient_of, most)
+        self.rows = self._network.rows
+        """Maximum number of samples of a piece: half of a minibatch, or less."""
+
+    @torch.no_grad()
+    def add(self, pieces: Sequence[tuple[Tensor, ...]], loss: Tensor) -> None:
+        """Add the gradients of pieces, normalised observations and actions, and their loss."""
+        for observation, action in pieces:
+            found, error = self._imitation(observation, action)
+            self._network.backward(error)
+            loss += found
+
+    def loss(self, observation: Tensor, action: Tensor) -> float:
+        """Return the mean loss of normalised observations `(S, D + F)` and their actions."""
+        total = torch.zeros(())
+        for part in zip(observation.split(self.rows), action.split(self.rows), strict=True):
+            total += self._imitation(*part)[0]
+        return float(total) / len(observation)
+
+    def _imitation(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+        return self._policy.imitation(
+            self._network.forward(observation), action, self._config.clone_huber_delta,
+            self._config.clone_margin)
+
+
 @torch.no_grad()
 def clone(
     policy: Policy,
@@ -73,7 +113,8 @@ def clone(
 
     The learning rate falls to 0 along a half cosine (Loshchilov and Hutter, 'SGDR: stochastic
     gradient descent with warm restarts', 2017). Without validation episodes, the training loss
-    is used to select the best epoch.
+    is used to select the best epoch. Two threads share each minibatch if the tensor library has
+    two; one and two threads compute the same bits.
 
     :param report: called after each epoch.
     :param poll: called before each minibatch; may raise to abort, leaving the policy unchanged.
@@ -93,10 +134,13 @@ def clone(
         student.normaliser.fit(demonstrations.observation[training])
     optimiser = FlatAdam(
         [list(student.network.parameters())], epsilon=1e-8, ties=student.network.ties())
-    network = Backpropagation(student.network, optimiser.gradient_of, config.clone_batch_size)
+    other_half, other_gradient_of = optimiser.partial_gradient()
+    gradient, other_gradient = (
+        CloneGradient(student, config, gradient_of)
+        for gradient_of in (optimiser.gradient_of, other_gradient_of))
     minibatches = Minibatches(
         (student.normaliser(demonstrations.observation[training]),
-         demonstrations.action[training]), (), config.clone_batch_size, network.rows)
+         demonstrations.action[training]), (), config.clone_batch_size, gradient.rows)
     held_out = (student.normaliser(demonstrations.observation[validation]),
                 demonstrations.action[validation])
     steps = config.clone_epochs * len(list(minibatches))
@@ -105,46 +149,38 @@ def clone(
     def learning_rate() -> float:
         return config.clone_learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
 
+    def learn_from(
+        pieces: Sequence[tuple[Tensor, ...]], losses: Tensor, begin: Begin,
+    ) -> None:
+        half = -(-len(pieces) // 2)
+        optimiser.gradient.zero_()
+        other_half.zero_()
+        beside(begin, lambda: gradient.add(pieces[:half], losses[0]),
+               lambda: other_gradient.add(pieces[half:], losses[1]))
+        optimiser.gradient.add_(other_half)
+        optimiser.step(
+            [learning_rate()], math.inf, sum(len(observation) for observation, _ in pieces))
+
     least, best_epoch = math.inf, 0
     best_weights = copy.deepcopy(student.state_dict())
-    for epoch in range(1, config.clone_epochs + 1):
-        shuffle = random_streams.generator(seed, 'clone epoch', epoch)
-        minibatches.shuffle(torch.randperm(len(training), generator=shuffle))
-        rate = learning_rate()
-        total = torch.zeros(())
-        for start, stop, pieces in minibatches:
-            poll()
-            optimiser.gradient.zero_()
-            for observation, action in pieces:
-                loss, error = student.imitation(
-                    network.forward(observation), action, config.clone_huber_delta,
-                    config.clone_margin)
-                network.backward(error)
-                total += loss
-            optimiser.step([learning_rate()], math.inf, stop - start)
-            step += 1
-        training_loss = float(total) / len(training)
-        loss_now = training_loss
-        if len(validation):
-            loss_now = _validation_loss(student, network, *held_out, config)
-        if loss_now < least:
-            least, best_epoch = loss_now, epoch
-            best_weights = copy.deepcopy(student.state_dict())
-        report(CloneEpoch(epoch, training_loss, loss_now, rate, best_epoch == epoch))
-        if epoch - best_epoch >= config.clone_patience:
-            break
+    with second_thread() as begin:
+        for epoch in range(1, config.clone_epochs + 1):
+            shuffle = random_streams.generator(seed, 'clone epoch', epoch)
+            minibatches.shuffle(torch.randperm(len(training), generator=shuffle))
+            rate = learning_rate()
+            losses = torch.zeros(2)
+            for _, _, pieces in minibatches:
+                poll()
+                learn_from(pieces, losses, begin)
+                step += 1
+            training_loss = float(losses.sum()) / len(training)
+            loss_now = gradient.loss(*held_out) if len(validation) else training_loss
+            if loss_now < least:
+                least, best_epoch = loss_now, epoch
+                best_weights = copy.deepcopy(student.state_dict())
+            report(CloneEpoch(epoch, training_loss, loss_now, rate, best_epoch == epoch))
+            if epoch - best_epoch >= config.clone_patience:
+                break
     policy.load_state_dict(best_weights)
     return least
 
-
-def _validation_loss(
-    policy: Policy, network: Backpropagation, observation: Tensor, action: Tensor,
-    config: CloneConfig,
-) -> float:
-    """Return the mean loss of normalised observations `(S, D + F)`."""
-    total = torch.zeros(())
-    for part, wanted in zip(
-            observation.split(network.rows), action.split(network.rows), strict=True):
-        total += policy.imitation(
-            network.forward(part), wanted, config.clone_huber_delta, config.clone_margin)[0]
-    return float(total) / len(observation)

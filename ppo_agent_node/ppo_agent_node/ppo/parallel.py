@@ -2,6 +2,7 @@
 """Parallel execution of two computations, each with half of the tensor library's threads."""
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from collections.abc import Iterator
@@ -78,3 +79,18 @@ def second_thread() -> Iterator[Begin]:
     with tensor_threads(threads - threads // 2), ThreadPoolExecutor(
             1, initializer=torch.set_num_threads, initargs=(threads // 2,)) as pool:
         yield lambda compute: pool.submit(compute).result
+
+
+def beside(begin: Begin, first: Callable[[], None], second: Callable[[], None]) -> None:
+    """Run two computations, the second one by `begin`; return when both have ended.
+
+    :raises BaseException: of the first that failed; the second has ended then, too.
+    """
+    wait_for_second = begin(second)
+    try:
+        first()
+    except BaseException:
+        with contextlib.suppress(Exception):
+            wait_for_second()
+        raise
+    wait_for_second()

@@ -12,7 +12,6 @@ the networks in `backpropagation`.
 """
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,6 +32,7 @@ from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
 from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.parallel import Begin
 from ppo_agent_node.ppo.parallel import Poll
+from ppo_agent_node.ppo.parallel import beside
 from ppo_agent_node.ppo.parallel import both
 from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
@@ -227,14 +227,9 @@ class PolicyUpdate:
             return
         half = -(-len(pieces) // 2)
         self._other_half.zero_()
-        wait = begin(lambda: self._other_gradient.add(pieces[half:], entropy_coefficient))
-        try:
-            self._gradient.add(pieces[:half], entropy_coefficient)
-        except BaseException:
-            with contextlib.suppress(Exception):
-                wait()
-            raise
-        wait()
+        beside(
+            begin, lambda: self._gradient.add(pieces[:half], entropy_coefficient),
+            lambda: self._other_gradient.add(pieces[half:], entropy_coefficient))
         self.optimiser.gradient.add_(self._other_half)
 
     def _divergence(self, log_ratio: Tensor, poll: Poll) -> float:

@@ -28,6 +28,7 @@ from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 from ppo_agent_node.ppo.policies.factory import Policy
+from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.jobs import fly
@@ -148,6 +149,18 @@ def test_equal_seeds_are_equal_and_others_differ() -> None:
     first, again, other = (run(seed, clone_epochs=1)[0].mean[0].weight for seed in (1, 1, 2))
     assert torch.equal(first, again)
     assert not torch.equal(first, other)
+
+
+@pytest.mark.parametrize('size', [63, 100, 4096])
+def test_one_and_two_threads_learn_the_same_bits(size: int) -> None:
+    found = []
+    for threads in (1, 2):
+        with tensor_threads(threads):
+            policy, epochs, _ = run(clone_epochs=2, clone_batch_size=size)
+        found.append((policy.state_dict(), epochs))
+    assert found[0][1] == found[1][1]
+    for name, tensor in found[0][0].items():
+        assert torch.equal(tensor, found[1][0][name]), name
 
 
 def test_demonstrations_without_a_landing_are_refused() -> None:
