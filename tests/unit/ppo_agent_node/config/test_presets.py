@@ -77,8 +77,7 @@ def test_the_hoverslam_learns_with_the_engine_that_cannot_hover() -> None:
 def test_presets_of_a_world_can_extend_those_of_another(
         tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     planar = {
-        'actor_learning_rate', 'batch_size', 'clip_range', 'clone_batch_size',
-        'clone_learning_rate', 'curriculum_heading', 'dagger_rounds',
+        'actor_learning_rate', 'batch_size', 'clip_range', 'curriculum_heading', 'dagger_rounds',
         'demonstration_spawn_heading', 'desired_kl', 'gamma', 'iterations', 'n_epochs',
         'start_copies', 'target_kl'}
     for name, own in (('default', planar), ('original', set())):
