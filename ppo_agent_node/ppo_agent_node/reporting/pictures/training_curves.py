@@ -63,13 +63,13 @@ def cloning_figure(lines: Lines) -> Figure:
 def training_figure(lines: Lines) -> Figure:
     """Return mean return and landing rate over the iterations.
 
-    If present, the level and the reach of a reverse curriculum are drawn below.
+    The level and the reach of a reverse curriculum are drawn below if they change.
     """
     curricula = [
         (values, label, scale) for values, label, scale in (
             (column(lines, 'level'), 'level\n(1 to 8)', 'linear'),
             (column(lines, 'reach'), 'highest\nstart (m)', 'log'))
-        if (values > 0).any()]
+        if np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf)]
     figure = Figure(figsize=(9, 8.4))
     returns, landing, *below = figure.subplots(
         2 + len(curricula), 1, sharex=True, height_ratios=(3, 2, 1, 1)[:2 + len(curricula)])

@@ -224,6 +224,7 @@ def test_learning_curves_show_the_logs_numbers(tmp_path: Path) -> None:
     assert level.lines[0].get_ydata() == pytest.approx([1, 1, 2, 2, 3, 3])
     for axes in (returns, landing, level):
         assert axes.get_ylabel()
+    assert len(training_figure([{**line, 'level': 7} for line in lines]).axes) == 2
 
 
 def test_a_reverse_curriculum_has_a_curve_of_its_heights(tmp_path: Path) -> None:
