@@ -117,8 +117,6 @@ def _ranks(f: Figures) -> str:
     speeds = [f'{here["speed_up"]:.2f} times as fast as one in this machine', *(
         f'{row["speed_up"]:.2f} over a network with a delay of {name.split(", ")[1]}'
         for name, row in rows.items() if ', ' in name)]
-    knees = [f'{one["knee"]} ({name.removeprefix("two ranks, ")})'
-             for name, one in f['model'].items()]
     return (
         'Two ranks train one run, each with its own worlds, without ROS '
         '([how](../how-to/fleets-and-hosts.md#several-learners)). They are '
@@ -126,9 +124,10 @@ def _ranks(f: Figures) -> str:
         f'iteration has {here["collectives"]:.0f} exchanges with all ranks, most of them sums of '
         'gradients, one after the other. '
         'A model adds their time to that of flight and update: it differs from the measured '
-        f'iterations by {100 * min(errors):+.0f} to {100 * max(errors):+.0f} %. By the model, '
-        'ranks that each fly and learn as much spend more time waiting than working from this '
-        f'number on: {", ".join(knees)}. gloo sums in a ring, nccl in a tree. More than two ranks '
+        f'iterations by {100 * min(errors):+.0f} to {100 * max(errors):+.0f} %. By the model, the '
+        'share of the time in which ranks work falls with their number; the last column of the '
+        'second table is the number of ranks from which on it is less than half. '
+        'gloo sums in a ring, nccl in a tree. More than two ranks '
         'were not measured. 10 000 simulators need thousands of ranks '
         '([how many one agent serves](#many-simulators)), so most of their time would be spent '
         'waiting. Only fewer sums of gradients for each sample change that: larger minibatches '

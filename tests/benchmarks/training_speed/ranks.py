@@ -211,9 +211,9 @@ def main() -> None:
         if name != 'one rank':
             row['model'] = work + one['collectives'] * one['sum']
         rows[name] = row
+        model_time = f'{row["model"]:.3f}' if 'model' in row else ''
         print(f'{name:<20}{row["iteration"]:>10.3f}{row["speed_up"]:>10.2f}'
-              f'{row["collectives"]:>6.0f}{1000 * row["sum"]:>11.2f}'
-              f'{row.get("model", math.nan):>8.3f}', flush=True)
+              f'{row["collectives"]:>6.0f}{1000 * row["sum"]:>11.2f}{model_time:>8}', flush=True)
     print('\nmodel: share of the time in which ranks work, each with '
           f'{options.groups // 2} groups; ranks from which on it is less than half')
     print(f'{"":<28}' + ''.join(f'{count:>8}' for count in RANKS[1:]) + f'{"half":>10}')
