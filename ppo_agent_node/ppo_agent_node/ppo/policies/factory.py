@@ -17,6 +17,7 @@ from ppo_agent_node.ppo.networks.symmetry import make_symmetry
 from ppo_agent_node.ppo.policies.base import Policy as Policy
 from ppo_agent_node.ppo.policies.categorical import CategoricalPolicy as CategoricalPolicy
 from ppo_agent_node.ppo.policies.gaussian import GaussianPolicy as GaussianPolicy
+from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node.worlds import WorldSpec
 
 
@@ -25,7 +26,9 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
 
     @torch.inference_mode()
     def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
-        action: NDArray[Any] = policy.mode(torch.tensor(observation)).numpy()
+        # A script that imports torch before this package has as many threads as cores.
+        with tensor_threads(1):
+            action: NDArray[Any] = policy.mode(torch.tensor(observation)).numpy()
         return action
 
     return fly

@@ -20,6 +20,7 @@ from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.ppo.policies.file import load_policy
 from ppo_agent_node.ppo.policies.file import save_policy
+from ppo_agent_node.threads import tensor_threads
 from rocket_sim_node import worlds
 
 WORLD = worlds.make('rocket', num_envs=4, seed=3, level=8)
@@ -114,3 +115,19 @@ def test_asinh_is_as_accurate_as_pytorchs() -> None:
     assert found.dtype == torch.float32
     assert bool(((found - expected).abs() <= 2e-7 * expected.abs()).all())
     assert bool(asinh(torch.tensor([math.nan])).isnan().all())
+
+def test_a_policy_flies_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With more, threads of a small network wait for each other longer than they compute."""
+    policy = Learner(SPEC, load_preset('default', 'rocket')).policy
+    threads: list[int] = []
+    mode = policy.mode
+
+    def watched(observation: torch.Tensor) -> torch.Tensor:
+        threads.append(torch.get_num_threads())
+        return mode(observation)
+
+    monkeypatch.setattr(policy, 'mode', watched)
+    with tensor_threads(2):
+        without_noise(policy)(WORLD.reset(1))
+        assert threads == [1]
+        assert torch.get_num_threads() == 2
