@@ -17,7 +17,6 @@ from torch import Tensor
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.imitation_config import CloneConfig
 from ppo_agent_node.imitation.demonstrations import Demonstrations
-from ppo_agent_node.ppo.minibatches import Minibatches
 from ppo_agent_node.ppo.networks.adam import FlatAdam
 from ppo_agent_node.ppo.networks.adam import GradientOf
 from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
@@ -67,36 +66,42 @@ def split_by_episode(
 class CloneGradient:
     """Computes the loss of imitation and its gradient."""
 
-    def __init__(self, policy: Policy, config: CloneConfig, gradient_of: GradientOf) -> None:
+    def __init__(
+        self, policy: Policy, config: CloneConfig, gradient_of: GradientOf, seen: Tensor,
+        action: Tensor,
+    ) -> None:
         """Prepare for pieces of minibatches.
 
         :param gradient_of: returns the tensor to which a parameter's gradient is added.
+        :param seen: `(S, D + F)` normalised observations of all samples.
+        :param action: `(S, *action_shape)`.
         """
-        self._policy, self._config = policy, config
+        self._policy, self._config, self._seen, self._action = policy, config, seen, action
         most = -(-config.clone_batch_size // 2)
         self._network = Backpropagation(policy.network, gradient_of, most)
         self.rows = self._network.rows
         """Maximum number of samples of a piece: half of a minibatch, or less."""
 
     @torch.no_grad()
-    def add(self, pieces: Sequence[tuple[Tensor, ...]], loss: Tensor) -> None:
-        """Add the gradients of pieces, normalised observations and actions, and their loss."""
-        for observation, action in pieces:
-            found, error = self._imitation(observation, action)
+    def add(self, pieces: Sequence[Tensor], loss: Tensor) -> None:
+        """Add the gradients and the loss of pieces, each the indices of some samples."""
+        for piece in pieces:
+            found, error = self._imitation(piece)
             self._network.backward(error)
             loss += found
 
-    def loss(self, observation: Tensor, action: Tensor) -> float:
-        """Return the mean loss of normalised observations `(S, D + F)` and their actions."""
+    def loss(self, samples: Tensor) -> float:
+        """Return the mean loss of the samples of these indices."""
         total = torch.zeros(())
-        for part in zip(observation.split(self.rows), action.split(self.rows), strict=True):
-            total += self._imitation(*part)[0]
-        return float(total) / len(observation)
+        for piece in samples.split(self.rows):
+            total += self._imitation(piece)[0]
+        return float(total) / len(samples)
 
-    def _imitation(self, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    def _imitation(self, piece: Tensor) -> tuple[Tensor, Tensor]:
         return self._policy.imitation(
-            self._network.forward(observation), action, self._config.clone_huber_delta,
-            self._config.clone_margin)
+            self._network.forward(self._seen.index_select(0, piece)),
+            self._action.index_select(0, piece),
+            self._config.clone_huber_delta, self._config.clone_margin)
 
 
 @torch.no_grad()
@@ -135,46 +140,41 @@ def clone(
     optimiser = FlatAdam(
         [list(student.network.parameters())], epsilon=1e-8, ties=student.network.ties())
     other_half, other_gradient_of = optimiser.partial_gradient()
+    seen = student.normaliser.of_many(demonstrations.observation)
     gradient, other_gradient = (
-        CloneGradient(student, config, gradient_of)
+        CloneGradient(student, config, gradient_of, seen, demonstrations.action)
         for gradient_of in (optimiser.gradient_of, other_gradient_of))
-    minibatches = Minibatches(
-        (student.normaliser(demonstrations.observation[training]),
-         demonstrations.action[training]), (), config.clone_batch_size, gradient.rows)
-    held_out = (student.normaliser(demonstrations.observation[validation]),
-                demonstrations.action[validation])
-    steps = config.clone_epochs * len(list(minibatches))
+    size = config.clone_batch_size
+    steps = config.clone_epochs * -(-len(training) // size)
     step = 0
 
     def learning_rate() -> float:
         return config.clone_learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
 
-    def learn_from(
-        pieces: Sequence[tuple[Tensor, ...]], losses: Tensor, begin: Begin,
-    ) -> None:
+    def learn_from(minibatch: Tensor, losses: Tensor, begin: Begin) -> None:
+        pieces = minibatch.chunk(-(-len(minibatch) // gradient.rows))
         half = -(-len(pieces) // 2)
         optimiser.gradient.zero_()
         other_half.zero_()
         beside(begin, lambda: gradient.add(pieces[:half], losses[0]),
                lambda: other_gradient.add(pieces[half:], losses[1]))
         optimiser.gradient.add_(other_half)
-        optimiser.step(
-            [learning_rate()], math.inf, sum(len(observation) for observation, _ in pieces))
+        optimiser.step([learning_rate()], math.inf, len(minibatch))
 
     least, best_epoch = math.inf, 0
     best_weights = copy.deepcopy(student.state_dict())
     with second_thread() as begin:
         for epoch in range(1, config.clone_epochs + 1):
             shuffle = random_streams.generator(seed, 'clone epoch', epoch)
-            minibatches.shuffle(torch.randperm(len(training), generator=shuffle))
+            order = training[torch.randperm(len(training), generator=shuffle)]
             rate = learning_rate()
             losses = torch.zeros(2)
-            for _, _, pieces in minibatches:
+            for minibatch in order.split(size):
                 poll()
-                learn_from(pieces, losses, begin)
+                learn_from(minibatch, losses, begin)
                 step += 1
             training_loss = float(losses.sum()) / len(training)
-            loss_now = gradient.loss(*held_out) if len(validation) else training_loss
+            loss_now = gradient.loss(validation) if len(validation) else training_loss
             if loss_now < least:
                 least, best_epoch = loss_now, epoch
                 best_weights = copy.deepcopy(student.state_dict())

@@ -15,6 +15,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from dataclasses import replace
 from typing import Any
+from typing import Protocol
+from typing import TypeVar
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import Config
@@ -24,6 +26,7 @@ from ppo_agent_node.imitation.cloning import clone
 from ppo_agent_node.imitation.demonstrations import Demonstrations
 from ppo_agent_node.imitation.demonstrations import fly_clone
 from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import label
 from ppo_agent_node.imitation.demonstrations import start_settings
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import without_noise
@@ -34,8 +37,15 @@ from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.jobs import Job
 
-Wave = Callable[[], Job[tuple[Demonstrations, Episodes]]]
-Fly = Callable[[Sequence[Wave]], Iterator[tuple[Demonstrations, Episodes]]]
+T = TypeVar('T')
+
+
+class Fly(Protocol):
+    """Runs jobs and yields their results, in order."""
+
+    def __call__(self, flights: Sequence[Callable[[], Job[T]]], /) -> Iterator[T]:
+        """Run them."""
+        ...
 
 
 class Imitation:
@@ -47,8 +57,7 @@ class Imitation:
     ) -> None:
         """Prepare; nothing flies yet.
 
-        :param fly: runs jobs and yields their results, in order.
-        :param poll: called before each minibatch; may raise to abort.
+        :param poll: called before each minibatch, and each step of the expert; may raise to abort.
         """
         self._spec, self._config, self._expert = spec, config, expert
         self._fly, self._metrics, self._poll = fly, metrics, poll
@@ -96,15 +105,17 @@ class Imitation:
         """Fly a round by the clone, labelled with the expert's actions."""
         waves = [
             functools.partial(
-                fly_clone, self._spec, without_noise(policy), self._expert, settings,
-                random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave),
-                self._config.demonstration.demonstration_episodes)
+                fly_clone, without_noise(policy), settings,
+                random_streams.derived_seed(self._config.run.seed, 'dagger', number, wave))
             for wave, settings in enumerate(self.starts(1))]
-        samples, episodes = zip(*self._fly(waves), strict=True)
+        flights = list(self._fly(waves))
+        episodes = [flight.episodes for flight in flights]
         for flown in episodes:
             self._count(flown)
-        found = Demonstrations.join(list(samples))
-        figures = episode_scores.figures(Episodes.concatenate(list(episodes)), self._spec.outcomes)
+        found = label(
+            self._spec, self._expert, flights, self._config.demonstration.demonstration_episodes,
+            self._poll)
+        figures = episode_scores.figures(Episodes.concatenate(episodes), self._spec.outcomes)
         rate = figures['landing_rate']
         self._metrics.message(
             f'DAgger round {number}: the clone landed {100 * rate:.1f} %, '

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import sys
+from collections.abc import Callable
 from collections.abc import Mapping
 from collections.abc import Sequence
 from typing import Any
@@ -156,30 +157,72 @@ def fly_wave(
     return _samples(spec, steps, landed), episodes
 
 
-def fly_clone(
-    spec: WorldSpec, pilot: Pilot, expert: Pilot, settings: Mapping[str, float], seed: int,
-    most: int = sys.maxsize,
-) -> Job[tuple[Demonstrations, Episodes]]:
-    """Fly one episode with each rocket by a clone, labelled with the expert's actions.
+class CloneFlight(NamedTuple):
+    """A flight of a clone: one episode of each rocket."""
+
+    settings: Mapping[str, float]
+    """Of the reset with which it began."""
+    steps: list[Step]
+
+    @property
+    def episodes(self) -> Episodes:
+        """The episodes, in the order of their ends."""
+        return Episodes.concatenate([step.episodes for step in self.steps])
+
+
+def fly_clone(pilot: Pilot, settings: Mapping[str, float], seed: int) -> Job[CloneFlight]:
+    """Fly one episode with each rocket by a clone.
+
+    :param settings: reset settings of the world.
+    """
+    observation = yield Reset(seed, settings)
+    return CloneFlight(settings, (yield from fly_once(observation, pilot)))
+
+
+def label(
+    spec: WorldSpec, expert: Pilot, flights: Sequence[CloneFlight], most: int = sys.maxsize,
+    poll: Callable[[], None] = lambda: None,
+) -> Demonstrations:
+    """Return the observations of flights with the expert's actions, flight by flight.
 
     All episodes are kept, whatever their outcome: the clone must learn where it fails. Only the
     steps after its last ignition is used up are dropped.
 
-    :param settings: reset settings of the world.
-    :param most: number of rockets that count, the first ones.
-    :return: the clone's observations with the expert's actions, and the episodes.
+    :param most: number of rockets of a flight that count, the first ones.
+    :param poll: called before each step; may raise to abort.
     """
-    observation = yield Reset(seed, settings)
-    steps = yield from fly_once(observation, pilot)
-    expert, labelled = copy.deepcopy(expert), []
+    chosen = np.arange(spec.num_envs) < most
+    parts = []
+    for flight, actions in zip(flights, _labels(expert, flights, poll), strict=True):
+        labelled = [step._replace(action=action)
+                    for step, action in zip(flight.steps, actions, strict=False)]
+        usable = usable_engine(flight.steps, spec.after_reset(flight.settings).settings)
+        parts.append(_samples(spec, labelled, chosen, usable))
+    return Demonstrations.join(parts)
+
+
+def _labels(
+    expert: Pilot, flights: Sequence[CloneFlight], poll: Callable[[], None],
+) -> list[list[NDArray[Any]]]:
+    """Return the expert's actions `(N, ...)` in the steps of each flight.
+
+    The expert sees the flights as one batch, because most of the time of a call does not depend
+    on the number of rockets. A flight that is over stays where it ended, with actions that mean
+    nothing.
+    """
+    expert = copy.deepcopy(expert)
     tell_begun(expert)
-    for step in steps:
-        labelled.append(step._replace(action=expert(step.observation)))
-        tell_flown(expert, step.action)
-        tell_begun(expert, step.ended)
-    episodes = Episodes.concatenate([step.episodes for step in steps])
-    usable = usable_engine(steps, spec.after_reset(settings).settings)
-    return _samples(spec, labelled, np.arange(spec.num_envs) < most, usable), episodes
+    found: list[list[NDArray[Any]]] = [[] for _ in flights]
+    for number in range(max(len(flight.steps) for flight in flights)):
+        poll()
+        now = [flight.steps[min(number, len(flight.steps) - 1)] for flight in flights]
+        action = expert(np.concatenate([step.observation for step in now]))
+        for actions, part in zip(found, np.split(action, len(flights)), strict=True):
+            actions.append(part)
+        tell_flown(expert, np.concatenate([step.action for step in now]))
+        tell_begun(expert, np.concatenate([
+            step.ended + place * len(step.flying) for place, step in enumerate(now)]))
+    return found
 
 
 def _samples(

@@ -89,7 +89,7 @@ class CriticUpdate:
     ) -> float:
         """Learn from each order of the samples; return the mean loss, half the squared error."""
         config = self.config
-        seen = self.critic.normaliser(batch.observation)
+        seen = self.critic.normaliser.of_many(batch.observation)
         values = torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.target, batch.value), (values,), self._batch_size, self._network.rows)
@@ -177,7 +177,7 @@ class PolicyUpdate:
         :param begin: computes half of each gradient; by default there are no halves.
         """
         config = self.config
-        seen = self.policy.normaliser(batch.observation)
+        seen = self.policy.normaliser.of_many(batch.observation)
         log_ratio, entropy = torch.empty_like(batch.value), torch.empty_like(batch.value)
         minibatches = Minibatches(
             (seen, batch.action, batch.log_prob, batch.advantage), (log_ratio, entropy),

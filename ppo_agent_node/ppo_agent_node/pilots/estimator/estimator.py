@@ -128,8 +128,8 @@ class ExpertEstimator(StatefulExpert):
         fresh = self._memory.look(state)
         mass = self._book_mass(state)
         self._identification.forget(fresh)
-        self._identification.learn(state, mass, ~fresh, VELOCITY * self._filter.noise)
-        found = self._identification.estimate()
+        found = self._identification.learn(
+            state, mass, ~fresh, VELOCITY * self._filter.noise)
         speed = np.sqrt((state.velocity**2).sum(axis=0))
         state = self._filter.update(
             state, fresh, found.throttle * v.max_thrust / mass, self._drag * speed / mass)

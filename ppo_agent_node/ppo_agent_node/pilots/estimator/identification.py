@@ -89,8 +89,8 @@ class Identification:
         asked = self.commands[:, None, 0]
         self._throttle = asked + (self._throttle - asked) * self._lag_kept
 
-    def learn(self, state: ObservedState, mass: F64, known: Bools, noise: F64) -> None:
-        """Update with the step that ended.
+    def learn(self, state: ObservedState, mass: F64, known: Bools, noise: F64) -> Estimate:
+        """Update with the step that ended, and return the new estimate.
 
         :param mass: `(N,)` kg, nominal, during the step.
         :param known: `(N,)` rows for which the start of the step was observed too.
@@ -100,7 +100,7 @@ class Identification:
         self._before = state
         self._variance = _EXACT**2 + 2 * (noise / v.dt)**2
         if before is None or not known.any():
-            return
+            return self.estimate()
         # Expanded into sums of y y, y u and u u for each model y = factor u.
         turn = (state.spin - before.spin)[::2] / v.dt
         asked = self.commands[:, 1:] * (v.rcs_torque / v.inertia)
@@ -116,23 +116,27 @@ class Identification:
         self._fall += idle * change[1]
         change[1] -= self._mean_fall()
         full = v.max_thrust / mass
-        model = self._throttle * (full * before.up[1])
-        self._pushed += np.stack((
-            np.broadcast_to(change[1]**2, model.shape), change[1] * model, model**2)) * known
-        found = self._models()
+        # Nothing is added to rows that are not known. In place, as these arrays are large.
+        model = self._throttle * (full * before.up[1] * known)
+        squares, product, power = self._pushed
+        squares += change[1]**2 * known
+        product += change[1] * model
+        power += model**2
+        found = self.estimate()
         push = found.throttle * found.strength * full * before.up[::2]
         weight = self._kept * self._side_weight + known
         share = known / np.maximum(weight, 1.0)
         self._side += share * (change[::2] - push - self._side)
         self._side_weight = weight
+        return found
 
     def _mean_fall(self) -> F64:
         """Return the acceleration `(N,)` m/s^2 of falls beyond gravity; 0 until measured."""
         fall: F64 = self._fall / (self._fallen + self._variance / _FALL_SPREAD**2)
         return fall
 
-    def _models(self) -> Estimate:
-        """Return the most likely models, without side acceleration."""
+    def estimate(self) -> Estimate:
+        """Return the current estimate: the most likely models, and the side acceleration."""
         rows = self._rows
         squares, product, power = self._turned
         turning = _fit(product, power, 1.0, 1e-3, _TURNING)
@@ -147,10 +151,6 @@ class Identification:
         return Estimate(
             delay, LAGS[lag], strength[lag, rows], turning[delay, rows], self._side,
             self._mean_fall(), self._throttle[delay, lag, rows])
-
-    def estimate(self) -> Estimate:
-        """Return the current estimate of the vehicles."""
-        return self._models()
 
 
 _EXACT = 0.05

@@ -17,7 +17,10 @@ from ppo_agent_node.ppo.networks.features import DescentFeatures
 from ppo_agent_node.ppo.networks.features import asinh
 from ppo_agent_node.ppo.networks.symmetry import Representation
 from ppo_agent_node.ppo.networks.symmetry import Symmetry
+from ppo_agent_node.threads import tensor_threads
 
+_PIECE = 16_384
+"""Samples normalised at a time: fewer cost more calls, more do not fit the cache."""
 _ACTIVATIONS: dict[str, type[nn.Module]] = {'tanh': nn.Tanh, 'relu': nn.ReLU}
 
 
@@ -142,6 +145,20 @@ class Normaliser(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Return observations `(..., D)` and their features, normalised, `(..., D + F)`."""
         return (self._bend(observation) - self.mean) * self.scale
+
+    def of_many(self, observation: Tensor) -> Tensor:
+        """Return the same for many samples `(S, D)`, in less time and memory.
+
+        On a CPU, in pieces whose intermediate results stay in the cache.
+        """
+        if observation.device.type != 'cpu':
+            return self.forward(observation)
+        found = torch.empty(len(observation), self.size)
+        with tensor_threads(1):
+            for piece, out in zip(
+                    observation.split(_PIECE), found.split(_PIECE), strict=True):
+                out.copy_(self.forward(piece))
+        return found
 
     def _bend(self, observation: Tensor) -> Tensor:
         # Only these columns, because asinh takes longer than the rest.

@@ -14,14 +14,18 @@ from ppo_agent_node.config.presets import preset_values
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.flying.episodes import Step
 from ppo_agent_node.imitation.dagger import Imitation
+from ppo_agent_node.imitation.demonstrations import Demonstrations
 from ppo_agent_node.imitation.demonstrations import fly_clone
 from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import label
 from ppo_agent_node.imitation.demonstrations import usable_engine
+from ppo_agent_node.pilots.estimator.estimator import ExpertEstimator
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.expert.hoverslam import HoverslamPilot
 from ppo_agent_node.pilots.random import RandomPilot
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.reporting.pictures.training_curves import cloning_figure
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import MetricsLogger
@@ -60,8 +64,8 @@ def test_the_expert_labels_every_state_that_the_clone_came_to() -> None:
     """Crashes included: 8 rockets under a random pilot, none of which lands."""
     env = world(8)
     expert = ExpertPilot(env.spec)
-    samples, episodes = fly(env, fly_clone(
-        env.spec, RandomPilot(env.spec, 1), expert, {'level': 7}, 5))
+    flight = fly(env, fly_clone(RandomPilot(env.spec, 1), {'level': 7}, 5))
+    samples, episodes = label(env.spec, expert, [flight]), flight.episodes
     assert len(episodes) == 8 and not (episodes.outcome == 0).any()
     np.testing.assert_array_equal(
         np.bincount(samples.episode), episodes.length[np.argsort(episodes.row)])
@@ -76,7 +80,7 @@ def test_a_stateful_teacher_receives_the_flown_actions() -> None:
     def light(observation: F32) -> F32:
         return np.tile(np.array([0.4, 0.0, 0.0], np.float32), (len(observation), 1))
 
-    samples, _ = fly(env, fly_clone(env.spec, light, teacher, {'level': 1}, 5))
+    samples = label(env.spec, teacher, [fly(env, fly_clone(light, {'level': 1}, 5))])
     first = np.flatnonzero(np.diff(samples.episode, prepend=-1))
     throttle = samples.action[:, 0].numpy()
     assert (throttle[first] == -1).all()
@@ -93,12 +97,27 @@ def test_labels_after_the_last_ignition_are_not_learnt() -> None:
     def blink(observation: F32) -> F32:
         return np.outer(np.full(len(observation), next(asked)), [1, 0, 0]).astype(np.float32)
 
-    samples, episodes = fly(env, fly_clone(
-        env.spec, blink, HoverslamPilot(env.spec.after_reset(floored)),
-        {'level': 1, **floored}, 5))
+    flight = fly(env, fly_clone(blink, {'level': 1, **floored}, 5))
+    samples = label(env.spec, HoverslamPilot(env.spec.after_reset(floored)), [flight])
+    episodes = flight.episodes
     assert (episodes.ignitions == 1).all() and (episodes.length > 100).all()
     # Unlit, lit, and the step that shuts it down.
     assert np.bincount(samples.episode).tolist() == [5 + 3 + 1] * 2
+
+
+def test_flights_are_labelled_together_as_one_by_one() -> None:
+    """Also by a teacher with a memory, and if one flight is much longer than the other."""
+    env = worlds.make('rocket', num_envs=5, seed=0, observation='extended')
+    teacher = ExpertEstimator(env.spec)
+    clone = without_noise(Learner(env.spec, make_config(SMALL)).policy)
+    flights = [fly(env, fly_clone(clone, {'level': 7, 'spawn_height': height}, 3))
+               for height in (20.0, 190.0, 60.0)]
+    assert len({len(flight.steps) for flight in flights}) == 3
+    together = label(env.spec, teacher, flights)
+    alone = Demonstrations.join([label(env.spec, teacher, [flight]) for flight in flights])
+    assert torch.equal(together.observation, alone.observation)
+    assert torch.equal(together.episode, alone.episode)
+    torch.testing.assert_close(together.action, alone.action, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(('ignitions', 'usable'), [
@@ -245,7 +264,7 @@ def test_no_more_flights_are_learnt_from_than_are_asked_for() -> None:
     shown, landings = fly(env, fly_wave(env.spec, expert, config, {'level': 1}, 1, 0))
     assert (landings.outcome == 0).all() and len(landings) == 8
     assert int(shown.episode.max()) == 2
-    seen, flown = fly(env, fly_clone(
-        env.spec, RandomPilot(env.spec, 1), expert, {'level': 7}, 5, most=3))
+    flight = fly(env, fly_clone(RandomPilot(env.spec, 1), {'level': 7}, 5))
+    seen, flown = label(env.spec, expert, [flight], most=3), flight.episodes
     np.testing.assert_array_equal(
         np.bincount(seen.episode), flown.length[np.argsort(flown.row)][:3])

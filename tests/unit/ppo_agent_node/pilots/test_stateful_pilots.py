@@ -14,6 +14,7 @@ from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.imitation.demonstrations import fly_clone
 from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import label
 from ppo_agent_node.pilots.expert.memory import FlightMemory
 from ppo_agent_node.pilots.expert.observed_state import look
 from rocket_sim_node import worlds
@@ -139,7 +140,8 @@ def test_pilots_are_informed_of_new_episodes_in_all_flights(
         lambda pilot: recorded_flights.fly(world, pilot, 5),
         lambda pilot: failures.fly_again(world, pilot, 5, [(0, 1), (3, 2)]),
         lambda pilot: fly(world, fly_wave(world.spec, pilot, config, {'level': 7}, 1, 0)),
-        lambda pilot: fly(world, fly_clone(world.spec, Listening(), pilot, {'level': 7}, 1)),
+        lambda pilot: label(
+            world.spec, pilot, [fly(world, fly_clone(Listening(), {'level': 7}, 1))]),
     ):
         finished.clear()
         pilot = Listening()
