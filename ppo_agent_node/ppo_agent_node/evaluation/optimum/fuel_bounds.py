@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-_BURN_STEPS = 200
-_BISECTIONS = 60
+_BURN_STEPS = 50
+_BISECTIONS = 45
 _TABLE_SIZE = 257
 
 
