@@ -13,7 +13,7 @@ from rocket_msgs.msg import FlightFigures
 
 from ppo_agent_node.nodes.actions.goals import launch_file
 from ppo_agent_node.nodes.actions.goals import start_of
-from ppo_agent_node.nodes.actions.job import Job
+from ppo_agent_node.nodes.actions.launch_process import LaunchProcess
 from ppo_agent_node.nodes.actions.tally import Tally
 from ppo_agent_node.nodes.actions.tally import read_figures
 from ppo_agent_node.runs.folder import UNFINISHED
@@ -44,7 +44,7 @@ class Execution:
         # An evaluation without `output` leaves no files; a training and a recording always stay.
         self._kept = command != 'evaluate' or bool(goal.output)
         self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0), command)
-        self.job = Job([
+        self.process = LaunchProcess([
             'ros2', 'launch', str(launch_file(command)),
             *(f'{name}:={value}' for name, value in launch.items())], scratch / 'nodes.log')
 
@@ -54,7 +54,7 @@ class Execution:
         :param stopped: why they were asked to stop; empty: they were not.
         """
         kind = KINDS[self.command].Result
-        failure = self.job.reason() if self.job.failed and not stopped else ''
+        failure = self.process.reason() if self.process.failed and not stopped else ''
         if self._done(bool(stopped or failure)):
             code, figures = kind.OK, self._figures()
             message = failure and f'the run is finished, but a process failed: {failure}'

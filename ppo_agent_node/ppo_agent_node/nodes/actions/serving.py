@@ -67,8 +67,8 @@ class Actions:
             return
         self._tell()
         if self._stopped:
-            self._execution.job.interrupt()
-        if not self._execution.job.ended:
+            self._execution.process.interrupt()
+        if not self._execution.process.ended:
             self._running_until = time.monotonic()
         elif time.monotonic() > self._running_until + _DRAIN and not self._ended.done():
             self._told = -math.inf
@@ -110,7 +110,7 @@ class Actions:
                 result = kind(code=kind.FAILED, figures=no_figures(), message=(
                     f'{name}: the figures cannot be read: {" ".join(str(error).split())}'))
             finally:
-                execution.job.kill()
+                execution.process.kill()
                 self._execution = None
         if result.code == kind.OK:
             handle.succeed()

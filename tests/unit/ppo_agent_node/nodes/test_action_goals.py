@@ -14,7 +14,7 @@ from ppo_agent_node.commands.launch_file import read_launch_file
 from ppo_agent_node.nodes.actions.execution import KINDS
 from ppo_agent_node.nodes.actions.goals import goal_arguments
 from ppo_agent_node.nodes.actions.goals import start_of
-from ppo_agent_node.nodes.actions.job import Job
+from ppo_agent_node.nodes.actions.launch_process import LaunchProcess
 from ppo_agent_node.nodes.actions.tally import LANDED
 from ppo_agent_node.nodes.actions.tally import Tally
 from ppo_agent_node.nodes.actions.tally import no_figures
@@ -104,7 +104,7 @@ def test_figures_of_flights() -> None:
 def test_the_reason_of_a_failure_is_taken_from_the_log(
     tmp_path: Path, said: str, reason: str, failed: bool,
 ) -> None:
-    job = Job(['printf', '%s', said], tmp_path / 'log')
-    while not job.ended:
+    process = LaunchProcess(['printf', '%s', said], tmp_path / 'log')
+    while not process.ended:
         pass
-    assert (job.reason(), job.failed) == (reason, failed)
+    assert (process.reason(), process.failed) == (reason, failed)

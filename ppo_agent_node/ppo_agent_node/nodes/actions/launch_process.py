@@ -30,7 +30,7 @@ os.execvp(sys.argv[1], sys.argv[1:])
 _COMPLAINT = re.compile(r'(?:\[[^]]*\] )?\[(FATAL|ERROR)\] \[[\d.]+\] \[[^]]*\]: (.*)')
 
 
-class Job:
+class LaunchProcess:
     """A running launch, whose output goes to a file."""
 
     def __init__(self, command: Sequence[str], log: Path) -> None:
