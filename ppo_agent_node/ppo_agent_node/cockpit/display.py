@@ -60,7 +60,7 @@ class View:
     """Limits of a landing: m/s, deg, m; 0 if the world has none."""
     readings: Readings | None = None
     tank: Tank | None = None
-    tally: str = ''
+    summary: str = ''
     notes: list[tuple[str, str]] = field(default_factory=list)
     """Lines below the instruments: style and text."""
     flying: bool = False
@@ -103,9 +103,9 @@ class Cockpit:
 
     def _compose(self, view: View, width: int) -> list[Text]:
         title = Text().append(f' {view.title}', style=_HEAD)
-        if view.tally and len(title) + len(view.tally) + 3 <= width:
-            title.pad_right(width - len(title) - len(view.tally) - 1)
-            title.append(view.tally)
+        if view.summary and len(title) + len(view.summary) + 3 <= width:
+            title.pad_right(width - len(title) - len(view.summary) - 1)
+            title.append(view.summary)
         texts = [title, Text('─' * width, style=_DIM)]
         if view.help:
             return [*texts, *_help(), *self._notes(view, width)]

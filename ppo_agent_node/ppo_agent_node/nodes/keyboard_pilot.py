@@ -95,7 +95,7 @@ def pilot(node: Node, executor: Executor) -> None:
         with terminal:
             flying = HandFlying(node, client, terminal, cockpit, hands, start, options.watch)
             flying.run()
-    node.get_logger().info(flying.tally() or 'no flights')
+    node.get_logger().info(flying.summary() or 'no flights')
 
 
 def main() -> None:

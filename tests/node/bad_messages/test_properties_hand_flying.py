@@ -208,7 +208,7 @@ def test_vehicles_at_the_ends_of_the_ranges_are_flown(chosen: dict[str, float]) 
     hands.fly([falls] * 2, [], lands=True)
     while hands.flying._expert is not None:
         hands.flying._let_the_expert_fly()
-    assert hands.flying.tally().startswith('landed 1 of 1')
+    assert hands.flying.summary().startswith('landed 1 of 1')
 
 
 @pytest.mark.parametrize('world', WORLDS)

@@ -11,11 +11,11 @@ from rocket_msgs.action import Land
 from rocket_msgs.action import Train
 from rocket_msgs.msg import FlightFigures
 
+from ppo_agent_node.nodes.actions.flight_figures import EpisodeStatistics
+from ppo_agent_node.nodes.actions.flight_figures import read_figures
 from ppo_agent_node.nodes.actions.goals import launch_file
 from ppo_agent_node.nodes.actions.goals import start_of
 from ppo_agent_node.nodes.actions.launch_process import LaunchProcess
-from ppo_agent_node.nodes.actions.tally import Tally
-from ppo_agent_node.nodes.actions.tally import read_figures
 from ppo_agent_node.runs.folder import UNFINISHED
 
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
@@ -43,7 +43,8 @@ class Execution:
         self._before = _mark(self._place / _FIGURES)
         # An evaluation without `output` leaves no files; a training and a recording always stay.
         self._kept = command != 'evaluate' or bool(goal.output)
-        self.tally = Tally(getattr(goal, 'episodes', 0), getattr(goal, 'level', 0), command)
+        self.statistics = EpisodeStatistics(
+            getattr(goal, 'episodes', 0), getattr(goal, 'level', 0), command)
         self.process = LaunchProcess([
             'ros2', 'launch', str(launch_file(command)),
             *(f'{name}:={value}' for name, value in launch.items())], scratch / 'nodes.log')
@@ -59,7 +60,7 @@ class Execution:
             code, figures = kind.OK, self._figures()
             message = failure and f'the run is finished, but a process failed: {failure}'
         else:
-            code, figures = kind.FAILED, self.tally.figures()
+            code, figures = kind.FAILED, self.statistics.figures()
             message = '; '.join(filter(None, (
                 stopped or failure or 'ended without a result', self._advice())))
         self._tidy()
@@ -78,7 +79,7 @@ class Execution:
 
     def _figures(self) -> FlightFigures:
         if self.command == 'land':
-            return self.tally.figures()
+            return self.statistics.figures()
         return read_figures(self._place / _FIGURES)
 
     def _advice(self) -> str:

@@ -17,7 +17,7 @@ from rocket_msgs.msg import TrainingStatus
 
 from ppo_agent_node.nodes.actions.execution import KINDS
 from ppo_agent_node.nodes.actions.execution import Execution
-from ppo_agent_node.nodes.actions.tally import no_figures
+from ppo_agent_node.nodes.actions.flight_figures import no_figures
 from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import wording
 from rocket_sim_node.scratch_folder import scratch_folder
@@ -130,7 +130,7 @@ class Actions:
     def _on_episodes(self, name: str, message: Episodes) -> None:
         if self._execution is None or self._execution.command != name:
             return
-        self._execution.tally.add(message)
+        self._execution.statistics.add(message)
         self._untold = True
         self._tell()
 
@@ -140,6 +140,6 @@ class Actions:
                 or time.monotonic() < self._told + _FEEDBACK_PERIOD):
             return
         self._told, self._untold = time.monotonic(), False
-        tally = self._execution.tally
+        statistics = self._execution.statistics
         self._handle.publish_feedback(KINDS[self._execution.command].Feedback(
-            figures=tally.figures(), text=tally.text()))
+            figures=statistics.figures(), text=statistics.text()))

@@ -18,7 +18,7 @@ _REPORT_PERIOD = 5.0
 """Seconds between two log lines."""
 
 
-class Tally:
+class OutcomeCounts:
     """Counts of episodes by outcome."""
 
     def __init__(self, outcomes: tuple[str, ...]) -> None:
@@ -55,7 +55,7 @@ def fly(
     finally one on all of them. A simulator that restarts is reset and flown on, from other starts.
     """
     outcomes = client.spec.outcomes
-    total, recent = Tally(outcomes), Tally(outcomes)
+    total, recent = OutcomeCounts(outcomes), OutcomeCounts(outcomes)
     observation = None
     report = time.monotonic() + _REPORT_PERIOD
     while not episodes or total.count < episodes:
@@ -78,5 +78,5 @@ def fly(
         if time.monotonic() > report and recent.count:
             report = time.monotonic() + _REPORT_PERIOD
             node.get_logger().info(str(total if episodes else recent))
-            recent = Tally(outcomes)
+            recent = OutcomeCounts(outcomes)
     node.get_logger().info(str(total))

@@ -116,7 +116,7 @@ class HandFlying:
             flown = True
             command = self._fly(start) or self._rest(start)
 
-    def tally(self) -> str:
+    def summary(self) -> str:
         """Return a summary of the flights; empty before the first."""
         total = sum(self._flights.values())
         if not total:
@@ -240,7 +240,7 @@ class HandFlying:
         self._drawn = time.monotonic()
         level = f' · level {start.level}' if start.level else ''
         self._view.title = f'hoverslam · {self._spec.name}{level} · start {start.seed}'
-        self._view.tally = self.tally()
+        self._view.summary = self.summary()
         self._view.tank = self._tank
         self._terminal.draw(self._cockpit.lines(self._view))
 

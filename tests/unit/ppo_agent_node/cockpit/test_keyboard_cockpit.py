@@ -76,7 +76,7 @@ def test_figures_have_units_and_directions() -> None:
 def test_the_screen_fits_any_terminal_size(size: tuple[int, int]) -> None:
     width, height = size
     for shown in (
-        view(60.0, -20.0, tally='landed 1 of 2', message='a message ' * 20),
+        view(60.0, -20.0, summary='landed 1 of 2', message='a message ' * 20),
         view(60.0, -20.0, help=True, notes=[('', 'http://127.0.0.1/' + 'x' * 90)]),
     ):
         lines = show(shown, width, height)

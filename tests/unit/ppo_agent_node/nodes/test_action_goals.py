@@ -12,12 +12,12 @@ from rocket_msgs.msg import Episodes
 
 from ppo_agent_node.commands.launch_file import read_launch_file
 from ppo_agent_node.nodes.actions.execution import KINDS
+from ppo_agent_node.nodes.actions.flight_figures import LANDED
+from ppo_agent_node.nodes.actions.flight_figures import EpisodeStatistics
+from ppo_agent_node.nodes.actions.flight_figures import no_figures
 from ppo_agent_node.nodes.actions.goals import goal_arguments
 from ppo_agent_node.nodes.actions.goals import start_of
 from ppo_agent_node.nodes.actions.launch_process import LaunchProcess
-from ppo_agent_node.nodes.actions.tally import LANDED
-from ppo_agent_node.nodes.actions.tally import Tally
-from ppo_agent_node.nodes.actions.tally import no_figures
 from rocket_sim_node import worlds
 
 ROOT = Path(__file__).parents[4]
@@ -82,19 +82,19 @@ def test_the_first_outcome_of_every_world_is_landed() -> None:
 
 
 def test_figures_of_flights() -> None:
-    tally = Tally(8, 7, 'evaluate')
-    assert math.isnan(tally.figures().mean_return)
-    assert tally.figures().episodes == no_figures().episodes == 0
-    tally.add(Episodes(outcome=[0, 1], episode_return=[290.0, -10.0]))
-    tally.add(Episodes(outcome=[0, 0], episode_return=[300.0, 280.0]))
-    found = tally.figures()
+    statistics = EpisodeStatistics(8, 7, 'evaluate')
+    assert math.isnan(statistics.figures().mean_return)
+    assert statistics.figures().episodes == no_figures().episodes == 0
+    statistics.add(Episodes(outcome=[0, 1], episode_return=[290.0, -10.0]))
+    statistics.add(Episodes(outcome=[0, 0], episode_return=[300.0, 280.0]))
+    found = statistics.figures()
     assert (found.episodes, found.landed, found.landing_rate) == (4, 3, 0.75)
     assert found.mean_return == 215.0
     # Wilson's interval for 3 of 4 (Brown, Cai and DasGupta 2001, equation 4).
     assert (found.landing_rate_low, found.landing_rate_high) == pytest.approx(
         (0.3006, 0.9544), abs=1e-4)
-    assert 'evaluating 4/8 episodes: level 7, landed 75.0%' in tally.text()
-    assert 'landing 0/8 episodes' in Tally(8, 7, 'land').text()
+    assert 'evaluating 4/8 episodes: level 7, landed 75.0%' in statistics.text()
+    assert 'landing 0/8 episodes' in EpisodeStatistics(8, 7, 'land').text()
 
 
 @pytest.mark.parametrize(('said', 'reason', 'failed'), [

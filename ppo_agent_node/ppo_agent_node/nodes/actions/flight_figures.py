@@ -18,7 +18,7 @@ LANDED = 0
 """Code of the outcome `landed`, in every world."""
 
 
-class Tally:
+class EpisodeStatistics:
     """Episodes of a goal so far."""
 
     def __init__(self, planned: int, level: int, command: str) -> None:
