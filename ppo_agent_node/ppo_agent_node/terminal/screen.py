@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ppo_agent_node.terminal import wording
-from ppo_agent_node.terminal.block import Block
+from ppo_agent_node.terminal.live_display import LiveDisplay
 from ppo_agent_node.terminal.status_lines import StatusLines
 from rocket_sim_node.printable import printable
 from rocket_sim_node.telemetry.training_status import Status
@@ -41,9 +41,9 @@ class Terminal:
             # rich marks a cut line with an ellipsis, even if the terminal lacks the character.
             shown.reconfigure(errors='replace')
         self._console = Console(file=shown, highlight=False, soft_wrap=True)
-        self._block: Block | None = None
+        self._live_display: LiveDisplay | None = None
         if self._console.is_terminal and not self._console.is_dumb_terminal:
-            self._block = Block(self._console)
+            self._live_display = LiveDisplay(self._console)
         self._picture = StatusLines('utf' in self._console.encoding)
         self._drawn = self._printed = -1e9
         self._stage = ''
@@ -55,8 +55,8 @@ class Terminal:
     def __exit__(self, *_: object) -> None:
         """Restore the terminal."""
         with suppress(*_UNSHOWN):
-            if self._block is not None:
-                self._block.draw([])
+            if self._live_display is not None:
+                self._live_display.draw([])
         if self._own is not None:
             with suppress(OSError):
                 self._own.close()
@@ -64,11 +64,11 @@ class Terminal:
     @property
     def live(self) -> bool:
         """Whether the display is redrawn in place."""
-        return self._block is not None
+        return self._live_display is not None
 
     def wait_for(self, what: str, status: Status) -> None:
         """Show that the run waits for something; plain output omits it."""
-        if self._block is not None:
+        if self._live_display is not None:
             self._picture.take(replace(status, stage=f'waiting for {what}'))
             self._draw()
 
@@ -79,7 +79,7 @@ class Terminal:
     def show(self, status: Status) -> None:
         """Show a report: events become permanent lines, progress replaces the previous one."""
         self._picture.take(status)
-        if self._block is None:
+        if self._live_display is None:
             if self._due(status):
                 self.say(wording.line(status))
         elif status.message:
@@ -89,7 +89,7 @@ class Terminal:
 
     def tick(self) -> None:
         """Update clocks; cheap, to be called often."""
-        if self._block is not None and time.monotonic() - self._drawn > _REFRESH:
+        if self._live_display is not None and time.monotonic() - self._drawn > _REFRESH:
             self._draw()
 
     def _due(self, status: Status) -> bool:
@@ -106,16 +106,16 @@ class Terminal:
         return bool(told)
 
     def _draw(self, above: Text | None = None) -> None:
-        if self._block is None:
+        if self._live_display is None:
             return
         self._drawn = time.monotonic()
         with suppress(*_UNSHOWN):
-            self._block.draw(self._picture.lines(self._block.width), above)
+            self._live_display.draw(self._picture.lines(self._live_display.width), above)
 
     def _stay(self, text: Text) -> None:
         # Parts of it may come from other nodes, and must not control the terminal.
         text.plain = printable(text.plain, '\n\t')
-        if self._block is None:
+        if self._live_display is None:
             with suppress(*_UNSHOWN):
                 self._console.print(text)
                 self._console.file.flush()

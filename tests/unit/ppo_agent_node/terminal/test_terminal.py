@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ppo_agent_node.terminal import Terminal
 from ppo_agent_node.terminal import wording
-from ppo_agent_node.terminal.block import Block
+from ppo_agent_node.terminal.live_display import LiveDisplay
 from ppo_agent_node.terminal.sparkline import sparkline
 from ppo_agent_node.terminal.status_lines import NARROW
 from ppo_agent_node.terminal.status_lines import StatusLines
@@ -218,17 +218,17 @@ def test_the_display_stays_in_place_below_the_lines_that_stay(
         monkeypatch: pytest.MonkeyPatch) -> None:
     file, size = io.StringIO(), [80, 24]
     console = Console(file=file, force_terminal=True, width=80, height=24, color_system=None)
-    monkeypatch.setattr(Block, '_size', lambda self: (size[0], size[1]))
+    monkeypatch.setattr(LiveDisplay, '_size', lambda self: (size[0], size[1]))
     shown = picture([0.0], STATUS)
-    block = Block(console)
+    display = LiveDisplay(console)
     for k in range(3):
-        block.draw(shown.lines(block.width), Text(f'event {k}', no_wrap=True))
-        block.draw(shown.lines(block.width))
+        display.draw(shown.lines(display.width), Text(f'event {k}', no_wrap=True))
+        display.draw(shown.lines(display.width))
     events = ['event 0', 'event 1', 'event 2']
     assert Screen(file.getvalue()).rows == [*events, *text(shown, 77).splitlines()]
     # A new size begins with a clear screen, whatever the terminal made of the old lines.
     size[:] = 50, 10
-    block.draw(shown.lines(block.width))
+    display.draw(shown.lines(display.width))
     assert Screen(file.getvalue()).rows == [*events, *text(shown, 47).splitlines()]
-    block.draw([])
+    display.draw([])
     assert Screen(file.getvalue()).rows == [*events, '']

@@ -15,7 +15,7 @@ _REMEMBERED = 100
 _HOME, _UP, _CLEAR_LINE, _CLEAR_BELOW = '\x1b[H', '\x1b[{}A', '\x1b[K', '\x1b[J'
 
 
-class Block:
+class LiveDisplay:
     """The redrawn lines, and the last permanent lines above them.
 
     When a terminal becomes narrower, some wrap the existing lines and some cut them, and some do
