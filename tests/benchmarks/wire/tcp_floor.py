@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The lower bound of an exchange: the same bytes over a TCP socket on this machine and back.
 
-Run as a program it is the far end: `python -m benchmarks.wire.tcp_floor N CORE`, which prints its
+Run as a program it is the peer: `python -m benchmarks.wire.tcp_floor N CORE`, which prints its
 port.
 """
 from __future__ import annotations
@@ -22,7 +22,7 @@ def sizes(num_envs: int) -> tuple[int, int]:
 
 
 def exactly(connection: socket.socket, view: memoryview) -> bool:
-    """Fill a view from a connection; return false if the far end has closed it."""
+    """Fill a view from a connection; return false if the peer has closed it."""
     done = 0
     while done < len(view):
         count = connection.recv_into(view[done:])
@@ -33,12 +33,12 @@ def exactly(connection: socket.socket, view: memoryview) -> bool:
 
 
 class TcpFloor:
-    """Exchanges messages with a far end, which runs in a process of its own."""
+    """Exchanges messages with a peer, which runs in a process of its own."""
 
     def __init__(self, num_envs: int, core: int | None = None) -> None:
-        """Start the far end and connect to it.
+        """Start the peer and connect to it.
 
-        :param core: index of the core to which the far end is pinned; None: not pinned.
+        :param core: index of the core to which the peer is pinned; None: not pinned.
         """
         there, back = sizes(num_envs)
         self._child = subprocess.Popen(
@@ -55,10 +55,10 @@ class TcpFloor:
         """Send the bytes of an action and wait for those of an answer."""
         self._connection.sendall(self._ping)
         if not exactly(self._connection, self._pong):
-            raise RuntimeError('tcp_floor: the far end is gone')
+            raise RuntimeError('tcp_floor: the peer is gone')
 
     def close(self) -> None:
-        """End the far end."""
+        """End the peer."""
         self._connection.close()
         self._child.wait(10.0)
 

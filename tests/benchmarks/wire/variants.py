@@ -29,7 +29,7 @@ from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.conversion import from_sequence
 from rocket_sim_node.wire.messages.conversion import to_sequence
 from rocket_sim_node.wire.node import inbox
-from rocket_sim_node.wire.node.far_end import FarEnd
+from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.server import step_messages
 from rocket_sim_node.wire.server.rivals import Rivals
 
@@ -45,10 +45,10 @@ class Unchecked:
     @contextmanager
     def installed(cls) -> Iterator[None]:
         """Patch the code so that `used` selects the variant."""
-        sender_of, accepts, look = inbox.sender_of, FarEnd.accepts, Rivals.look
+        sender_of, accepts, look = inbox.sender_of, Peer.accepts, Rivals.look
         with (mock.patch.object(
                 inbox, 'sender_of', lambda info: b'' if cls.used else sender_of(info)),
-              mock.patch.object(FarEnd, 'accepts', lambda *args: cls.used or accepts(*args)),
+              mock.patch.object(Peer, 'accepts', lambda *args: cls.used or accepts(*args)),
               mock.patch.object(Rivals, 'look', lambda rivals: not cls.used and look(rivals))):
             yield
 

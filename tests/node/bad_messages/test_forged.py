@@ -25,7 +25,7 @@ from support.training.rollouts import assert_same
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages.cdr import Codec
-from rocket_sim_node.wire.node import far_end
+from rocket_sim_node.wire.node import peer
 from rocket_sim_node.wire.server import rivals
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
@@ -208,11 +208,11 @@ def test_a_node_knows_its_own_writer_when_others_of_its_name_appear(
         there[b'third %d' % len(made)] = '/space/recorder'
         return made[-1]
 
-    monkeypatch.setattr(far_end, 'writers', lambda *_: dict(there))
+    monkeypatch.setattr(peer, 'writers', lambda *_: dict(there))
     node: Any = SimpleNamespace(
         get_namespace=lambda: '/space', get_name=lambda: 'simulator', create_publisher=create,
         destroy_publisher=there.pop)
-    found = far_end.known_publisher(node, msg.World, 'world', qos.WORLD)
+    found = peer.known_publisher(node, msg.World, 'world', qos.WORLD)
     assert found == (made[-1], made[-1])
     assert len(made) == 1 + others
     assert len([gid for gid in there if gid.startswith(b'own')]) == 1
@@ -227,9 +227,9 @@ def test_a_second_simulator_is_reported_once_the_graph_lists_it(
         take=lambda: letters.pop() if letters else None))
     monkeypatch.setattr(rivals, 'writers', lambda *_: listed)
     node: Any = None
-    far: Any = SimpleNamespace(named=lambda *_: '/other')
+    namer: Any = SimpleNamespace(named=lambda *_: '/other')
     health: Any = SimpleNamespace(fault=lambda *given: told.append(given[2]()))
-    watch = rivals.Rivals(node, far, health, bytes(12))
+    watch = rivals.Rivals(node, namer, health, bytes(12))
     letters.append((None, gid))
     watch.look()
     assert not told

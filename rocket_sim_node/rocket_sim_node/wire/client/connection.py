@@ -28,12 +28,12 @@ from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.definitions import check_definitions
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
-from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import known_publisher
-from rocket_sim_node.wire.node.far_end import participant_of
-from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Caller
 from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.peer import Peer
+from rocket_sim_node.wire.node.peer import known_publisher
+from rocket_sim_node.wire.node.peer import participant_of
+from rocket_sim_node.wire.node.peer import writers
 from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
@@ -129,8 +129,8 @@ class Connection:
             node, msg.Action, f'{prefix}action', qos.STREAM)
         self._flown_by = b''
         """Participant of the simulator that entered the present session."""
-        self._far = FarEnd(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
-        self._descriptions = Descriptions(node, prefix, self._far, self._accept_description)
+        self._peer = Peer(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
+        self._descriptions = Descriptions(node, prefix, self._peer, self._accept_description)
         self._stream = stream = qos.read_stream(options.acknowledge)
         self._mailboxes = [
             Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
@@ -147,15 +147,16 @@ class Connection:
     @property
     def messages_dropped(self) -> int:
         """Messages ignored because they did not come from the simulator."""
-        return self._far.dropped
+        return self._peer.dropped
 
     def _accepts(self, mailbox: Mailbox) -> bool:
         """Return whether the simulator sent the last message of this session."""
-        if self._far.accepts(mailbox.topic, mailbox.sender):
+        if self._peer.accepts(mailbox.topic, mailbox.sender):
             return True
-        self._far.drop(
-            mailbox.topic, mailbox.sender, 'publishes on this topic in the session of simulator '
-            f'{self._far.named(self._far.participant, writers(self._node, self.topic))}: ignored')
+        known = self._peer.named(self._peer.participant, writers(self._node, self.topic))
+        self._peer.drop(
+            mailbox.topic, mailbox.sender,
+            f'publishes on this topic in the session of simulator {known}: ignored')
         return False
 
     # Description of the simulator
@@ -392,7 +393,7 @@ class Connection:
     @property
     def _same_process(self) -> bool:
         """Whether the simulator is known to be the process that was reset."""
-        return bool(self._flown_by) and self._flown_by == self._far.participant
+        return bool(self._flown_by) and self._flown_by == self._peer.participant
 
     def _check_session(self) -> None:
         """Raise when the simulator has announced a session other than ours."""
@@ -403,7 +404,7 @@ class Connection:
                    if self._same_process else 'restarted'))
         if self._answers.ahead:
             topic = self._publisher.topic_name
-            others = [self._far.named(gid, known) for known in [writers(self._node, topic)]
+            others = [self._peer.named(gid, known) for known in [writers(self._node, topic)]
                       for gid in known if participant_of(gid) != participant_of(self._writer)]
             raise EnvironmentRestarted(
                 f'{self.name} is at step {self._answers.ahead}, expected {self.step + 1}: '
@@ -464,9 +465,9 @@ class Connection:
         name = self._call.client.srv_name
         # The names of the topics of a service in DDS, for all ROS 2 middlewares but Zenoh.
         known = writers(self._node, f'rr{name}Reply', mangled=True) if count else {}
-        others = [gid for gid in known if not self._far.is_at(gid)]
+        others = [gid for gid in known if not self._peer.is_at(gid)]
         for _ in range(count):
-            self._far.drop(
+            self._peer.drop(
                 name, others[0] if others else b'', 'also answers on this service: ignored',
                 known)
 
@@ -537,7 +538,7 @@ class Connection:
         self._described_by = 0.0
         spec = self.adopt_spec()
         self.session, self.step = response.session, response.step
-        self._flown_by = self._far.participant
+        self._flown_by = self._peer.participant
         command = self._command
         assert isinstance(command, Reset | Restore)
         self._answer = observation_of(

@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import participant_of
-from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Letterbox
+from rocket_sim_node.wire.node.peer import Peer
+from rocket_sim_node.wire.node.peer import participant_of
+from rocket_sim_node.wire.node.peer import writers
 
 _SILENT = 0.5
 """Seconds without an answer after which another participant may be the simulator."""
@@ -44,15 +44,15 @@ class Descriptions:
     """The simulator's descriptions of itself; other participants' descriptions are put aside."""
 
     def __init__(
-        self, node: Node, prefix: str, far: FarEnd, accept: Callable[[msg.World], bool],
+        self, node: Node, prefix: str, peer: Peer, accept: Callable[[msg.World], bool],
     ) -> None:
         """Subscribe.
 
         :param prefix: of the topics, with its trailing slash, or empty.
-        :param far: is told which participant is the simulator.
+        :param peer: is told which participant is the simulator.
         :param accept: returns whether a description may be used; told of each one in use.
         """
-        self._node, self._far, self._accept = node, far, accept
+        self._node, self._peer, self._accept = node, peer, accept
         self._observation = f'{prefix}observation'
         self._now = _Described()
         self._others: dict[bytes, _Described] = {}
@@ -77,9 +77,9 @@ class Descriptions:
     def _read_one(self, message: msg.World, gid: bytes) -> None:
         if self._is_simulator(gid):
             if self._accept(message):
-                if not self._far.is_at(gid):
+                if not self._peer.is_at(gid):
                     self._now = _Described()
-                self._far.participant = participant_of(gid)
+                self._peer.participant = participant_of(gid)
                 self._now.note(gid, message)
             return
         others = self._others
@@ -92,11 +92,11 @@ class Descriptions:
 
         Without a GID it is not to be told from others, so it is.
         """
-        if not gid or (self._far.participant and self._far.is_at(gid)):
+        if not gid or (self._peer.participant and self._peer.is_at(gid)):
             return True
         describing = set(map(participant_of, writers(self._node, self.topic)))
         whole = describing & set(map(participant_of, writers(self._node, self._observation)))
-        who, known = participant_of(gid), self._far.participant
+        who, known = participant_of(gid), self._peer.participant
         if known in describing:
             return who in whole and known not in whole
         return who in whole or not whole
@@ -112,16 +112,16 @@ class Descriptions:
         who, found = self._others.popitem()
         assert found.world is not None
         if self._accept(found.world):
-            self._far.participant, self._now = who, found
+            self._peer.participant, self._now = who, found
             self._others.clear()
 
     def expose(self) -> None:
         """Report the other participants: the simulator has answered, so it was not restarted."""
         for other in self._others.values():
-            self._far.drop(
+            name = self._peer.named(self._now.gid, writers(self._node, self.topic))
+            self._peer.drop(
                 self.topic, other.gid, 'also describes a world on this topic: ignored, because '
-                f'{self._far.named(self._now.gid, writers(self._node, self.topic))} answers; give '
-                'each simulator a namespace of its own')
+                f'{name} answers; give each simulator a namespace of its own')
         self._others.clear()
 
     # Answers of services

@@ -36,7 +36,7 @@ from rocket_sim_node.wire.distributions import make_wait_set
 from rocket_sim_node.wire.distributions import subscribe
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.node import clock_steps
-from rocket_sim_node.wire.node.far_end import sender_of
+from rocket_sim_node.wire.node.peer import sender_of
 
 _SERVED_AT_ONCE = 16
 """Maximum callbacks per run: `spin_once` serves one and does not report whether there was any."""

@@ -16,8 +16,8 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from service_msgs.msg import ServiceEventInfo
 
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.far_end import participant_of
 from rocket_sim_node.wire.node.inbox import Letterbox
+from rocket_sim_node.wire.node.peer import participant_of
 
 
 class RequestSender:

@@ -9,10 +9,10 @@ from rocket_msgs import msg
 
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
-from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import participant_of
-from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Letterbox
+from rocket_sim_node.wire.node.peer import Peer
+from rocket_sim_node.wire.node.peer import participant_of
+from rocket_sim_node.wire.node.peer import writers
 
 
 class Rivals:
@@ -25,14 +25,14 @@ class Rivals:
     """Seconds between two looks."""
 
     def __init__(
-        self, node: Node, far: FarEnd, health: DiagnosticsPublisher, own: bytes,
+        self, node: Node, peer: Peer, health: DiagnosticsPublisher, own: bytes,
     ) -> None:
         """Begin to listen.
 
-        :param far: names senders.
+        :param peer: names senders.
         :param own: the participant of this node; empty if it is not known: nothing is noticed.
         """
-        self._node, self._far, self._health, self._own = node, far, health, own
+        self._node, self._peer, self._health, self._own = node, peer, health, own
         self._letters = Letterbox(node, msg.World, 'world', qos.READ_WORLD)
         self._known: dict[bytes, bytes] = {}
         self._new: set[bytes] = set()
@@ -54,7 +54,7 @@ class Rivals:
         for gid in self._known.values():
             if gid not in there:
                 continue
-            name = self._far.named(gid, there)
+            name = self._peer.named(gid, there)
             self._health.fault('second simulator seen', gid, lambda name=name: (  # type: ignore[misc]
                 f'world: {name} also describes a world on this topic; give each simulator a '
                 'namespace of its own'))

@@ -23,12 +23,12 @@ from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.diagnostics import shortened
-from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import known_publisher
-from rocket_sim_node.wire.node.far_end import participant_of
-from rocket_sim_node.wire.node.far_end import writers
 from rocket_sim_node.wire.node.inbox import Inbox
 from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.peer import Peer
+from rocket_sim_node.wire.node.peer import known_publisher
+from rocket_sim_node.wire.node.peer import participant_of
+from rocket_sim_node.wire.node.peer import writers
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server import real_time
 from rocket_sim_node.wire.server.control import NOBODY
@@ -115,9 +115,9 @@ class Server:
         self._health = DiagnosticsPublisher(
             node, (*_EVENTS, *real_time.EVENTS) if realtime else _EVENTS, self._present)
         self._world_publisher, own = known_publisher(node, msg.World, 'world', qos.WORLD)
-        self._far = FarEnd(node, self._health, own)
+        self._peer = Peer(node, self._health, own)
         """The participant of the agent in control."""
-        self._rivals = Rivals(node, self._far, self._health, participant_of(own))
+        self._rivals = Rivals(node, self._peer, self._health, participant_of(own))
         period = world.spec.dt / options.realtime_factor
         self._realtime = RealTime(
             period, options.action_timeout, idle_action(world.spec), self._lease, self._health,
@@ -133,7 +133,7 @@ class Server:
         self._begin_session(world.observe())
         self._awaited = self._unflown = [*self._services.current, *self._services.deprecated]
         self.unattended = Unattended(
-            node, world, self._lease, self._far, self._realtime, self._state, self._advance,
+            node, world, self._lease, self._peer, self._realtime, self._state, self._advance,
             self._begin_session)
         self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
         create_timer(node, free_memory.PERIOD, free_memory.give_back)
@@ -182,8 +182,8 @@ class Server:
         refusal = self._lease.stranger(message.agent)
         if not refusal:
             refusal = self._past_session(message)
-            if not self._far.accepts('action', self._mailbox.sender):
-                self._far.drop('action', self._mailbox.sender, (
+            if not self._peer.accepts('action', self._mailbox.sender):
+                self._peer.drop('action', self._mailbox.sender, (
                     f'acts as agent {message.agent}, which is another participant: ignored'))
                 return
         refusal = refusal or self._untimely_action(message)
@@ -225,7 +225,7 @@ class Server:
                     (message.continuous, flown.continuous), (message.discrete, flown.discrete))):
             sender = self._mailbox.sender
             self._health.fault('differing repeats', sender, lambda: (
-                f'action: {self._far.named(sender, writers(self._node, "action"))} repeats step '
+                f'action: {self._peer.named(sender, writers(self._node, "action"))} repeats step '
                 f'{message.step} with values that differ from those applied; the answer is '
                 'that to the applied ones'))
         self._result.publish()
@@ -299,8 +299,8 @@ class Server:
             return self._refuse(name, agent, response)
         self._lease.take(agent)
         self._awaited = self._services.current
-        self._far.participant = participant_of(
-            caller if caller in self._far.clients(self._services.names(name))
+        self._peer.participant = participant_of(
+            caller if caller in self._peer.clients(self._services.names(name))
             else bytes(request.writer))
         self._begin_session(observation)
         response.code = response.OK
@@ -350,11 +350,11 @@ class Server:
         :return: empty if the agent itself calls, as far as that can be told.
         """
         services = self._services.names(name)
-        if agent != self._lease.owner or self._far.calls(services, caller):
+        if agent != self._lease.owner or self._peer.calls(services, caller):
             return ''
-        self._far.drop(
+        self._peer.drop(
             name, caller, f'calls as agent {agent}, which is another participant: refused',
-            self._far.clients(services))
+            self._peer.clients(services))
         return (
             f'agent: {agent}, but another process controls this simulator as that agent '
             f'(heard {self._lease.silent:.1f} s ago)')

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from rocket_sim_node.wire.node import stopping
-from rocket_sim_node.wire.node.far_end import FarEnd
-from rocket_sim_node.wire.node.far_end import writers
+from rocket_sim_node.wire.node.peer import Peer
+from rocket_sim_node.wire.node.peer import writers
 from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 from rocket_sim_node.wire.server.real_time import RealTime
@@ -27,27 +27,27 @@ class Unattended:
     """
 
     def __init__(
-        self, node: Node, world: SimulatedWorld, lease: ControlLease, far: FarEnd,
+        self, node: Node, world: SimulatedWorld, lease: ControlLease, peer: Peer,
         realtime: RealTime | None, state: StateStream, advance: Callable[[NDArray[Any]], None],
         begin: Callable[[F32, bool], None],
     ) -> None:
         """Begin paused.
 
-        :param far: the participant of the agent in control.
+        :param peer: the participant of the agent in control.
         :param realtime: None in lock-step.
         :param state: publishes what was flown when a call ends.
         :param advance: steps the world and publishes the result.
         :param begin: draws a new session, in which the observation is the first, and lets the
             simulated time begin at 0 again or go on.
         """
-        self._node, self._world, self._lease, self._far = node, world, lease, far
+        self._node, self._world, self._lease, self._peer = node, world, lease, peer
         self._realtime, self._state, self._advance, self._begin = realtime, state, advance, begin
 
     def flown_by(self) -> str:
         """Return a sentence that says which agent has control; empty if none has."""
-        there = writers(self._node, 'action') if self._far.participant else {}
+        there = writers(self._node, 'action') if self._peer.participant else {}
         return self._lease.flown_by(next(
-            (name for gid, name in there.items() if self._far.is_at(gid)), ''))
+            (name for gid, name in there.items() if self._peer.is_at(gid)), ''))
 
     @property
     def has_clock(self) -> bool:

@@ -79,7 +79,7 @@ def _place(gid: bytes, own: bytes) -> str:
     return f', on {"this" if gid[2:4] == own[2:4] else "another"} machine'
 
 
-class FarEnd:
+class Peer:
     """The participant of the other side, and the count of messages dropped as not its own."""
 
     def __init__(self, node: Node, health: DiagnosticsPublisher, own: bytes) -> None:
@@ -97,19 +97,19 @@ class FarEnd:
         self._looked: dict[str, tuple[float, bytes, bool]] = {}
 
     def is_at(self, gid: bytes) -> bool:
-        """Whether a writer is one of the far end's; true for all while it is not known."""
+        """Whether a writer is one of the peer's; true for all while it is not known."""
         return not self.participant or not gid or participant_of(gid) == self.participant
 
     def accepts(self, topic: str, gid: bytes) -> bool:
-        """Return whether a message that claims to be the far end's counts.
+        """Return whether a message that claims to be the peer's counts.
 
-        It does if the far end wrote it, and if the far end has no writer on this topic at all: a
+        It does if the peer wrote it, and if the peer has no writer on this topic at all: a
         relay stands between the two, whose messages cannot be told from others.
         """
         return self.is_at(gid) or not self._writes(topic)
 
     def calls(self, services: Sequence[str], gid: bytes) -> bool:
-        """Return whether a request that claims to be the far end's counts, as :meth:`accepts`.
+        """Return whether a request that claims to be the peer's counts, as :meth:`accepts`.
 
         :param services: all names of the service.
         A client that the graph does not know counts: its GID may not name a participant.
@@ -126,7 +126,7 @@ class FarEnd:
             for gid, name in writers(self._node, f'rq{service}Request', mangled=True).items()}
 
     def _writes(self, topic: str) -> bool:
-        """Return whether the far end has a writer on a topic."""
+        """Return whether the peer has a writer on a topic."""
         now = time.monotonic()
         looked, participant, found = self._looked.get(topic, (0.0, b'', False))
         if participant != self.participant or now - looked > _LOOK_PERIOD:
