@@ -109,8 +109,8 @@ def _names(options: EvaluationParameters) -> list[str]:
     """Return the names of the pilots."""
     if options.pilots:
         return [name.strip() for name in options.pilots.split(',') if name.strip()]
-    rival = options.conditions == ALL and options.pilot != choice.EXPERT
-    return [options.pilot, *([choice.EXPERT] if rival else [])]
+    with_expert = options.conditions == ALL and options.pilot != choice.EXPERT
+    return [options.pilot, *([choice.EXPERT] if with_expert else [])]
 
 
 def _settings(options: EvaluationParameters, spec: WorldSpec) -> dict[str, float]:

@@ -31,7 +31,7 @@ from rocket_sim_node.wire.messages.conversion import to_sequence
 from rocket_sim_node.wire.node import inbox
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.server import step_messages
-from rocket_sim_node.wire.server.rivals import Rivals
+from rocket_sim_node.wire.server.duplicate_simulators import DuplicateDetector
 
 
 class Unchecked:
@@ -45,11 +45,12 @@ class Unchecked:
     @contextmanager
     def installed(cls) -> Iterator[None]:
         """Patch the code so that `used` selects the variant."""
-        sender_of, accepts, look = inbox.sender_of, Peer.accepts, Rivals.look
+        sender_of, accepts, look = inbox.sender_of, Peer.accepts, DuplicateDetector.look
         with (mock.patch.object(
                 inbox, 'sender_of', lambda info: b'' if cls.used else sender_of(info)),
               mock.patch.object(Peer, 'accepts', lambda *args: cls.used or accepts(*args)),
-              mock.patch.object(Rivals, 'look', lambda rivals: not cls.used and look(rivals))):
+              mock.patch.object(
+                  DuplicateDetector, 'look', lambda self: not cls.used and look(self))):
             yield
 
 

@@ -26,7 +26,7 @@ from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.node import peer
-from rocket_sim_node.wire.server import rivals
+from rocket_sim_node.wire.server import duplicate_simulators
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds import make
 
@@ -223,13 +223,13 @@ def test_a_second_simulator_is_reported_once_the_graph_lists_it(
     """Its one message may come earlier; and it is forgotten when it has gone."""
     gid, letters = bytes(range(16)), list[Any]()
     listed, told = dict[bytes, str](), list[str]()
-    monkeypatch.setattr(rivals, 'Letterbox', lambda *_: SimpleNamespace(
+    monkeypatch.setattr(duplicate_simulators, 'Letterbox', lambda *_: SimpleNamespace(
         take=lambda: letters.pop() if letters else None))
-    monkeypatch.setattr(rivals, 'writers', lambda *_: listed)
+    monkeypatch.setattr(duplicate_simulators, 'writers', lambda *_: listed)
     node: Any = None
     namer: Any = SimpleNamespace(named=lambda *_: '/other')
     health: Any = SimpleNamespace(fault=lambda *given: told.append(given[2]()))
-    watch = rivals.Rivals(node, namer, health, bytes(12))
+    watch = duplicate_simulators.DuplicateDetector(node, namer, health, bytes(12))
     letters.append((None, gid))
     watch.look()
     assert not told

@@ -34,8 +34,8 @@ from rocket_sim_node.wire.server import real_time
 from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 from rocket_sim_node.wire.server.control_services import ControlServices
+from rocket_sim_node.wire.server.duplicate_simulators import DuplicateDetector
 from rocket_sim_node.wire.server.real_time import RealTime
-from rocket_sim_node.wire.server.rivals import Rivals
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.wire.server.step_messages import ResultPublisher
 from rocket_sim_node.wire.server.unattended import Unattended
@@ -117,7 +117,7 @@ class Server:
         self._world_publisher, own = known_publisher(node, msg.World, 'world', qos.WORLD)
         self._peer = Peer(node, self._health, own)
         """The participant of the agent in control."""
-        self._rivals = Rivals(node, self._peer, self._health, participant_of(own))
+        self._duplicates = DuplicateDetector(node, self._peer, self._health, participant_of(own))
         period = world.spec.dt / options.realtime_factor
         self._realtime = RealTime(
             period, options.action_timeout, idle_action(world.spec), self._lease, self._health,
@@ -137,7 +137,7 @@ class Server:
             self._begin_session)
         self._timers = [create_timer(node, period, self._on_tick)] if realtime else []
         create_timer(node, free_memory.PERIOD, free_memory.give_back)
-        create_timer(node, Rivals.PERIOD, self._rivals.look)
+        create_timer(node, DuplicateDetector.PERIOD, self._duplicates.look)
 
     @property
     def present(self) -> tuple[int, int]:

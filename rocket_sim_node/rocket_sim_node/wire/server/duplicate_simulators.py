@@ -15,7 +15,7 @@ from rocket_sim_node.wire.node.peer import participant_of
 from rocket_sim_node.wire.node.peer import writers
 
 
-class Rivals:
+class DuplicateDetector:
     """The other participants that describe a world on this simulator's topics.
 
     Only a message counts: the graph still lists a simulator that was killed for 20 s.
@@ -39,7 +39,7 @@ class Rivals:
         """Writers whose message has come and which the graph does not list yet."""
 
     def look(self) -> None:
-        """Report an error for each rival that is there."""
+        """Report an error for each of them that is there."""
         while (taken := self._letters.take()) is not None:
             gid = taken[1]
             if self._own and gid and participant_of(gid) != self._own:
