@@ -59,7 +59,7 @@ class SimulateStepsServer:
         code, why = self._refusal()
         ended = Future()
         if code == Result.RESULT_OK:
-            self._server.unattended.step(0)  # takes control from an agent whose lease has expired
+            self._server.idle_stepper.step(0)  # takes control from an agent whose lease expired
             self._goal, self._done, self._session = goal, 0, self._server.present[0]
             self._ended = ended
             self._timer.reset()
@@ -84,15 +84,15 @@ class SimulateStepsServer:
         """Fly a slice of the goal, if there is one, and end it when its steps are flown."""
         if self._ended is None:  # a tick that was due when the goal ended
             return
-        goal, unattended = self._goal, self._server.unattended
+        goal, stepper = self._goal, self._server.idle_stepper
         steps, until = goal.request.steps, time.monotonic() + _SLICE
         why = ''
         while not why and self._done < steps and time.monotonic() < until:
             if goal.is_cancel_requested:
                 why = 'cancelled'
             elif self._server.present[0] != self._session:
-                why = unattended.flown_by() or 'an agent took control'
-            elif not unattended.step(1):
+                why = stepper.flown_by() or 'an agent took control'
+            elif not stepper.step(1):
                 why = 'the simulator is stopping'
             else:
                 self._done += 1

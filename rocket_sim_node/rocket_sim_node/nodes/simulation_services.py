@@ -76,7 +76,7 @@ class SimulationServices:
         :param world: of the server.
         :param seed: of the world at start; a reset of all begins with it again.
         """
-        self._server, self._unattended = server, server.unattended
+        self._server, self._stepper = server, server.idle_stepper
         self._world, self._seed = world, seed
         self._spec = self._world.spec
         self._stopped = 0
@@ -126,7 +126,7 @@ class SimulationServices:
 
     def _check_control(self) -> None:
         """Refuse to move the world while an agent has control, or the action steps."""
-        why = self._unattended.flown_by() or (
+        why = self._stepper.flown_by() or (
             'action simulate_steps is being executed' if self._steps.active else '')
         if why:
             raise Refused(Result.RESULT_OPERATION_FAILED, why)
@@ -148,7 +148,7 @@ class SimulationServices:
 
     @property
     def _state(self) -> int:
-        if self._unattended.flown_by() or self._unattended.playing:
+        if self._stepper.flown_by() or self._stepper.playing:
             return int(State.STATE_PLAYING)
         stopped = self._stopped == self._server.present[0]
         return int(State.STATE_STOPPED if stopped else State.STATE_PAUSED)
@@ -167,12 +167,12 @@ class SimulationServices:
             raise Refused(
                 response.ALREADY_IN_TARGET_STATE, f'state: is {_STATES[wanted]} already')
         try:
-            self._unattended.play(wanted == State.STATE_PLAYING)
+            self._stepper.play(wanted == State.STATE_PLAYING)
         except ValueError as error:
             raise Refused(response.STATE_TRANSITION_ERROR, f'state: {error}') from None
         self._stopped = 0
         if wanted == State.STATE_STOPPED:
-            self._unattended.begin(self._world.reset(self._seed), restart_time=True)
+            self._stepper.begin(self._world.reset(self._seed), restart_time=True)
             self._stopped = self._server.present[0]
 
     def _reset(self, request: Any, response: Any) -> None:
@@ -190,7 +190,7 @@ class SimulationServices:
             observation = self._world.reset()
         else:
             observation = self._world.observe()
-        self._unattended.begin(
+        self._stepper.begin(
             observation, restart_time=everything or bool(scope & request.SCOPE_TIME))
         if stopped:
             self._stopped = self._server.present[0]
@@ -202,7 +202,7 @@ class SimulationServices:
             raise Refused(Result.RESULT_OPERATION_FAILED, (
                 f'steps: got {steps}, expected at most {MOST_STEPS}; action simulate_steps has no '
                 'limit'))
-        flown = self._unattended.step(steps)
+        flown = self._stepper.step(steps)
         if flown < steps:
             raise Refused(
                 Result.RESULT_OPERATION_FAILED,
@@ -275,7 +275,7 @@ class SimulationServices:
     # Worlds
 
     def _current_world(self, request: Any, response: Any) -> None:
-        mode = 'real time' if self._unattended.has_clock else 'lock-step'
+        mode = 'real time' if self._stepper.has_clock else 'lock-step'
         response.world = _world(self._spec.name, (
             f'{self._spec.num_envs} rockets, {self._spec.dt:g} s a step, {mode}'))
 

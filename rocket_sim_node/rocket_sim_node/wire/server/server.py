@@ -35,10 +35,10 @@ from rocket_sim_node.wire.server.control import NOBODY
 from rocket_sim_node.wire.server.control import ControlLease
 from rocket_sim_node.wire.server.control_services import ControlServices
 from rocket_sim_node.wire.server.duplicate_simulators import DuplicateDetector
+from rocket_sim_node.wire.server.idle_stepper import IdleStepper
 from rocket_sim_node.wire.server.real_time import RealTime
 from rocket_sim_node.wire.server.state_stream import StateStream
 from rocket_sim_node.wire.server.step_messages import ResultPublisher
-from rocket_sim_node.wire.server.unattended import Unattended
 from rocket_sim_node.worlds.actions import Clipped
 from rocket_sim_node.worlds.actions import checked_action
 from rocket_sim_node.worlds.actions import idle_action
@@ -132,7 +132,7 @@ class Server:
             (srv.Release, '~/release', self._on_release)))
         self._begin_session(world.observe())
         self._awaited = self._unflown = [*self._services.current, *self._services.deprecated]
-        self.unattended = Unattended(
+        self.idle_stepper = IdleStepper(
             node, world, self._lease, self._peer, self._realtime, self._state, self._advance,
             self._begin_session)
         self._timers = [create_timer(node, period, self._on_tick)] if realtime else []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The world of a simulator while no agent flies it: stepped, reset and played by calls."""
+"""Steps a world by idle actions while no agent flies it: single steps, play, pause and reset."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import SimulatedWorld
 
 
-class Unattended:
+class IdleStepper:
     """Moves a world by idle actions (engine off, no torque); agents have precedence.
 
     Call what moves it only while `flown_by` is empty.
