@@ -122,7 +122,7 @@ def make_node(
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-    from rocket_sim_node.wire.node.inbox import Mailbox
+    from rocket_sim_node.wire.node.polling import PolledEntity
     from rocket_sim_node.wire.node.running import make_executor
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -140,7 +140,7 @@ def make_node(
 
     yield make
     for node in nodes:
-        Mailbox.destroy_all(node)
+        PolledEntity.destroy_all(node)
     for context in contexts:
         rclpy.shutdown(context=context)
 

@@ -22,7 +22,7 @@ from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.membership import FleetMembership
 from rocket_sim_node.wire.dds import security
 from rocket_sim_node.wire.dds.transport import prepared
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import PolledEntity
 from rocket_sim_node.wire.node.running import make_executor
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.worlds import Episodes
@@ -68,7 +68,7 @@ class Simulators:
             self._closing.callback(rclpy.shutdown, context=context)
             node = Node(f'{_NODE}_{secrets.token_hex(4)}', context=context)
         self._closing.callback(node.destroy_node)
-        self._closing.callback(Mailbox.destroy_all, node)
+        self._closing.callback(PolledEntity.destroy_all, node)
         executor = make_executor(context)
         executor.add_node(node)
         self._closing.callback(executor.remove_node, node)

@@ -33,7 +33,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.wire.client.answers import Answers
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.messages.cdr import Codec
-from rocket_sim_node.wire.node.inbox import Inbox
+from rocket_sim_node.wire.node.polling import PollingWaitSet
 from rocket_sim_node.worlds.actions import checked_action
 
 
@@ -124,7 +124,8 @@ def measure(num_envs: int, steps: int, rounds: int, policy: Policy) -> list[dict
         course()
         try:
             for owner, name, what in (
-                (Connection, 'ask', 'check, fill, publish action'), (Inbox, 'wait', 'wait'),
+                (Connection, 'ask', 'check, fill, publish action'),
+                (PollingWaitSet, 'wait', 'wait'),
                 (Connection, 'poll', 'take observation, reward'), (Answers, 'take', 'check them'),
             ):
                 watch.time(owner, name, what)

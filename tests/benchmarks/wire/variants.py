@@ -28,7 +28,7 @@ from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.conversion import from_sequence
 from rocket_sim_node.wire.messages.conversion import to_sequence
-from rocket_sim_node.wire.node import inbox
+from rocket_sim_node.wire.node import polling
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.server import step_messages
 from rocket_sim_node.wire.server.duplicate_simulators import DuplicateDetector
@@ -45,9 +45,9 @@ class Unchecked:
     @contextmanager
     def installed(cls) -> Iterator[None]:
         """Patch the code so that `used` selects the variant."""
-        sender_of, accepts, look = inbox.sender_of, Peer.accepts, DuplicateDetector.look
+        sender_of, accepts, look = polling.sender_of, Peer.accepts, DuplicateDetector.look
         with (mock.patch.object(
-                inbox, 'sender_of', lambda info: b'' if cls.used else sender_of(info)),
+                polling, 'sender_of', lambda info: b'' if cls.used else sender_of(info)),
               mock.patch.object(Peer, 'accepts', lambda *args: cls.used or accepts(*args)),
               mock.patch.object(
                   DuplicateDetector, 'look', lambda self: not cls.used and look(self))):
@@ -84,21 +84,21 @@ class Rosidl:
     @contextmanager
     def installed(cls) -> Iterator[None]:
         """Patch the code so that `used` selects the variant."""
-        fetch = inbox.Mailbox._fetch
+        fetch = polling.ArraySubscription._fetch
 
         def codec(kind: Any) -> Codec:
             return RosidlCodec(kind) if cls.used else Codec(kind)
 
-        def fetched(mailbox: Any) -> Any:
-            if not isinstance(mailbox._codec, RosidlCodec):
-                return fetch(mailbox)
-            with mailbox.handle:
-                return mailbox.handle.take_message(mailbox._kind, False)
+        def fetched(subscription: Any) -> Any:
+            if not isinstance(subscription._codec, RosidlCodec):
+                return fetch(subscription)
+            with subscription.handle:
+                return subscription.handle.take_message(subscription._kind, False)
 
         with (mock.patch.object(connection, 'Codec', codec),
-              mock.patch.object(inbox, 'Codec', codec),
+              mock.patch.object(polling, 'Codec', codec),
               mock.patch.object(step_messages, 'Codec', codec),
-              mock.patch.object(inbox.Mailbox, '_fetch', fetched)):
+              mock.patch.object(polling.ArraySubscription, '_fetch', fetched)):
             yield
 
 

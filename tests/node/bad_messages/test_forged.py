@@ -221,16 +221,16 @@ def test_a_node_knows_its_own_writer_when_others_of_its_name_appear(
 def test_a_second_simulator_is_reported_once_the_graph_lists_it(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """Its one message may come earlier; and it is forgotten when it has gone."""
-    gid, letters = bytes(range(16)), list[Any]()
+    gid, arrived = bytes(range(16)), list[Any]()
     listed, told = dict[bytes, str](), list[str]()
-    monkeypatch.setattr(duplicate_simulators, 'Letterbox', lambda *_: SimpleNamespace(
-        take=lambda: letters.pop() if letters else None))
+    monkeypatch.setattr(duplicate_simulators, 'MessageSubscription', lambda *_: SimpleNamespace(
+        take=lambda: arrived.pop() if arrived else None))
     monkeypatch.setattr(duplicate_simulators, 'writers', lambda *_: listed)
     node: Any = None
     namer: Any = SimpleNamespace(named=lambda *_: '/other')
     health: Any = SimpleNamespace(fault=lambda *given: told.append(given[2]()))
     watch = duplicate_simulators.DuplicateDetector(node, namer, health, bytes(12))
-    letters.append((None, gid))
+    arrived.append((None, gid))
     watch.look()
     assert not told
     listed[gid] = '/other'

@@ -43,14 +43,14 @@ ANY_VALUES = st.one_of(
     st.lists(ANY_F32, min_size=N, max_size=N))
 
 
-class Box:
-    """A mailbox that a test fills with messages."""
+class FakeSubscription:
+    """A subscription that a test fills with messages."""
 
     def __init__(self, topic: str) -> None:
         self.topic, self.posted = topic, deque[bytes]()
 
     def take(self) -> Any:
-        """Return the oldest message as a mailbox does."""
+        """Return the oldest message as a subscription does."""
         return CODECS[self.topic].decode(self.posted.popleft()) if self.posted else None
 
 
@@ -89,19 +89,19 @@ def check_answer(answers: Answers) -> None:
     assert (episodes.outcome < len(SPEC.outcomes)).all()
 
 
-def awaiting() -> tuple[dict[str, Box], Answers, list[str]]:
-    """Return mailboxes, the object that awaits an answer in them, and its warnings."""
-    boxes, said = {name: Box(name) for name in CODECS}, list[str]()
-    answers = Answers(list(boxes.values()), said.append)  # type: ignore[arg-type]
+def awaiting() -> tuple[dict[str, FakeSubscription], Answers, list[str]]:
+    """Return subscriptions, the object that awaits an answer in them, and its warnings."""
+    subscriptions, said = {name: FakeSubscription(name) for name in CODECS}, list[str]()
+    answers = Answers(list(subscriptions.values()), said.append)  # type: ignore[arg-type]
     answers.expect(SPEC)
     answers.await_step(SESSION, STEP)
-    return boxes, answers, said
+    return subscriptions, answers, said
 
 
 @given(st.booleans(), st.sampled_from(list(CODECS)), st.data())
 def test_a_step_with_one_bad_field_is_refused_by_name(
         ended: bool, topic: str, data: st.DataObject) -> None:
-    boxes, answers, _ = awaiting()
+    subscriptions, answers, _ = awaiting()
     for name, arrays in answer(ended).items():
         numbers, arrays = (SESSION, STEP + 1), list(arrays)
         if name == topic:
@@ -110,7 +110,7 @@ def test_a_step_with_one_bad_field_is_refused_by_name(
             place = data.draw(st.integers(0, len(arrays) - 1))
             with np.errstate(invalid='ignore'):
                 arrays[place] = np.array(data.draw(ANY_VALUES)).astype(arrays[place].dtype)
-        boxes[name].posted.append(CODECS[name].encode(numbers, arrays))
+        subscriptions[name].posted.append(CODECS[name].encode(numbers, arrays))
     if not answers.collect():
         return  # of another session or step
     try:
@@ -124,12 +124,12 @@ def test_a_step_with_one_bad_field_is_refused_by_name(
 def test_damaged_answers_are_passed_over_or_refused(
         ended: bool, topic: str, data: st.DataObject) -> None:
     """A good answer that is sent again afterwards is accepted."""
-    boxes, answers, said = awaiting()
+    subscriptions, answers, said = awaiting()
     for name, arrays in answer(ended).items():
         good = CODECS[name].encode((SESSION, STEP + 1), arrays)
         if name == topic:
-            boxes[name].posted.append(data.draw(damage(good)))
-        boxes[name].posted.append(good)
+            subscriptions[name].posted.append(data.draw(damage(good)))
+        subscriptions[name].posted.append(good)
     try:
         assert answers.collect()
         check_answer(answers)
@@ -209,12 +209,13 @@ def test_any_answer_of_a_service_is_taken_or_refused(
 
 def in_real_time(*posted: tuple[str, int, bool]) -> LatestAnswers:
     """Return the object that awaits an answer, after (topic, step, rockets ended) were sent."""
-    boxes = {name: Box(name) for name in CODECS}
-    answers = LatestAnswers(list(boxes.values()), lambda text: None)  # type: ignore[arg-type]
+    subscriptions = {name: FakeSubscription(name) for name in CODECS}
+    answers = LatestAnswers(list(subscriptions.values()), lambda text: None)  # type: ignore[arg-type]
     answers.expect(SPEC)
     answers.await_step(SESSION, STEP)
     for topic, step, ended in posted:
-        boxes[topic].posted.append(CODECS[topic].encode((SESSION, step), answer(ended)[topic]))
+        subscriptions[topic].posted.append(
+            CODECS[topic].encode((SESSION, step), answer(ended)[topic]))
     return answers
 
 

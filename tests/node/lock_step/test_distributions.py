@@ -17,7 +17,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.wire import distributions
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import ArraySubscription
 
 pytestmark = pytest.mark.smoke
 
@@ -40,8 +40,9 @@ def test_a_context_lasts_as_long_as_its_block(processes: Processes) -> None:
 def test_this_rclpy_supports_the_fast_path(make_node: Callable[..., Any]) -> None:
     """A failure means that rclpy has changed: see `distributions.subscribe`."""
     node, _ = make_node()
-    box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
-    assert box.handle is not None
+    subscription = ArraySubscription(
+        node, msg.Observation, 'observation', qos.read_stream('always'))
+    assert subscription.handle is not None
 
 
 def test_an_exchange_by_the_public_api_has_the_same_bits(
@@ -51,7 +52,7 @@ def test_an_exchange_by_the_public_api_has_the_same_bits(
     processes.start('python', '-c', SIMULATOR, *ros_args(num_envs=4)).wait_for(
         'waiting for an agent', 60.0)
     with make_client() as client:
-        assert all(box.handle is None for box in Mailbox._open)
+        assert all(subscription.handle is None for subscription in ArraySubscription._open)
         world = worlds.make('rocket', num_envs=4)
         assert np.array_equal(client.reset(3), world.reset(seed=3))
         random = np.random.default_rng(0)

@@ -20,8 +20,8 @@ from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.fleet import SimulatorFleet
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
-from rocket_sim_node.wire.node.inbox import Caller
-from rocket_sim_node.wire.node.inbox import Letterbox
+from rocket_sim_node.wire.node.polling import MessageSubscription
+from rocket_sim_node.wire.node.polling import PolledClient
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import Job
@@ -153,9 +153,9 @@ def test_a_closed_fleet_releases_its_simulators_and_endpoints(
         names = [
             *(p.topic_name for p in node.publishers), *(s.topic_name for s in node.subscriptions),
             *(client.srv_name for client in node.clients),
-            *(one.topic for one in Letterbox._open if isinstance(one, Letterbox)
-              and one._node is node),
-            *(one.srv_name for one in Caller._open if isinstance(one, Caller)
+            *(one.topic for one in MessageSubscription._open
+              if isinstance(one, MessageSubscription) and one._node is node),
+            *(one.srv_name for one in PolledClient._open if isinstance(one, PolledClient)
               and one._node is node)]
         return [name for name in names if name.startswith('/sim_0')]
 

@@ -36,7 +36,7 @@ from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import ConnectionOptions
 from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import PolledEntity
 from rocket_sim_node.wire.node.running import make_executor
 from rocket_sim_node.worlds import EnvironmentRestarted
 from rocket_sim_node.worlds.actions import idle_action
@@ -196,7 +196,7 @@ def pilot(shared: Caller) -> Iterator[Client]:
     client = Client(node, executor, ConnectionOptions(resend_after=0.1, patience=15.0))
     yield client
     client.close()
-    Mailbox.destroy_all(node)
+    PolledEntity.destroy_all(node)
     node.destroy_node()
 
 

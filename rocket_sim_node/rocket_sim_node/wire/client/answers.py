@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.wire.messages import conversion
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import ArraySubscription
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import NO_EPISODES
 from rocket_sim_node.worlds.base import Bools
@@ -25,18 +25,18 @@ class Answers:
     """Collects `observation`, `reward` and `episodes` of the awaited step; drops all else."""
 
     def __init__(
-        self, boxes: Sequence[Mailbox], warn: Callable[[str], None],
-        accepts: Callable[[Mailbox], bool] = lambda box: True,
+        self, subscriptions: Sequence[ArraySubscription], warn: Callable[[str], None],
+        accepts: Callable[[ArraySubscription], bool] = lambda subscription: True,
     ) -> None:
         """Set up without awaiting a step.
 
-        :param boxes: mailboxes of observation, reward and episodes.
+        :param subscriptions: those of observation, reward and episodes.
         :param warn: called with a text for each message that could not be decoded.
-        :param accepts: called with the mailbox of each message of the session; returns whether
-            the simulator sent it.
+        :param accepts: called with the subscription of each message of the session; returns
+            whether the simulator sent it.
         """
         self._warn, self._accepts = warn, accepts
-        self._boxes = tuple(boxes)
+        self._subscriptions = tuple(subscriptions)
         self._spec: WorldSpec | None = None
         self._session = self._step = 0
         self.ahead = 0
@@ -55,12 +55,12 @@ class Answers:
         self._observation = self._reward = self._episodes = None
 
     @property
-    def missing(self) -> Mailbox | None:
-        """The mailbox that the next missing part arrives in; None when the answer is complete.
+    def missing(self) -> ArraySubscription | None:
+        """The subscription of the next missing part; None when the answer is complete.
 
         The simulator sends the observation last, so once it is here the rest usually is too.
         """
-        observation, reward, episodes = self._boxes
+        observation, reward, episodes = self._subscriptions
         if self._observation is None:
             return observation
         if self._reward is None:
@@ -72,17 +72,17 @@ class Answers:
 
         Messages of another session or step are skipped.
         """
-        while (box := self.missing) is not None:
-            message = self._next(box)
+        while (subscription := self.missing) is not None:
+            message = self._next(subscription)
             if message is None:
                 return False
             if not self._is_awaited(message):
                 if message.session == self._session and message.step > self._step + 1:
                     self.ahead = message.step
                 continue
-            if box is self._boxes[0]:
+            if subscription is self._subscriptions[0]:
                 self._observation = message
-            elif box is self._boxes[1]:
+            elif subscription is self._subscriptions[1]:
                 self._reward = message
             else:
                 self._episodes = message
@@ -91,23 +91,23 @@ class Answers:
     def heard_of(self, session: int) -> bool:
         """Read the observations that have arrived; return whether one belongs to this session."""
         heard = False
-        while (message := self._next(self._boxes[0])) is not None:
+        while (message := self._next(self._subscriptions[0])) is not None:
             heard |= message.session == session
         return heard
 
-    def _next(self, box: Mailbox) -> Any:
-        """Return the next message of a mailbox, or None.
+    def _next(self, subscription: ArraySubscription) -> Any:
+        """Return the next message of a subscription, or None.
 
         Any participant may publish, so bytes that cannot be decoded, and messages of this session
         that the simulator did not send, are skipped.
         """
         while True:
             try:
-                message = box.take()
+                message = subscription.take()
             except ValueError as error:
                 self._warn(f'message ignored: {error}')
                 continue
-            if message is None or message.session != self._session or self._accepts(box):
+            if message is None or message.session != self._session or self._accepts(subscription):
                 return message
 
     def _is_awaited(self, message: Any) -> bool:

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from rocket_sim_node.wire.client.connection import Connection
 from rocket_sim_node.wire.client.connection import ConnectionOptions
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import ArraySubscription
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
@@ -48,21 +48,23 @@ def ask_all(
         raise
 
 
-def await_any(waiter: Waiter, waiting: Sequence[Connection]) -> tuple[list[Mailbox], bool]:
+def await_any(
+    waiter: Waiter, waiting: Sequence[Connection],
+) -> tuple[list[ArraySubscription], bool]:
     """Wait until one of the simulators may have answered, or something is due.
 
-    :return: the mailboxes with messages, and whether anything else may be due.
+    :return: the subscriptions with messages, and whether anything else may be due.
     """
-    mailboxes: list[Mailbox] = []
+    polled: list[ArraySubscription] = []
     entities: dict[str, list[Any]] = {'subscriptions': [], 'clients': []}
     for connection in waiting:
-        if connection.mailbox is not None:
-            mailboxes.append(connection.mailbox)
+        if connection.awaited is not None:
+            polled.append(connection.awaited)
             continue
         for kind, found in connection.entities.items():
             entities[kind] += found
     due = min(connection.deadline for connection in waiting)
-    full, others = waiter.attend(due - time.monotonic(), mailboxes, **entities)
+    full, others = waiter.attend(due - time.monotonic(), polled, **entities)
     return full, others or time.monotonic() >= due
 
 

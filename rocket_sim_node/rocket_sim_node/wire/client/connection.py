@@ -28,12 +28,12 @@ from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.messages.cdr import Codec
 from rocket_sim_node.wire.messages.definitions import check_definitions
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
-from rocket_sim_node.wire.node.inbox import Caller
-from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.node.peer import known_publisher
 from rocket_sim_node.wire.node.peer import participant_of
 from rocket_sim_node.wire.node.peer import writers
+from rocket_sim_node.wire.node.polling import ArraySubscription
+from rocket_sim_node.wire.node.polling import PolledClient
 from rocket_sim_node.wire.node.steady_clock import STEADY
 from rocket_sim_node.wire.node.waiting import Silence
 from rocket_sim_node.worlds.actions import commanded
@@ -132,14 +132,14 @@ class Connection:
         self._peer = Peer(node, health or DiagnosticsPublisher(node, quiet=True), self._writer)
         self._descriptions = Descriptions(node, prefix, self._peer, self._accept_description)
         self._stream = stream = qos.read_stream(options.acknowledge)
-        self._mailboxes = [
-            Mailbox(node, kind, prefix + topic, profile) for kind, topic, profile in (
+        self._step_subscriptions = [
+            ArraySubscription(node, kind, prefix + topic, profile) for kind, topic, profile in (
                 (msg.Observation, 'observation', stream),
                 (msg.Reward, 'reward', stream),
                 (msg.Episodes, 'episodes', qos.EVENTS))]
-        self._answers = Answers(self._mailboxes, self._warn, self._accepts)
+        self._answers = Answers(self._step_subscriptions, self._warn, self._accepts)
         self._clients = {
-            name.rpartition('/')[2]: Caller(node, kind, prefix + name) for name, kind in (
+            name.rpartition('/')[2]: PolledClient(node, kind, prefix + name) for name, kind in (
                 ('simulator/reset', srv.Reset), ('simulator/snapshot', srv.Snapshot),
                 ('simulator/restore', srv.Restore))}
         self._release = node.create_client(srv.Release, f'{prefix}simulator/release')
@@ -149,13 +149,13 @@ class Connection:
         """Messages ignored because they did not come from the simulator."""
         return self._peer.dropped
 
-    def _accepts(self, mailbox: Mailbox) -> bool:
+    def _accepts(self, subscription: ArraySubscription) -> bool:
         """Return whether the simulator sent the last message of this session."""
-        if self._peer.accepts(mailbox.topic, mailbox.sender):
+        if self._peer.accepts(subscription.topic, subscription.sender):
             return True
         known = self._peer.named(self._peer.participant, writers(self._node, self.topic))
         self._peer.drop(
-            mailbox.topic, mailbox.sender,
+            subscription.topic, subscription.sender,
             f'publishes on this topic in the session of simulator {known}: ignored')
         return False
 
@@ -221,7 +221,7 @@ class Connection:
 
     def _compare_definitions(self, again: float) -> None:
         known = check_definitions(
-            self._node, [self.topic, *(mailbox.topic for mailbox in self._mailboxes)],
+            self._node, [self.topic, *(one.topic for one in self._step_subscriptions)],
             [self._publisher.topic_name])
         self._compare_at = math.inf if known else again
 
@@ -241,7 +241,7 @@ class Connection:
             self._acknowledge_large(spec)
             self._spec, self._realtime = spec, self.described_realtime
             kind = LatestAnswers if self._realtime else Answers
-            self._answers = kind(self._mailboxes, self._warn, self._accepts)
+            self._answers = kind(self._step_subscriptions, self._warn, self._accepts)
             self._answers.expect(spec)
         change = ''
         if spec != self._spec:
@@ -263,9 +263,9 @@ class Connection:
         if stream == self._stream:
             return
         for number, kind in enumerate((msg.Observation, msg.Reward)):
-            topic = self._mailboxes[number].topic
-            self._mailboxes[number].destroy()
-            self._mailboxes[number] = Mailbox(self._node, kind, topic, stream)
+            topic = self._step_subscriptions[number].topic
+            self._step_subscriptions[number].destroy()
+            self._step_subscriptions[number] = ArraySubscription(self._node, kind, topic, stream)
 
     # Requests
 
@@ -275,8 +275,8 @@ class Connection:
         return self._next
 
     @property
-    def mailbox(self) -> Mailbox | None:
-        """The mailbox for the next part of a step's answer; None when no step is pending."""
+    def awaited(self) -> ArraySubscription | None:
+        """The subscription for the next part of a step's answer; None when no step is pending."""
         return self._answers.missing if isinstance(self._command, np.ndarray) else None
 
     @property
@@ -288,7 +288,7 @@ class Connection:
     def entities(self) -> dict[str, list[Any]]:
         """The node's entities that deliver the answer of a service."""
         return {
-            'subscriptions': [self._descriptions.letters],
+            'subscriptions': [self._descriptions.subscription],
             'clients': [] if self._call is None else [self._call.client]}
 
     def waited(self, now: float) -> float:
@@ -561,8 +561,9 @@ class Connection:
         """Destroy publishers, subscriptions and clients."""
         self.drop()
         self._node.destroy_publisher(self._publisher)
-        for polled in (self._descriptions.letters, *self._mailboxes, *self._clients.values()):
-            polled.destroy()
+        for entity in (self._descriptions.subscription, *self._step_subscriptions,
+                       *self._clients.values()):
+            entity.destroy()
         self._node.destroy_client(self._release)
 
 

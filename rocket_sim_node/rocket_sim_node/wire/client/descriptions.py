@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.inbox import Letterbox
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.node.peer import participant_of
 from rocket_sim_node.wire.node.peer import writers
+from rocket_sim_node.wire.node.polling import MessageSubscription
 
 _SILENT = 0.5
 """Seconds without an answer after which another participant may be the simulator."""
@@ -56,8 +56,8 @@ class Descriptions:
         self._observation = f'{prefix}observation'
         self._now = _Described()
         self._others: dict[bytes, _Described] = {}
-        self.letters = Letterbox(node, msg.World, f'{prefix}world', qos.READ_WORLD)
-        self.topic = self.letters.topic
+        self.subscription = MessageSubscription(node, msg.World, f'{prefix}world', qos.READ_WORLD)
+        self.topic = self.subscription.topic
         """Full name of the topic."""
 
     @property
@@ -71,7 +71,7 @@ class Descriptions:
 
     def read(self) -> None:
         """Read the descriptions that have arrived."""
-        while (taken := self.letters.take()) is not None:
+        while (taken := self.subscription.take()) is not None:
             self._read_one(*taken)
 
     def _read_one(self, message: msg.World, gid: bytes) -> None:

@@ -269,7 +269,7 @@ class SimulatorFleet:
         full, others = await_any(self._waiter, [worker.connection for worker in busy])
         if others:
             return busy
-        return [worker for worker in busy if worker.connection.mailbox in full]
+        return [worker for worker in busy if worker.connection.awaited in full]
 
     def keep(self) -> None:
         """Send keep-alives to the simulators while the agent computes; call it often."""

@@ -15,7 +15,7 @@ import numpy as np
 from rocket_sim_node.wire.client.answers import Answers
 from rocket_sim_node.wire.client.answers import Step
 from rocket_sim_node.wire.client.answers import observation_of
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import ArraySubscription
 from rocket_sim_node.worlds.base import Episodes
 
 _KEPT = 16
@@ -32,11 +32,11 @@ class LatestAnswers(Answers):
     """
 
     def __init__(
-        self, boxes: Sequence[Mailbox], warn: Callable[[str], None],
-        accepts: Callable[[Mailbox], bool] = lambda box: True,
+        self, subscriptions: Sequence[ArraySubscription], warn: Callable[[str], None],
+        accepts: Callable[[ArraySubscription], bool] = lambda subscription: True,
     ) -> None:
         """Set up without awaiting a step; see :class:`Answers`."""
-        super().__init__(boxes, warn, accepts)
+        super().__init__(subscriptions, warn, accepts)
         self._kept: tuple[dict[int, Any], ...] = ({}, {}, {})
         self._newest = 0
         """Newest complete step; 0 before there is one."""
@@ -51,8 +51,8 @@ class LatestAnswers(Answers):
                 del kept[past]
 
     @property
-    def missing(self) -> Mailbox | None:
-        """The mailbox that the next missing part arrives in; None when a step is complete."""
+    def missing(self) -> ArraySubscription | None:
+        """The subscription of the next missing part; None when a step is complete."""
         if self._newest:
             return None
         observations, rewards, _ = self._kept
@@ -60,12 +60,12 @@ class LatestAnswers(Answers):
         place = (
             0 if not last or last < max(rewards, default=0) else
             1 if last not in rewards else 2)
-        return self._boxes[place]
+        return self._subscriptions[place]
 
     def collect(self) -> bool:
         """Read the messages that have arrived; return whether a step is complete."""
-        for box, kept in zip(self._boxes, self._kept, strict=True):
-            while (message := self._next(box)) is not None:
+        for subscription, kept in zip(self._subscriptions, self._kept, strict=True):
+            while (message := self._next(subscription)) is not None:
                 if message.session == self._session and message.step > self._step:
                     kept[message.step] = message
                     if len(kept) > _KEPT:

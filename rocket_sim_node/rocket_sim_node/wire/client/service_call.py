@@ -7,7 +7,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from rocket_sim_node.wire.node.inbox import Caller
+from rocket_sim_node.wire.node.polling import PolledClient
 from rocket_sim_node.wire.node.waiting import Silence
 
 _TIMEOUT, _LONGEST = 0.25, 10.0
@@ -21,7 +21,8 @@ class ServiceCall:
     """One request to one service: `poll` until an answer of the right server has arrived."""
 
     def __init__(
-        self, node: Node, client: Caller, request: Any, patience: float, topic: str, begin: float,
+        self, node: Node, client: PolledClient, request: Any, patience: float, topic: str,
+        begin: float,
     ) -> None:
         """Prepare the call; nothing is sent yet.
 

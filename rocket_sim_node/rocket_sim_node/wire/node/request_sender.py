@@ -16,8 +16,8 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from service_msgs.msg import ServiceEventInfo
 
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node.inbox import Letterbox
 from rocket_sim_node.wire.node.peer import participant_of
+from rocket_sim_node.wire.node.polling import MessageSubscription
 
 
 class RequestSender:
@@ -30,16 +30,16 @@ class RequestSender:
         :param own: the participant of this node; reports of others are left out.
         """
         self._own = own
-        self._letters = Letterbox(
+        self._events = MessageSubscription(
             node, kind.Event, f'{service.service_name}/_service_event', qos.REQUESTS)
-        if self._letters.handle is not None:
+        if self._events.handle is not None:
             service.configure_introspection(
                 node.get_clock(), qos.REQUESTS, ServiceIntrospectionState.METADATA)
 
     def take(self) -> bytes:
         """Return the GID of the client of the latest request; empty if it is not known."""
         found = b''
-        while (taken := self._letters.take()) is not None:
+        while (taken := self._events.take()) is not None:
             event, sender = taken
             if self._own and participant_of(sender) == self._own and (
                     event.info.event_type == ServiceEventInfo.REQUEST_RECEIVED):

@@ -29,7 +29,7 @@ from rocket_sim_node.wire.dds.transport import prepared
 from rocket_sim_node.wire.distributions import initialised
 from rocket_sim_node.wire.node import clock_steps
 from rocket_sim_node.wire.node import stopping
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import PolledEntity
 
 USAGE_ERROR = 2
 
@@ -131,7 +131,7 @@ def run_late(
                 # Before `leave`, which skips clean-up, so that peers notice the departure.
                 if executor is not None:
                     executor.remove_node(node)
-                Mailbox.destroy_all(node)
+                PolledEntity.destroy_all(node)
                 node.destroy_node()
     except (ExternalShutdownException, EnvironmentClosed):
         return 0

@@ -15,8 +15,8 @@ from rclpy.node import Node
 from rocket_sim_node import ros_environment
 from rocket_sim_node.errors import EnvironmentClosed
 from rocket_sim_node.wire.node import stopping
-from rocket_sim_node.wire.node.inbox import Inbox
-from rocket_sim_node.wire.node.inbox import Mailbox
+from rocket_sim_node.wire.node.polling import ArraySubscription
+from rocket_sim_node.wire.node.polling import PollingWaitSet
 
 _NOTICE_PERIOD = 5.0
 """Seconds between log messages while there is no answer."""
@@ -39,7 +39,7 @@ class Waiter:
         """Wait with `executor`, which serves `node`, for at most `patience` s."""
         self._node = node
         self._executor = executor
-        self._inbox = Inbox(node, executor)
+        self._wait_set = PollingWaitSet(node, executor)
         self.patience = patience
 
     def spin(self, seconds: float) -> None:
@@ -52,19 +52,19 @@ class Waiter:
         self._executor.spin_once(timeout_sec=min(max(seconds, 0.0), _SIGNAL_PERIOD))
 
     def attend(
-        self, seconds: float, mailboxes: Sequence[Mailbox], **entities: Sequence[Any],
-    ) -> tuple[list[Mailbox], bool]:
-        """Wait for a message in a mailbox or for other entities; see `Inbox.wait`.
+        self, seconds: float, polled: Sequence[ArraySubscription], **entities: Sequence[Any],
+    ) -> tuple[list[ArraySubscription], bool]:
+        """Wait for a message of a subscription or for other entities; see `PollingWaitSet.wait`.
 
         :raises EnvironmentClosed: when this process was asked to stop.
         """
         self._go_on()
-        return self._inbox.wait(mailboxes, min(seconds, _SIGNAL_PERIOD), **entities)
+        return self._wait_set.wait(polled, min(seconds, _SIGNAL_PERIOD), **entities)
 
     @property
     def overdue(self) -> bool:
         """Whether the node's callbacks and pending signals must be served now, with `attend`."""
-        return self._inbox.overdue
+        return self._wait_set.overdue
 
     def _go_on(self) -> None:
         if stopping.requested() or not self._node.context.ok():
@@ -81,7 +81,7 @@ class Waiter:
     ) -> bool:
         """Spin until `done()`; return false if the time is over first.
 
-        :param entities: to wait for that the executor does not serve; see `Inbox.wait`.
+        :param entities: to wait for that the executor does not serve; see `PollingWaitSet.wait`.
         """
         end = time.monotonic() + seconds
         while not done():

@@ -9,10 +9,10 @@ from rocket_msgs import msg
 
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
-from rocket_sim_node.wire.node.inbox import Letterbox
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.node.peer import participant_of
 from rocket_sim_node.wire.node.peer import writers
+from rocket_sim_node.wire.node.polling import MessageSubscription
 
 
 class DuplicateDetector:
@@ -33,14 +33,14 @@ class DuplicateDetector:
         :param own: the participant of this node; empty if it is not known: nothing is noticed.
         """
         self._node, self._peer, self._health, self._own = node, peer, health, own
-        self._letters = Letterbox(node, msg.World, 'world', qos.READ_WORLD)
+        self._subscription = MessageSubscription(node, msg.World, 'world', qos.READ_WORLD)
         self._known: dict[bytes, bytes] = {}
         self._new: set[bytes] = set()
         """Writers whose message has come and which the graph does not list yet."""
 
     def look(self) -> None:
         """Report an error for each of them that is there."""
-        while (taken := self._letters.take()) is not None:
+        while (taken := self._subscription.take()) is not None:
             gid = taken[1]
             if self._own and gid and participant_of(gid) != self._own:
                 self._known[participant_of(gid)] = gid

@@ -23,12 +23,12 @@ from rocket_sim_node.wire.messages.answer_digest import answer_digest
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.diagnostics import DiagnosticsPublisher
 from rocket_sim_node.wire.node.diagnostics import shortened
-from rocket_sim_node.wire.node.inbox import Inbox
-from rocket_sim_node.wire.node.inbox import Mailbox
 from rocket_sim_node.wire.node.peer import Peer
 from rocket_sim_node.wire.node.peer import known_publisher
 from rocket_sim_node.wire.node.peer import participant_of
 from rocket_sim_node.wire.node.peer import writers
+from rocket_sim_node.wire.node.polling import ArraySubscription
+from rocket_sim_node.wire.node.polling import PollingWaitSet
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server import real_time
 from rocket_sim_node.wire.server.control import NOBODY
@@ -124,7 +124,8 @@ class Server:
         ) if realtime else None
         self._result = ResultPublisher(node)
         self._state = StateStream(node, world, rows, batch)
-        self._mailbox = Mailbox(node, msg.Action, 'action', qos.read_stream(options.acknowledge))
+        self._actions = ArraySubscription(
+            node, msg.Action, 'action', qos.read_stream(options.acknowledge))
         self._services = ControlServices(node, participant_of(own), (
             (srv.Reset, '~/reset', self._on_reset),
             (srv.Snapshot, '~/snapshot', self._on_snapshot),
@@ -158,17 +159,17 @@ class Server:
 
         :param executor: the node's; serves everything but the actions.
         """
-        inbox = Inbox(self._node, executor)
+        wait_set = PollingWaitSet(self._node, executor)
         while not stopping.requested():
-            inbox.wait(
-                [self._mailbox], _SPIN_PERIOD, services=self._awaited, timers=self._timers)
+            wait_set.wait(
+                [self._actions], _SPIN_PERIOD, services=self._awaited, timers=self._timers)
             self._take_action()
         self._state.flush()
 
     def _take_action(self) -> None:
         """Handle the oldest action that has arrived, if there is one."""
         try:
-            message = self._mailbox.take()
+            message = self._actions.take()
         except ValueError as error:
             self._health.refuse('action', str(error))
             return
@@ -182,8 +183,8 @@ class Server:
         refusal = self._lease.stranger(message.agent)
         if not refusal:
             refusal = self._past_session(message)
-            if not self._peer.accepts('action', self._mailbox.sender):
-                self._peer.drop('action', self._mailbox.sender, (
+            if not self._peer.accepts('action', self._actions.sender):
+                self._peer.drop('action', self._actions.sender, (
                     f'acts as agent {message.agent}, which is another participant: ignored'))
                 return
         refusal = refusal or self._untimely_action(message)
@@ -223,7 +224,7 @@ class Server:
         if flown is not None and any(
                 theirs.tobytes() != ours.tobytes() for theirs, ours in (
                     (message.continuous, flown.continuous), (message.discrete, flown.discrete))):
-            sender = self._mailbox.sender
+            sender = self._actions.sender
             self._health.fault('differing repeats', sender, lambda: (
                 f'action: {self._peer.named(sender, writers(self._node, "action"))} repeats step '
                 f'{message.step} with values that differ from those applied; the answer is '

@@ -14,10 +14,9 @@ from rocket_msgs import msg
 from support.processes import wait_until
 
 from rocket_sim_node.wire.dds import qos
-from rocket_sim_node.wire.node import inbox
-from rocket_sim_node.wire.node.inbox import Inbox
-from rocket_sim_node.wire.node.inbox import Mailbox
-from rocket_sim_node.wire.node.inbox import Polling
+from rocket_sim_node.wire.node.polling import ArraySubscription
+from rocket_sim_node.wire.node.polling import Polling
+from rocket_sim_node.wire.node.polling import PollingWaitSet
 from rocket_sim_node.wire.node.steady_clock import create_timer
 
 PATIENCE = 10.0
@@ -25,7 +24,7 @@ PATIENT = Polling(seconds=PATIENCE, after=PATIENCE, serve_period=100.0, cores=2)
 
 
 class Line:
-    """A publisher of observations, and an inbox that waits for them."""
+    """A publisher of observations, and a wait set that waits for them."""
 
     def __init__(
         self, make_node: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, polling: Polling,
@@ -35,25 +34,26 @@ class Line:
         sender, _ = make_node()
         node, executor = make_node()
         self.publisher = sender.create_publisher(msg.Observation, 'observation', qos.STREAM)
-        self.box = Mailbox(node, msg.Observation, 'observation', qos.read_stream('always'))
-        self.inbox = Inbox(node, executor, polling)
-        make = self.inbox._make
+        self.observations = ArraySubscription(
+            node, msg.Observation, 'observation', qos.read_stream('always'))
+        self.wait_set = PollingWaitSet(node, executor, polling)
+        make = self.wait_set._make
 
         def made(size: Any) -> None:
             make(size)
-            self.inbox._wait_set = Counting(self, self.inbox._wait_set)
+            self.wait_set._wait_set = Counting(self, self.wait_set._wait_set)
 
-        monkeypatch.setattr(self.inbox, '_make', made)
+        monkeypatch.setattr(self.wait_set, '_make', made)
         give_way = os.sched_yield
 
         def counted() -> None:
             self.looks += 1
             give_way()
 
-        monkeypatch.setattr(inbox.os, 'sched_yield', counted)
+        monkeypatch.setattr(os, 'sched_yield', counted)
         while not self.publisher.get_subscription_count():
             executor.spin_once(timeout_sec=0.01)
-        self.inbox.wait([self.box], 0.0)  # which serves the rest of the node, first of all
+        self.wait_set.wait([self.observations], 0.0)  # serves the rest of the node first
         self.sleeps = 0
 
     def send(self) -> None:
@@ -64,9 +64,9 @@ class Line:
     def receive(self) -> None:
         """Wait for it, and take it."""
         for _ in range(200):
-            if self.box in self.inbox.wait([self.box], PATIENCE)[0]:
+            if self.observations in self.wait_set.wait([self.observations], PATIENCE)[0]:
                 break
-        assert self.box.take().step == self._step
+        assert self.observations.take().step == self._step
 
 
 class Counting:
@@ -111,10 +111,10 @@ def test_a_wait_after_a_long_wait_sleeps_without_polling(make_line: Callable[...
     line = make_line(seconds=0.005)
     line.send()
     line.receive()
-    assert line.inbox.wait([line.box], 0.01) == ([], False)
+    assert line.wait_set.wait([line.observations], 0.01) == ([], False)
     looks = line.looks
     assert looks and line.sleeps == 2
-    assert line.inbox.wait([line.box], 0.01) == ([], False)
+    assert line.wait_set.wait([line.observations], 0.01) == ([], False)
     assert line.looks == looks and line.sleeps == 3
 
 
@@ -129,19 +129,19 @@ def test_a_machine_with_one_core_does_not_poll(make_line: Callable[..., Line]) -
 def test_a_timer_that_is_due_is_served_amid_messages(line: Line) -> None:
     """A flood of messages must not delay the steps of real time."""
     served: list[None] = []
-    timer = create_timer(line.box._node, 0.001, lambda: served.append(None))
+    timer = create_timer(line.observations._node, 0.001, lambda: served.append(None))
     for _ in range(50):
         line.send()
-        while line.box not in line.inbox.wait([line.box], PATIENCE, timers=[timer])[0]:
+        while not line.wait_set.wait([line.observations], PATIENCE, timers=[timer])[0]:
             pass
-        assert line.box.take() is not None
+        assert line.observations.take() is not None
         time.sleep(0.002)
     assert len(served) >= 40
 
 
 def test_a_message_not_yet_taken_ends_the_wait_at_once(line: Line) -> None:
     line.send()
-    wait_until(lambda: line.box.full, PATIENCE)
-    assert line.inbox.wait([line.box], PATIENCE) == ([line.box], False)
-    assert np.array_equal(line.box.take().data, [])
-    assert line.box.take() is None
+    wait_until(lambda: line.observations.full, PATIENCE)
+    assert line.wait_set.wait([line.observations], PATIENCE) == ([line.observations], False)
+    assert np.array_equal(line.observations.take().data, [])
+    assert line.observations.take() is None

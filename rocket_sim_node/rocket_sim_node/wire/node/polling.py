@@ -7,7 +7,7 @@ exchange waits for one topic of each peer only. Its topics therefore have subscr
 not added to an executor and return bytes, and their own wait set, used as in
 `rclpy.wait_for_message`. The node's executor serves everything else in between.
 
-If messages arrive quickly, the inbox polls for a while before it sleeps in the wait set, and
+If messages arrive quickly, the node polls for a while before it sleeps in the wait set, and
 yields its core in between. Falling asleep and waking up takes longer than most answers: a halted
 core wakes slowly, with cold caches. DDS's own threads can preempt the polling at any time.
 
@@ -44,30 +44,30 @@ _SERVED_AT_ONCE = 16
 
 @dataclass(frozen=True)
 class Polling:
-    """When and for how long an inbox polls before it sleeps."""
+    """When and for how long a wait set is polled before the node sleeps in it."""
 
     seconds: float = 0.0006
     """Longer than most answers of a simulator take. Polling longer slows down other processes on a
     machine with two cores."""
     after: float = 0.0008
-    """An inbox polls if the previous message arrived within this time, s."""
+    """Poll if the previous message arrived within this time, s."""
     serve_period: float = 0.05
     """Seconds between executor runs that serve the rest of the node."""
     cores: int = len(os.sched_getaffinity(0))
-    """An inbox does not poll when as many peers are busy as there are cores."""
+    """Do not poll when as many peers are busy as there are cores."""
 
 
 POLLING = Polling()
 
 
-class _Polled:
+class PolledEntity:
     """An entity that is read by polling instead of callbacks.
 
     The node does not know it, so call `destroy_all` before the node is destroyed: a remaining
     entity keeps the participant alive, and peers do not notice that it is gone.
     """
 
-    _open: ClassVar[weakref.WeakSet[_Polled]] = weakref.WeakSet()
+    _open: ClassVar[weakref.WeakSet[PolledEntity]] = weakref.WeakSet()
 
     def __init__(self, handle: Any, make_public: Callable[[], Any], node: Node) -> None:
         """Take care of an entity of a node.
@@ -97,8 +97,8 @@ class _Polled:
             one.destroy()
 
 
-class Mailbox(_Polled):
-    """A subscription that is read by polling."""
+class ArraySubscription(PolledEntity):
+    """A subscription that is read by polling, and decodes messages to arrays."""
 
     def __init__(self, node: Node, kind: Any, topic: str, profile: QoSProfile) -> None:
         """Subscribe, with the node's remapping and namespace."""
@@ -145,7 +145,7 @@ class Mailbox(_Polled):
             raise ValueError(f'{self.topic}: {error}') from error
 
 
-class Letterbox(_Polled):
+class MessageSubscription(PolledEntity):
     """A subscription to any kind of message that is read by polling, with the sender.
 
     A callback that takes the sender as well makes rclpy's `EventsExecutor` fail (rclpy 7, 9).
@@ -175,7 +175,7 @@ class Letterbox(_Polled):
         return None if taken is None else (taken[0], sender_of(taken[1]))
 
 
-class Caller(_Polled):
+class PolledClient(PolledEntity):
     """A service's client that is read by polling.
 
     It returns every answer to a request: `rclpy.client.Client`, used where rclpy has changed,
@@ -223,8 +223,8 @@ class Caller(_Polled):
         return None if header is None else (header.request_id.sequence_number, response)
 
 
-class Inbox:
-    """Waits for mailboxes, and lets an executor serve the rest of a node."""
+class PollingWaitSet:
+    """Waits for messages of array subscriptions, and lets an executor serve the rest of a node."""
 
     def __init__(self, node: Node, executor: Executor, polling: Polling = POLLING) -> None:
         """Set up without a wait set; `wait` creates it."""
@@ -241,37 +241,39 @@ class Inbox:
         return time.monotonic() - self._served >= self._polling.serve_period
 
     def wait(
-        self, mailboxes: Sequence[Mailbox], seconds: float, subscriptions: Sequence[Any] = (),
-        clients: Sequence[Any] = (), services: Sequence[Any] = (), timers: Sequence[Any] = (),
-    ) -> tuple[list[Mailbox], bool]:
-        """Return when a mailbox has a message, something else was served, or the time is over.
+        self, polled: Sequence[ArraySubscription], seconds: float,
+        subscriptions: Sequence[Any] = (), clients: Sequence[Any] = (),
+        services: Sequence[Any] = (), timers: Sequence[Any] = (),
+    ) -> tuple[list[ArraySubscription], bool]:
+        """Return when a message has arrived, something else was served, or the time is over.
 
+        :param polled: the subscriptions whose messages end the wait.
         :param subscriptions: the node's subscriptions to serve at once, like the other entities
             passed; all other entities wait for up to 0.05 s.
-        :return: the mailboxes that have a message, and whether other callbacks may have run.
+        :return: those of `polled` that have a message, and whether other callbacks may have run.
         """
-        if any(one.handle is None for one in (*mailboxes, *subscriptions, *clients)):
-            return self._wait_publicly(mailboxes, seconds)
+        if any(one.handle is None for one in (*polled, *subscriptions, *clients)):
+            return self._wait_publicly(polled, seconds)
         began = time.monotonic()
         # Polling is off when as many peers are busy as there are cores, as it would slow them
         # down, and when timers are given, as a due timer must not wait for a flood of messages to
         # end.
-        full = [mailbox for mailbox in mailboxes if mailbox.held is not None]
-        if (self._brisk and not full and not timers and len(mailboxes) < self._polling.cores
+        full = [subscription for subscription in polled if subscription.held is not None]
+        if (self._brisk and not full and not timers and len(polled) < self._polling.cores
                 and not self.overdue):
-            full = _look_out(mailboxes, min(seconds, self._polling.seconds))
+            full = _poll(polled, min(seconds, self._polling.seconds))
         if full:
             return full, False
         rest = (subscriptions, clients, services, timers)
-        size = (len(mailboxes) + len(subscriptions), *map(len, rest[1:]))
+        size = (len(polled) + len(subscriptions), *map(len, rest[1:]))
         if any(a > b for a, b in zip(size, self._size, strict=True)):
             self._make(size)
         wait_set, now = self._wait_set, time.monotonic()
         wait_set.clear_entities()
         wait_set.add_guard_condition(self._guard)
-        for mailbox in mailboxes:
-            wait_set.add_subscription(mailbox.handle)
-        first = len(mailboxes)
+        for subscription in polled:
+            wait_set.add_subscription(subscription.handle)
+        first = len(polled)
         for subscription in subscriptions:
             wait_set.add_subscription(subscription.handle)
         for client in clients:
@@ -283,7 +285,7 @@ class Inbox:
         until = min(seconds, self._served + self._polling.serve_period - now)
         wait_set.wait(int(1e9 * max(until, 0.0)))
         full = [
-            mailbox for index, mailbox in enumerate(mailboxes)
+            subscription for index, subscription in enumerate(polled)
             if wait_set.is_ready('subscription', index)]
         self._brisk = bool(full) and time.monotonic() - began < self._polling.after
         serve = any(
@@ -301,13 +303,13 @@ class Inbox:
         return full, False
 
     def _wait_publicly(
-        self, mailboxes: Sequence[Mailbox], seconds: float,
-    ) -> tuple[list[Mailbox], bool]:
+        self, polled: Sequence[ArraySubscription], seconds: float,
+    ) -> tuple[list[ArraySubscription], bool]:
         """Wait as :meth:`wait` does, by the executor alone, which serves the whole node."""
-        if any(mailbox.full for mailbox in mailboxes):
+        if any(subscription.full for subscription in polled):
             seconds = 0.0
         self._executor.spin_once(timeout_sec=max(min(seconds, self._polling.serve_period), 0.0))
-        return [mailbox for mailbox in mailboxes if mailbox.full], True
+        return [subscription for subscription in polled if subscription.full], True
 
     def _make(self, size: tuple[int, ...]) -> None:
         subscriptions, clients, services, timers = self._size = tuple(
@@ -315,13 +317,13 @@ class Inbox:
         self._wait_set = make_wait_set(self._node, subscriptions, timers, clients, services)
         if self._guard is None:
             self._guard = make_guard_condition(self._node)
-            clock_steps.WATCH.add(self, lambda inbox: inbox._guard.trigger_guard_condition())
+            clock_steps.WATCH.add(self, lambda one: one._guard.trigger_guard_condition())
 
 
-def _look_out(mailboxes: Sequence[Mailbox], seconds: float) -> list[Mailbox]:
-    """Poll; return the mailboxes that have a message, or none after `seconds`."""
+def _poll(polled: Sequence[ArraySubscription], seconds: float) -> list[ArraySubscription]:
+    """Poll; return the subscriptions that have a message, or none after `seconds`."""
     end = time.monotonic() + seconds
-    while not (full := [mailbox for mailbox in mailboxes if mailbox.full]):
+    while not (full := [subscription for subscription in polled if subscription.full]):
         if time.monotonic() >= end:
             break
         os.sched_yield()
