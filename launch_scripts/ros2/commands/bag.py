@@ -119,7 +119,7 @@ def play(args: argparse.Namespace) -> None:
     :raises CommandError: when it cannot be played.
     """
     from rocket_sim_node.bags import mcap_file
-    from rocket_sim_node.bags.damage import DAMAGED
+    from rocket_sim_node.bags.read_errors import DAMAGED
     from rocket_sim_node.bags.reader import files_of
     if not args.rate > 0.0:
         raise CommandError(f'argument -r/--rate: {args.rate} is not a rate above 0')

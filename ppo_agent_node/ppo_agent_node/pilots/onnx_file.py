@@ -18,7 +18,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ppo_agent_node.ppo.policies.fit import fitted
+from ppo_agent_node.ppo.policies.compatibility import fitted
 from rocket_sim_node import input_file
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32

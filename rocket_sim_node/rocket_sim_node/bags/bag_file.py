@@ -22,13 +22,13 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer
 
 from rocket_sim_node.bags import mcap_file
-from rocket_sim_node.bags.damage import DAMAGED
 from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.bags.metadata import FILE
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
 from rocket_sim_node.bags.metadata import metadata_text
 from rocket_sim_node.bags.metadata import quality_values
+from rocket_sim_node.bags.read_errors import DAMAGED
 from rocket_sim_node.recording.sinks.destinations import RESERVE
 from rocket_sim_node.recording.sinks.destinations import Note
 from rocket_sim_node.recording.sinks.destinations import check_space

@@ -13,10 +13,10 @@ import numpy as np
 
 from rocket_sim_node import input_file
 from rocket_sim_node.bags import mcap_file
-from rocket_sim_node.bags.damage import DAMAGED
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import FILE
 from rocket_sim_node.bags.metadata import read_metadata
+from rocket_sim_node.bags.read_errors import DAMAGED
 from rocket_sim_node.recording.trajectories.trajectory import Trajectory
 from rocket_sim_node.recording.trajectories.trajectory import TrajectoryBuffer
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME

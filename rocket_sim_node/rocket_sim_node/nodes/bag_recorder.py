@@ -28,8 +28,8 @@ from rocket_sim_node.bags.bag_file import COMPRESSIONS
 from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
-from rocket_sim_node.bags.missed import counter_of
-from rocket_sim_node.bags.steady_date import SteadyDate
+from rocket_sim_node.bags.missed_messages import counter_of
+from rocket_sim_node.bags.monotonic_clock import MonotonicClock
 from rocket_sim_node.nodes.listening import NICENESS
 from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.nodes.listening import drain
@@ -105,7 +105,7 @@ class BagNode:
             _absolute(node, name) for name in re.split(r'[\s,]+', wanted.strip()) if name]
         self._recorded: dict[str, _Recorded] = {}
         self._refused: dict[str, str] = {}
-        self._clock = SteadyDate()
+        self._clock = MonotonicClock()
         self.count = 0
         """Messages received so far."""
 

@@ -8,10 +8,10 @@ from typing import Any
 import torch
 
 from ppo_agent_node.config.training_config import NetworkConfig
+from ppo_agent_node.ppo.policies.compatibility import fitted
+from ppo_agent_node.ppo.policies.compatibility import short
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import make_policy
-from ppo_agent_node.ppo.policies.fit import fitted
-from ppo_agent_node.ppo.policies.fit import short
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.sealed_file import Tensors
 from rocket_sim_node import settings

@@ -32,7 +32,7 @@ from rocket_sim_node.bags.bag_file import BagFile
 from rocket_sim_node.bags.decoder import Decoder
 from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
-from rocket_sim_node.bags.missed import counter_of
+from rocket_sim_node.bags.missed_messages import counter_of
 from rocket_sim_node.bags.reader import files_of
 from rocket_sim_node.bags.reader import messages
 from rocket_sim_node.bags.reader import read

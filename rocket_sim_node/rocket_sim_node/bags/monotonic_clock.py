@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Times of a bag's messages, whose order and distances do not depend on the system clock."""
+"""Clock for the times of a bag's messages, which runs on evenly if the system time is set."""
 from __future__ import annotations
 
 import time
 
 
-class SteadyDate:
+class MonotonicClock:
     """Times of the day, ns since the epoch, which keep their order if the system time is set."""
 
     def __init__(self) -> None:
