@@ -32,11 +32,11 @@ from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
-from rocket_sim_node.wire.client.state_input import leaving_out
-from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.invalid_input import ignore_invalid_input
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
 from rocket_sim_node.wire.node.running import leave
@@ -84,31 +84,31 @@ class RecorderNode:
 
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
-        with leaving_out(self._node, 'world'):
+        with ignore_invalid_input(self._node, 'world'):
             spec = conversion.world_from_message(message)
             self._recorder.world(WorldInfo.build(
                 spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1
-        with leaving_out(self._node, 'state'):
-            self._recorder.states(message.session, samples_from_message(message))
+        with ignore_invalid_input(self._node, 'state'):
+            self._recorder.states(message.session, samples_of(message))
 
     def _on_training(self, message: msg.TrainingStatus) -> None:
         self.count += 1
         self._agent_there = time.monotonic()
-        with leaving_out(self._node, 'training'):
+        with ignore_invalid_input(self._node, 'training'):
             self._recorder.training(training_of(message))
 
     def tick(self) -> None:
         """Log the data that has waited long enough."""
-        with leaving_out(self._node, 'flight'):
+        with ignore_invalid_input(self._node, 'flight'):
             self._recorder.tick()
 
     def close(self) -> None:
         """Finish everything that can be finished."""
         try:
-            with leaving_out(self._node, 'flight'):
+            with ignore_invalid_input(self._node, 'flight'):
                 self._recorder.log_the_rest()
         finally:
             self._recorder.close()
@@ -119,7 +119,7 @@ class RecorderNode:
         if self._node.count_publishers(self._training):
             self._agent_there = now
         elif now - self._agent_there > _AGENT_GONE:
-            with leaving_out(self._node, 'flight'):
+            with ignore_invalid_input(self._node, 'flight'):
                 self._recorder.training_is_over()
 
 

@@ -21,11 +21,11 @@ from rocket_sim_node.nodes.listening import SPIN_PERIOD
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.standard_views.motion import MotionViews
-from rocket_sim_node.wire.client.state_input import leaving_out
-from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.invalid_input import ignore_invalid_input
 from rocket_sim_node.wire.node.parameters import ParameterError
 from rocket_sim_node.wire.node.parameters import Parameters
 from rocket_sim_node.wire.node.running import leave
@@ -78,7 +78,7 @@ class BridgeNode:
             node.create_subscription(kind, topic, callback, profile)
 
     def _on_world(self, message: msg.World) -> None:
-        with leaving_out(self._node, 'world'):
+        with ignore_invalid_input(self._node, 'world'):
             spec = conversion.world_from_message(message)
             info = WorldInfo.build(
                 spec.name, spec.dt, spec.outcomes,
@@ -88,10 +88,10 @@ class BridgeNode:
                 self._views.world = info
 
     def _on_state(self, message: msg.RocketState) -> None:
-        with leaving_out(self._node, 'state'):
+        with ignore_invalid_input(self._node, 'state'):
             missed = self._views.missed
             for moment in self._views.add(
-                    message.session, samples_from_message(message),
+                    message.session, samples_of(message),
                     conversion.stamp_of(message.header)):
                 self._stamp = moment.stamp
                 self._publishers.publish(moment)

@@ -31,7 +31,7 @@ from rocket_sim_node.recording.drawing import entities
 from rocket_sim_node.recording.sinks import rerun_program
 from rocket_sim_node.recording.sinks.file_sink import partial_path
 from rocket_sim_node.telemetry.samples import Layout
-from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
@@ -115,10 +115,10 @@ def test_a_message_that_is_cut_short_is_named(name: str) -> None:
     world = make('lunar_lander', ROCKETS)
     message = conversion.state_to_message(
         np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
-    assert samples_from_message(message).layout == Layout(legs=2, heights=11)
+    assert samples_of(message).layout == Layout(legs=2, heights=11)
     setattr(message, name, getattr(message, name)[:-1])
     with pytest.raises(ValueError, match=f'{name}: '):
-        samples_from_message(message)
+        samples_of(message)
 
 
 def test_a_value_that_is_not_finite_is_refused_by_name() -> None:
@@ -127,7 +127,7 @@ def test_a_value_that_is_not_finite_is_refused_by_name() -> None:
         np.zeros(ROCKETS, np.uint64), world.telemetry(np.arange(ROCKETS)), 1)
     message.position[2] = float('nan')
     with pytest.raises(ValueError, match='position: a value is not finite'):
-        samples_from_message(message)
+        samples_of(message)
 
 
 def test_invalid_worlds_and_states_are_ignored(

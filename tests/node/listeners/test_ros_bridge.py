@@ -41,7 +41,7 @@ from rocket_sim_node.bags.definitions import definition
 from rocket_sim_node.nodes.ros_bridge import BridgeParameters
 from rocket_sim_node.telemetry.samples import FIELDS
 from rocket_sim_node.telemetry.samples import Samples
-from rocket_sim_node.wire.client.state_input import samples_from_message
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.messages import conversion
 from rocket_sim_node.worlds import make
@@ -136,7 +136,7 @@ def test_messages_agree_with_the_state(
     fall(20)
 
     def samples() -> list[Samples]:
-        return [samples_from_message(state) for state in states]
+        return [samples_of(state) for state in states]
 
     def mine() -> np.ndarray:
         found = [one.values[one.row == 1] for one in samples()]

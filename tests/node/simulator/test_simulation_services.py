@@ -32,9 +32,9 @@ from support.processes import wait_until
 from rocket_sim_node import worlds
 from rocket_sim_node.standard_views import entities
 from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import ConnectionOptions
-from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node.polling import PolledEntity
 from rocket_sim_node.wire.node.running import make_executor
@@ -264,7 +264,7 @@ def test_entities_have_the_numbers_of_topic_state(call: Caller) -> None:
     header = heard[-1].header
     assert header.frame_id == 'world'
     assert Time.from_msg(header.stamp).nanoseconds == STEPS * DT == stamp
-    samples = samples_from_message(heard[-1])
+    samples = samples_of(heard[-1])
     columns = [FIELDS[name] for name in (
         'position', 'orientation', 'linear_velocity', 'angular_velocity')]
     last = samples.take(samples.step == STEPS)

@@ -32,12 +32,12 @@ from ppo_agent_node.cockpit.raw_terminal import RawTerminal
 from ppo_agent_node.config.curriculum_config import level_setting
 from ppo_agent_node.pilots.keyboard import KeyboardPilot
 from rocket_sim_node.telemetry.samples import FIELDS
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import SimulatorBusy
-from rocket_sim_node.wire.client.state_input import leaving_out
-from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.invalid_input import ignore_invalid_input
 from rocket_sim_node.wire.node.waiting import WireTimeout
 from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds import EnvironmentRestarted
@@ -248,8 +248,8 @@ class HandFlying:
         """Store unobserved quantities of the first vehicle in the current flight."""
         if message.session != self._client.session:
             return
-        with leaving_out(self._node, 'state'):
-            samples = samples_from_message(message)
+        with ignore_invalid_input(self._node, 'state'):
+            samples = samples_of(message)
             mine = samples.values[(samples.row == 0) & (samples.episode == 0)]
             if len(mine):
                 self._tank = self._tank_of(mine[-1])

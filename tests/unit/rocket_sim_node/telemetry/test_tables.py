@@ -31,8 +31,8 @@ from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.telemetry.quantities import NO_OUTCOME
 from rocket_sim_node.telemetry.quantities import QUANTITIES
+from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.telemetry.training_status import Status
-from rocket_sim_node.wire.client.state_input import samples_from_message
 from rocket_sim_node.wire.messages import conversion
 
 ROOT = Path(__file__).parents[4]
@@ -107,7 +107,7 @@ def check_quantity(folder: Path) -> None:
     # The message as built lacks the field.
     conversion.RocketState = SimpleNamespace  # type: ignore[misc,assignment]
     message: Any = conversion.state_to_message(np.zeros(4, np.uint64), told, 1)
-    received = samples_from_message(message)
+    received = samples_of(message)
     np.testing.assert_array_equal(received.values[:, received.layout.place('gust')], told.gust)
     assert not worlds.make('lunar_lander', 2).telemetry(slice(None)).gust.any()
     spec = world.spec

@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of input from open topics: invalid messages are skipped with a warning."""
+"""Handling of invalid messages on topics to which anyone may publish: skipped, with a warning."""
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rclpy.node import Node
-from rocket_msgs import msg
 
-from rocket_sim_node.telemetry.samples import Samples
-from rocket_sim_node.telemetry.samples import samples_of
 from rocket_sim_node.wire.node.steady_clock import STEADY
 
 
 @contextmanager
-def leaving_out(node: Node, what: str) -> Iterator[None]:
+def ignore_invalid_input(node: Node, what: str) -> Iterator[None]:
     """Run code that handles received messages; skip invalid input with a warning.
 
     Values of a world description are used in computations far from where it was received, so the
@@ -26,11 +23,3 @@ def leaving_out(node: Node, what: str) -> Iterator[None]:
         node.get_logger().warning(
             f'{what} ignored: {error or type(error).__name__}', throttle_duration_sec=1.0,
             throttle_time_source_type=STEADY)
-
-
-def samples_from_message(message: msg.RocketState) -> Samples:
-    """Return the samples in a message.
-
-    :raises ValueError: when a field has the wrong length or a non-finite value, naming it.
-    """
-    return samples_of(message)
