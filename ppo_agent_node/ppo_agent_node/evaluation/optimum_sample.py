@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ppo_agent_node.evaluation.averages import mean
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from rocket_sim_node.worlds.base import F64
 
@@ -40,8 +41,8 @@ class OptimumSample:
             solved & result.landed[:len(solved)]]
         time = self.steps * result.spec.dt
         return {
-            'fuel_optimum_kg': _mean(self.fuel), 'time_optimum_s': _mean(time),
-            'return_ceiling': _mean(self.ceiling), 'fuel_ratio_optimum': _mean(ratio),
+            'fuel_optimum_kg': mean(self.fuel), 'time_optimum_s': mean(time),
+            'return_ceiling': mean(self.ceiling), 'fuel_ratio_optimum': mean(ratio),
             'optimum_sample': int(solved.sum()), 'optimum_reason': self.reason or None}
 
 
@@ -121,9 +122,3 @@ def _steps_at_rest(settings: Mapping[str, float]) -> int:
     if 'rest_time' not in settings:
         return 0
     return max(1, int(np.ceil(settings['rest_time'] / settings['dt'] - 1e-9)))
-
-
-def _mean(values: F64) -> float | None:
-    """Return the mean of the finite values, None if there are none."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else None

@@ -89,20 +89,6 @@ class StraightDropBound:
         met = np.abs(ignition_speed - self._fall(speed, height)) < 1e-6
         return np.where(met, high, np.nan)
 
-    def flight_time(self, speed: F64) -> F64:
-        """Return the durations of such flights, `(K,)` s.
-
-        Free fall with drag from v0 to v takes (artanh(k v) - artanh(k v0)) / (k g), where 1 / k
-        is the terminal speed, sqrt(m g / c).
-        """
-        burn = self.burn_time(speed)
-        _, ignition_speed = self._ignition(burn)
-        k = np.sqrt(self.drag / (self.mass * self.gravity))
-        fall = (
-            (np.arctanh(k * ignition_speed) - np.arctanh(k * speed)) / k if k
-            else ignition_speed - speed)
-        return fall / self.gravity + burn
-
     def _fall(self, speed: F64, height: F64) -> F64:
         """Return the speed `(K,)` of free fall at a height above touchdown.
 

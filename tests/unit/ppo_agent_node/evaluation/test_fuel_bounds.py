@@ -21,11 +21,6 @@ def test_reference_numbers(velocity: float, fuel: float) -> None:
     assert bound.fuel(np.array([velocity]))[0] == pytest.approx(fuel, abs=0.06)
 
 
-def test_the_drop_from_rest_takes_441_steps() -> None:
-    seconds = StraightDropBound(SETTINGS).flight_time(np.zeros(1))[0]
-    assert seconds / SETTINGS['dt'] == pytest.approx(441, abs=0.5)
-
-
 def _by_scipy(speed: float) -> float:
     """Return the fuel from a bisection on the ignition height, integrated forwards."""
     s = SETTINGS

@@ -34,6 +34,19 @@ def solved(
     return optimum
 
 
+def flight_time(bound: StraightDropBound, speed: np.ndarray) -> np.ndarray:
+    """Return the durations of the bound's flights, `(K,)` s.
+
+    Free fall with drag from v0 to v takes (artanh(k v) - artanh(k v0)) / (k g), where 1 / k is
+    the terminal speed, sqrt(m g / c).
+    """
+    burn = bound.burn_time(speed)
+    _, ignition_speed = bound._ignition(burn)
+    k = np.sqrt(bound.drag / (bound.mass * bound.gravity))
+    fall = (np.arctanh(k * ignition_speed) - np.arctanh(k * speed)) / k
+    return fall / bound.gravity + burn
+
+
 def test_a_straight_drop_is_the_closed_form_but_for_whole_steps() -> None:
     bound, speeds = StraightDropBound(SETTINGS), np.array([0.0, 4.0, 15.0, 28.0])
     drops = [solved(velocity=(0.0, -speed, 0.0)) for speed in speeds]
@@ -42,7 +55,7 @@ def test_a_straight_drop_is_the_closed_form_but_for_whole_steps() -> None:
     assert (more > -0.1).all()
     assert (more < 0.5 * FULL_STEP + 0.3).all()
     assert np.array([one.least_time.steps for one in drops]) == pytest.approx(
-        bound.flight_time(speeds) / DT + 0.5, abs=1.0)
+        flight_time(bound, speeds) / DT + 0.5, abs=1.0)
 
 
 def test_finer_steps_approach_the_closed_form() -> None:
@@ -54,7 +67,7 @@ def test_finer_steps_approach_the_closed_form() -> None:
 
 def test_without_drag_and_mass_loss_the_optimum_is_the_textbook_formula() -> None:
     # Free fall to the speed V and braking at T/m - g over heights that add up to H, see
-    # test_bounds; the whole flight takes V / g + V / (T/m - g).
+    # test_fuel_bounds; the whole flight takes V / g + V / (T/m - g).
     g, height = SETTINGS['gravity'], SETTINGS['spawn_height'] - SETTINGS['touchdown_height']
     net = FULL / MASS - g
     speed = math.sqrt(2 * height / (1 / g + 1 / net))
