@@ -123,6 +123,8 @@ class Simulators:
         :raises EnvironmentRestarted: when a simulator is in another session.
         :raises WireTimeout: when there is no answer.
         """
+        # Although each connection does so, too: an invalid row must stop the actions of all
+        # simulators, and the error names the row of the whole batch.
         action = commanded(self._spec, action)
         answers = self._ask(np.split(action, len(self._connections)))
         observation, reward, terminated, truncated = (
