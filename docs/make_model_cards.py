@@ -103,8 +103,8 @@ def results() -> dict[str, Any]:
 
 def card(name: str) -> str:
     """Return the model card of a policy, Markdown with the header of the Hugging Face Hub."""
-    told, figures = content(name), results()[name]
-    spec = world_of(path_of(name), told)
+    contents, figures = content(name), results()[name]
+    spec = world_of(path_of(name), contents)
     where = provenance.shipped()[name]
     return '\n'.join([
         *_header(name, spec.name, figures), '',
@@ -123,7 +123,7 @@ def card(name: str) -> str:
         'observation = world.reset(seed=1)',
         'observation, reward, terminated, truncated, info = world.step(pilot(observation))',
         '```', '',
-        *_results(figures), '', *_training(told, where), '', *_interface(spec), '',
+        *_results(figures), '', *_training(contents, where), '', *_interface(spec), '',
         '## Limits', '', _limits(name), '',
         f'File: `{name}.safetensors`, SHA-256 `{figures["policy_sha256"]}`.', ''])
 
@@ -169,17 +169,18 @@ def _results(figures: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _training(told: dict[str, Any], where: dict[str, Any]) -> list[str]:
-    training = told['training']
+def _training(contents: dict[str, Any], where: dict[str, Any]) -> list[str]:
+    training = contents['training']
     return [
         '## Training', '',
-        f'`./launch_scripts/train world:={told["world"]} preset:={where["preset"]} '
-        f'seed:={told["seed"]}`, commit {where["commit"]}, conditions `{where["conditions"]}`, '
-        f'run `{training["run"]}`: {training["steps"]:,} steps of one vehicle. The policy is from '
-        f'iteration {training["iteration"]} of PPO, which was the best on the '
-        f'{training["episodes"]} selection starts.', '',
-        f'Network: {len(told["observation_names"])} observations, features '
-        f'`{told["features"]}`, hidden layers {told["hidden_sizes"]}, {told["activation"]}.']
+        f'`./launch_scripts/train world:={contents["world"]} preset:={where["preset"]} '
+        f'seed:={contents["seed"]}`, commit {where["commit"]}, conditions '
+        f'`{where["conditions"]}`, run `{training["run"]}`: {training["steps"]:,} steps of one '
+        f'vehicle. The policy is from iteration {training["iteration"]} of PPO, which was the '
+        f'best on the {training["episodes"]} selection starts.', '',
+        f'Network: {len(contents["observation_names"])} observations, features '
+        f'`{contents["features"]}`, hidden layers {contents["hidden_sizes"]}, '
+        f'{contents["activation"]}.']
 
 
 def _interface(spec: worlds.WorldSpec) -> list[str]:

@@ -109,8 +109,8 @@ def _launched(name: str) -> tuple[str, str]:
     """Return what a command with a launch file does, and its section."""
     found = arguments.parse(name, LAUNCH_FILES / f'{name}.launch.yaml', [])
     start = launch.Start(f'launch_scripts/{name}', 0, Path(), found)
-    told = {**launch.decided(start), **launch.placeholders(start)}
-    values = resolved(found.declared, told, Path('ppo_agent_node/launch'))
+    decisions = {**launch.decided(start), **launch.placeholders(start)}
+    values = resolved(found.declared, decisions, Path('ppo_agent_node/launch'))
     known = {info.name: info for info in worlds.settings(worlds.names()[0])}
     for declared in (*_SHARED, _LAUNCHED[name]):
         known |= {info.name: info for info in describe(declared)}

@@ -94,15 +94,15 @@ def main() -> None:
     options = parser.parse_args()
     print(f'commit {machine.commit()}')
     for name, settings in FLOWN:
-        told = ' '.join([name, *(f'{key}={value}' for key, value in settings.items())])
-        if told.startswith(options.only):
-            print(f'{flown(name, settings)}  {told}, {STEPS} steps and snapshot', flush=True)
-    for told, arguments in TRAINED.items():
-        if not told.startswith(options.only):
+        title = ' '.join([name, *(f'{key}={value}' for key, value in settings.items())])
+        if title.startswith(options.only):
+            print(f'{flown(name, settings)}  {title}, {STEPS} steps and snapshot', flush=True)
+    for title, arguments in TRAINED.items():
+        if not title.startswith(options.only):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            for file, found in trained(*told.split(), arguments, Path(folder) / 'run').items():
-                print(f'{found}  {told}: {file}', flush=True)
+            for file, found in trained(*title.split(), arguments, Path(folder) / 'run').items():
+                print(f'{found}  {title}: {file}', flush=True)
 
 
 if __name__ == '__main__':

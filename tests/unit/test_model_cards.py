@@ -22,18 +22,18 @@ def test_a_card_is_current(name: str) -> None:
 
 def test_each_policy_has_its_provenance() -> None:
     assert set(provenance.shipped()) == set(shipped_names())
-    for told in provenance.shipped().values():
-        assert set(told) == set(provenance.KEYS)
+    for provenances in provenance.shipped().values():
+        assert set(provenances) == set(provenance.KEYS)
 
 
 @pytest.mark.parametrize('name', shipped_names())
 def test_the_header_is_that_of_the_hub(name: str) -> None:
     """As huggingface.co/docs/hub/model-cards has it; values are read as YAML."""
     _, header, _ = cards.card(name).split('---\n', 2)
-    told = plain_yaml.load(header)
-    assert told['license'] == 'apache-2.0'
-    assert 'reinforcement-learning' in told['tags']
-    model, = told['model-index']
+    metadata = plain_yaml.load(header)
+    assert metadata['license'] == 'apache-2.0'
+    assert 'reinforcement-learning' in metadata['tags']
+    model, = metadata['model-index']
     assert model['name'] == name
     for task in model['results']:
         reward, landed = task['metrics']

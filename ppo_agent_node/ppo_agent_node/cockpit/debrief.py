@@ -54,14 +54,14 @@ class Watch:
         """Return a line on what was late; empty if nothing was."""
         if self.last_chance is None:
             return ''
-        told = f'the last chance for full throttle was at {self.last_chance:.2f} s'
+        last_chance = f'the last chance for full throttle was at {self.last_chance:.2f} s'
         if self.lit is None:
-            return f'{told}; the engine stayed off'
+            return f'{last_chance}; the engine stayed off'
         late = self.lit - self.last_chance
         if late < 1e-9:
-            return f'{told}; the engine was lit, but needed full throttle from then on'
-        return (f'{told}; the engine was lit {late:.2f} s later: at least {self.hit:.0f} m/s '
-                'at the ground')
+            return f'{last_chance}; the engine was lit, but needed full throttle from then on'
+        return (f'{last_chance}; the engine was lit {late:.2f} s later: '
+                f'at least {self.hit:.0f} m/s at the ground')
 
 
 @dataclass(frozen=True)

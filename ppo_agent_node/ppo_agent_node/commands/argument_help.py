@@ -49,10 +49,10 @@ def help_text(script: str, found: Arguments, decided: Mapping[str, str]) -> str:
     for name, argument in found.declared.items():
         default = values[name].removeprefix(root)
         lines += _entry(name, argument.description, default)
-    for title, infos, told in _groups(found, values):
+    for title, infos, given in _groups(found, values):
         lines += ['', *textwrap.wrap(title, WIDTH)]
         lines += textwrap.wrap(
-            ' '.join(f'{info.name}:={_shown(told.get(info.name, info.default))}'
+            ' '.join(f'{info.name}:={_shown(given.get(info.name, info.default))}'
                      for info in infos),
             WIDTH, initial_indent='  ', subsequent_indent='  ', break_on_hyphens=False,
             break_long_words=False)
@@ -69,16 +69,16 @@ def explanation(
     """
     values = found.values({**decided, **found.launch})
     lines: list[str] = []
-    groups = [(info, told) for _, infos, told in _groups(found, values) for info in infos]
-    known = {info.name: (info, told) for info, told in groups}
+    groups = [(info, given) for _, infos, given in _groups(found, values) for info in infos]
+    known = {info.name: (info, given) for info, given in groups}
     for name in names:
         if name in found.declared:
             lines += _entry(name, found.declared[name].description, values[name])
         elif name in known:
-            info, told = known[name]
+            info, given = known[name]
             lines += _entry(
                 name, f'{info.description}{_range(info)}',
-                _shown(told.get(name, info.default)))
+                _shown(given.get(name, info.default)))
         else:
             raise unknown(name, found.world, (*found.declared, *known))
     return '\n'.join(lines) + '\n'
@@ -112,28 +112,28 @@ def _groups(
     found: Arguments, values: Mapping[str, str],
 ) -> Iterable[tuple[str, list[SettingInfo], Mapping[str, Any]]]:
     """Yield the settings that are no arguments of the launch: title, settings, values given."""
-    told: dict[str, Any] = {}
+    given: dict[str, Any] = {}
     if found.command == 'train':
-        told.update(presets.preset_values(found.preset, found.world))
+        given.update(presets.preset_values(found.preset, found.world))
         for name in _FILES:
-            told.update(read_parameters(
+            given.update(read_parameters(
                 Path(values[name]), full_name(values['namespace'], 'ppo_agent')))
     agent = agent_settings(found.command)
     for group, infos in agent.items():
         yield (
             f'Settings of the {_WHOSE[found.command]}, {group}:',
             [info for info in infos if info.name not in found.declared],
-            {**told, **found.agent})
+            {**given, **found.agent})
     taken = {info.name for infos in agent.values() for info in infos} | found.declared.keys()
     taken |= SET_BY_AGENT.keys() if found.command == 'train' else set()
     own = [info for info in simulator_settings(found.world) if info.name not in taken]
     simulator = full_name(values['namespace'], 'simulator')
-    told = {**read_parameters(Path(values['simulator_parameters']), simulator),
+    given = {**read_parameters(Path(values['simulator_parameters']), simulator),
             **found.simulator}
-    drawn = values['conditions'] or told.get('conditions', '')
+    drawn = values['conditions'] or given.get('conditions', '')
     if drawn in conditions.NAMES and drawn != 'nominal':
-        told = {**conditions.settings(drawn), **told}
+        given = {**conditions.settings(drawn), **given}
     ranges = [info for info in own if info.name in conditions.FLAT_NAMES]
-    yield f"Settings of world '{found.world}':", [i for i in own if i not in ranges], told
+    yield f"Settings of world '{found.world}':", [i for i in own if i not in ranges], given
     if ranges:
-        yield 'Ranges of its conditions:', ranges, told
+        yield 'Ranges of its conditions:', ranges, given

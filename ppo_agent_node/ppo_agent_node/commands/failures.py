@@ -70,10 +70,10 @@ def make(wanted: Failures) -> str:
         raise ValueError(f'{path}: damaged, or of an earlier version: {error!r}') from error
     flown = fly_again(world, pilot, seed, starts)
     record(output, world, flown)
-    told = ', '.join(
+    outcomes = ', '.join(
         f'{one["outcome"]} (rocket {one["row"]}, episode {one["episode"]})'
         for one in figures['failed_starts'])
-    return (f'{told}\nfailures: {printable_path(output)}; '
+    return (f'{outcomes}\nfailures: {printable_path(output)}; '
             f'watch it with: {command_line.watch_with(output)}\n')
 
 

@@ -76,7 +76,7 @@ class Start:
     arguments: Arguments
     launch: dict[str, str] = field(default_factory=dict)
     """the arguments of the launch that differ from its defaults"""
-    told: dict[str, str | list[str]] = field(default_factory=dict)
+    script_variables: dict[str, str | list[str]] = field(default_factory=dict)
     """variables for the script"""
 
     def node(self, name: str) -> str:
@@ -127,7 +127,8 @@ def prepare(start: Start) -> None:
         start.arguments.command](start)
     if start.arguments.simulator and start.arguments.command != 'train':
         _write_simulator(start, start.scratch / 'simulator.yaml')
-    start.told['arguments'] = [f'{name}:={value}' for name, value in start.launch.items()]
+    start.script_variables['arguments'] = [
+        f'{name}:={value}' for name, value in start.launch.items()]
 
 
 def _check_recorder(start: Start) -> None:
@@ -196,7 +197,7 @@ def _train(start: Start) -> None:
         launch['run_dir'] = str(new_folder(start.runs / f'{given.world}-{_now()}'))
     run = Path(launch['run_dir'])
     kept = run / 'simulator.yaml'
-    start.told['made'] = ''
+    start.script_variables['made'] = ''
     if resumed:
         if not vehicle and kept.is_file():
             require_parameters('run_dir', kept, start.node('simulator'))
@@ -205,7 +206,7 @@ def _train(start: Start) -> None:
             _write_simulator(start, start.scratch / 'simulator.yaml')
     elif vehicle or given.simulator:
         run.mkdir(parents=True, exist_ok=True)
-        start.told['made'] = '' if kept.exists() else str(kept)
+        start.script_variables['made'] = '' if kept.exists() else str(kept)
         if given.simulator:
             _write_simulator(start, kept)
         elif vehicle and Path(vehicle).resolve() != kept.resolve():
@@ -216,15 +217,15 @@ def _train(start: Start) -> None:
             Path(launch['agent_settings']), start.node('ppo_agent'), given.agent)
     if _flies_two_groups(start):
         launch['second_simulator'] = SECOND
-    start.told.update({'run': str(run), 'resumed': str(resumed).lower()})
+    start.script_variables.update({'run': str(run), 'resumed': str(resumed).lower()})
     # How to resume the run; until it has written its settings they have to be repeated.
     words = [os.environ.get('HOVERSLAM_SECURE', ''), start.script, f'run_dir:={run}']
     words = [word for word in (*words, 'resume:=true') if word]
     shown = [f'{name}:={value}' for name, value in given.given.items() if name in _OF_EACH_START]
     every = [f'{name}:={value}' for name, value in given.given.items()
              if name not in _OF_THE_START]
-    start.told['resume'] = shell_command([*words, *shown])
-    start.told['begin_again'] = shell_command([*words, *every])
+    start.script_variables['resume'] = shell_command([*words, *shown])
+    start.script_variables['begin_again'] = shell_command([*words, *every])
 
 
 def _flies_two_groups(start: Start) -> bool:
@@ -256,21 +257,21 @@ def _num_groups(start: Start) -> int:
 
 
 def _land(start: Start) -> None:
-    start.told['partial'] = ''
+    start.script_variables['partial'] = ''
     _check_room(Path(start.launch.get('output') or start.runs / 'landing.rrd'))
     if 'output' not in start.launch:
         output = new_recording(start.runs / f'landing-{_now()}.rrd')
         start.launch['output'] = str(output)
-        start.told['partial'] = str(output.with_name(output.stem + PARTIAL))
-    start.told['output'] = start.launch['output']
+        start.script_variables['partial'] = str(output.with_name(output.stem + PARTIAL))
+    start.script_variables['output'] = start.launch['output']
 
 
 def _evaluate(start: Start) -> None:
-    start.told['made'] = ''
+    start.script_variables['made'] = ''
     if start.launch.get('conditions') == ALL and 'output' not in start.launch:
         # A table takes minutes to fly: its figures are kept in files.
         start.launch['output'] = str(new_folder(start.runs / f'conditions-{_now()}'))
-        start.told['made'] = start.launch['output']
+        start.script_variables['made'] = start.launch['output']
 
 
 def _fly(start: Start) -> None:
@@ -281,7 +282,7 @@ def _fly(start: Start) -> None:
         _check_room(Path(start.launch['output']))
     for name, value in given.agent.items():
         pilot += ['-p', f'{name}:={str(value).lower()}']
-    start.told.update({
+    start.script_variables.update({
         'pilot': pilot, 'output': start.launch.get('output', ''),
         **{name: start.launch.get(name) or given.of_launch(name)
            for name in ('namespace', 'serve_web', 'connect')}})
@@ -291,11 +292,11 @@ def _now() -> str:
     return f'{datetime.now():%Y%m%d-%H%M%S}'
 
 
-def _bash(told: dict[str, str | list[str]]) -> str:
+def _bash(variables: dict[str, str | list[str]]) -> str:
     """Return variables as lines of bash."""
     return ''.join(
         f'{name}={shlex.quote(value)}\n' if isinstance(value, str)
-        else f'{name}=({shlex.join(value)})\n' for name, value in told.items())
+        else f'{name}=({shlex.join(value)})\n' for name, value in variables.items())
 
 
 def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
@@ -314,12 +315,12 @@ def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
     start = Start(script, pid, scratch, found)
     if not asked:
         prepare(start)
-        (scratch / PLAN).write_text(_bash(start.told), 'utf-8')
+        (scratch / PLAN).write_text(_bash(start.script_variables), 'utf-8')
         return ''
-    told = {**decided(start), **placeholders(start)}
+    decisions = {**decided(start), **placeholders(start)}
     if names:
-        return explanation(names, found, told)
-    return help_text(script, found, told)
+        return explanation(names, found, decisions)
+    return help_text(script, found, decisions)
 
 
 def placeholders(start: Start) -> dict[str, str]:

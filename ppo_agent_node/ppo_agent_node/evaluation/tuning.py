@@ -155,16 +155,16 @@ def search(space: GainSpace, worth: Return, optimiser: Optimiser) -> Iterator[Ge
     best_return, best = -math.inf, space.gains(space.origin)
     number = flown = 0
     while True:
-        told, returns = [], []
+        losses, returns = [], []
         for _ in range(optimiser.population_size):
             point = optimiser.ask()
             gains = space.gains(point)
             returns.append(worth(gains))
-            told.append((point, space.overshoot(point) - returns[-1]))
+            losses.append((point, space.overshoot(point) - returns[-1]))
             if returns[-1] > best_return:
                 best_return, best = returns[-1], gains
-        optimiser.tell(told)
-        number, flown = number + 1, flown + len(told)
+        optimiser.tell(losses)
+        number, flown = number + 1, flown + len(losses)
         yield Generation(
             number, flown, best_return, best, space.gains(optimiser.mean),
             float(np.median(returns)))

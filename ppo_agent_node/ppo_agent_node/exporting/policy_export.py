@@ -68,10 +68,10 @@ def export(path: Path, output: Path) -> Exported:
             f'{error.name} is not installed, expected the packages of the extra export: '
             "pip install './ppo_agent_node[export]'") from error
     observations = sample(path, spec)
-    told = description(path, content, spec)
+    metadata = description(path, content, spec)
     # Compare the file as it will be written, except for the result of the comparison.
-    difference, spread = _compare(_sealed(model, told), policy, spec, observations)
-    told['check'] = {
+    difference, spread = _compare(_sealed(model, metadata), policy, spec, observations)
+    metadata['check'] = {
         'observations': len(observations), 'greatest_difference': difference,
         'torch_from_itself': spread, 'torch': torch.__version__}
     allowed = max(TOLERANCE, spread)
@@ -79,7 +79,7 @@ def export(path: Path, output: Path) -> Exported:
         raise ValueError(
             f'{path}: the graph differs from PyTorch by {difference:.2g}, expected at most '
             f'{allowed:.2g}')
-    data = _sealed(model, told)
+    data = _sealed(model, metadata)
     write_atomically(output, data)
     return Exported(output, len(data), difference, spread, len(observations))
 
@@ -140,10 +140,10 @@ def sample(path: Path, spec: WorldSpec, count: int = OBSERVATIONS) -> F32:
     return np.concatenate((*seen, drawn.astype(np.float32)))
 
 
-def _sealed(model: Any, told: dict[str, Any]) -> bytes:
+def _sealed(model: Any, metadata: dict[str, Any]) -> bytes:
     """Return the file of a model with its description."""
     model.ClearField('metadata_props')
-    for key, value in onnx_file.metadata(told).items():
+    for key, value in onnx_file.metadata(metadata).items():
         model.metadata_props.add(key=key, value=value)
     return onnx_file.seal(model.SerializeToString(deterministic=True))
 

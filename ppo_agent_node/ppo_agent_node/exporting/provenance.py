@@ -20,11 +20,11 @@ def of(path: Path, content: dict[str, Any]) -> dict[str, Any]:
 
     :param path: the policy file; the settings of its run are read where they lie beside it.
     """
-    told = {
+    identity = {
         'policy_file': path.name,
         'policy_sha256': hashlib.sha256(path.read_bytes()).hexdigest()}
     if path.parent.resolve() == SHIPPED.resolve():
-        return {**told, **shipped().get(path.stem, {})}
+        return {**identity, **shipped().get(path.stem, {})}
     training = content.get('training', {})
     found = {name: training[name] for name in KEYS if name in training}
     run = read_config(path.with_name('config.yaml')) if path.name == 'policy.safetensors' else {}
@@ -32,7 +32,7 @@ def of(path: Path, content: dict[str, Any]) -> dict[str, Any]:
         found['conditions'] = run['training'].get('conditions') or run.get('conditions', '')
     if 'version' in run:
         found['version'] = run['version']
-    return {**told, **found}
+    return {**identity, **found}
 
 
 def shipped() -> dict[str, dict[str, Any]]:

@@ -58,7 +58,7 @@ def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
     :raises WireTimeout: when there is none for `patience` s.
     """
     begin = time.monotonic()
-    told = False
+    noticed = False
     while True:
         try:
             return client.connect()
@@ -69,8 +69,8 @@ def _connect(node: Node, client: Client, patience: float) -> WorldSpec:
                 raise WireTimeout(
                     f'waited {waited:.0f} s for the simulator of {topic}; '
                     f'{ros_environment.advice(os.environ)}') from None
-            if waited > _NOTICE and not told:
-                told = True
+            if waited > _NOTICE and not noticed:
+                noticed = True
                 node.get_logger().warning(
                     f'no simulator of {topic} yet; start one: ros2 run rocket_sim_node simulator '
                     '--ros-args -p num_envs:=1 -p mode:=realtime')

@@ -72,8 +72,8 @@ def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
     """
     text = input_file.read_text(path, LARGEST_GAINS)
     try:
-        told = json.loads(text)
-        pilot, gains = ROCKET_PILOTS[told['pilot']], dict(told['gains'])
+        content = json.loads(text)
+        pilot, gains = ROCKET_PILOTS[content['pilot']], dict(content['gains'])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(
             f'{path}: got {error!r:.100}, expected tuned gains: pilot and gains') from error

@@ -124,13 +124,13 @@ def _description(path: Path, session: Any) -> dict[str, Any]:
 
     :raises ValueError: when it is of another version or damaged.
     """
-    told = dict(session.get_modelmeta().custom_metadata_map)
+    entries = dict(session.get_modelmeta().custom_metadata_map)
     for name, expected in (('hoverslam', 'policy'), ('version', str(FORMAT_VERSION))):
-        if (found := told.pop(name, None)) != expected:
+        if (found := entries.pop(name, None)) != expected:
             raise ValueError(f'{path}: {name}: got {found!r:.40}, expected {expected!r}')
-    told.pop('digest', '')
+    entries.pop('digest', '')
     try:
-        return {name: json.loads(text) for name, text in told.items()}
+        return {name: json.loads(text) for name, text in entries.items()}
     except ValueError as error:
         raise ValueError(f'{path}: damaged, its metadata is not JSON: {error}') from error
 

@@ -119,9 +119,9 @@ class MetricsLogger:
         self._progress = progress or Progress(iteration, self._iterations, self._unit)
         if 'level' in numbers:
             self.keep(level=numbers['level'])
-        told = {name: value for name, value in numbers.items() if name in _STATUS_FIELDS}
+        known = {name: value for name, value in numbers.items() if name in _STATUS_FIELDS}
         self._tell(
-            message, remaining=each * left if left > 0 else 0.0, steps_per_second=rate, **told)
+            message, remaining=each * left if left > 0 else 0.0, steps_per_second=rate, **known)
 
     def message(self, text: str) -> None:
         """Report an event between two entries; it is not logged."""

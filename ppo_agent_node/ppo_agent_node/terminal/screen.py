@@ -98,12 +98,12 @@ class Terminal:
             return False
         done, goal, _ = wording.counted(status)
         now = time.monotonic()
-        told = (
+        due = (
             status.message or status.iterations <= _MANY or status.iteration <= 1 or done >= goal
             or status.stage != self._stage or now - self._printed >= _PERIOD)
-        if told:
+        if due:
             self._printed, self._stage = now, status.stage
-        return bool(told)
+        return bool(due)
 
     def _draw(self, above: Text | None = None) -> None:
         if self._live_display is None:

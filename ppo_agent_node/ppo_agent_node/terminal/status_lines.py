@@ -48,7 +48,7 @@ class StatusLines:
     def take(self, status: Status) -> None:
         """Add a report; an event keeps the figures of the last iteration."""
         now = self._clock()
-        same, told = status.stage == self._status.stage, status.is_iteration
+        same, is_iteration = status.stage == self._status.stage, status.is_iteration
         if same and not status.is_iteration:
             before = self._status
             unsaid = {
@@ -62,7 +62,7 @@ class StatusLines:
             self._history = {}
         for _, field, _ in _CURVES.get(status.stage, ()):
             value = getattr(status, field)
-            if told and math.isfinite(value):
+            if is_iteration and math.isfinite(value):
                 self._history.setdefault(field, []).append(value)
 
     def lines(self, width: int) -> list[Text]:

@@ -102,9 +102,9 @@ def check_alike(descriptions: Sequence[dict[str, Any]]) -> None:
         for name, expected in first.items():
             found = other.get(name, _NOTHING)
             if name not in _FREE_TO_CHANGE and found != expected:
-                told = 'none' if found is _NOTHING else found
+                value = 'none' if found is _NOTHING else found
                 raise ValueError(
-                    f'{name}: rank {rank} has {told!s:.200}, rank 0 has {expected!s:.200}, '
+                    f'{name}: rank {rank} has {value!s:.200}, rank 0 has {expected!s:.200}, '
                     'expected the same on all ranks')
 
 

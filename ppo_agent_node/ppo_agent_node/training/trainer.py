@@ -271,8 +271,8 @@ class Trainer:
         state, interval = self._state, self._config.run.checkpoint_interval
         due = best or self._done() or state.iteration % interval == 0
         if best:
-            told = f'best policy so far: return {best.mean_return:.1f}'
-            message = f'{message}, {told}' if message else told
+            note = f'best policy so far: return {best.mean_return:.1f}'
+            message = f'{message}, {note}' if message else note
         self._metrics.entry(
             state.iteration, state.steps, message,
             0.0 if self._done() else self._stop_criterion.left(state.iteration, state.episodes),

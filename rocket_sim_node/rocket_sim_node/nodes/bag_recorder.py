@@ -274,10 +274,10 @@ def _absolute(node: Node, name: str) -> str:
 def _quality(profile: QoSProfile) -> Quality:
     """Return the words of an offered profile; what DDS does not tell is the default."""
     history = profile.history.name.lower()
-    told = history in ('keep_last', 'keep_all') and profile.depth > 0
+    offered = history in ('keep_last', 'keep_all') and profile.depth > 0
     return Quality(
         profile.reliability.name.lower(), profile.durability.name.lower(),
-        history if told else 'keep_last', profile.depth if told else Quality.depth)
+        history if offered else 'keep_last', profile.depth if offered else Quality.depth)
 
 
 def _profile(offers: list[QoSProfile]) -> QoSProfile:

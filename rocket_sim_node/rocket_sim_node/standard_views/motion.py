@@ -129,14 +129,14 @@ class MotionViews:
         if (np.diff(samples.step) < 0).any():
             raise ValueError('step: not in ascending order')
         first, last = int(samples.step[0]), int(samples.step[-1])
-        told = None if stamp is None else max(
+        first_stamp = None if stamp is None else max(
             stamp - nanoseconds(last - first, self.world.dt), 0)
-        self._stamps.check(session, first, last, self.world.dt, told)
+        self._stamps.check(session, first, last, self.world.dt, first_stamp)
         self._gaps.note(session, first, last)
         if self._newest is None or self._newest[0] != session:
             self._before.clear()
         self._newest = session, last
-        self._stamps.of(session, first, self.world.dt, told)
+        self._stamps.of(session, first, self.world.dt, first_stamp)
         samples = samples.take(np.isin(samples.row, self._rows))
         if not len(samples.step):
             return []

@@ -26,39 +26,39 @@ class Stamps:
         self.last = -1
         """The newest stamp so far, ns; -1 before the first one."""
 
-    def of(self, session: int, step: int, dt: float, told: int | None = None) -> int:
+    def of(self, session: int, step: int, dt: float, own_stamp: int | None = None) -> int:
         """Return the stamp of a step, ns; that of an older step than the newest is its stamp.
 
         :param dt: s per step.
-        :param told: ns, the simulator's own stamp of this step; None: it is not known.
+        :param own_stamp: ns, the simulator's own stamp of this step; None: it is not known.
         :raises ValueError: when no message could say it; then nothing has changed.
         """
-        self.check(session, step, step, dt, told)
+        self.check(session, step, step, dt, own_stamp)
         if (session, dt) != self._session:
-            self._first, self._origin = self._start(step, dt, told)
+            self._first, self._origin = self._start(step, dt, own_stamp)
             self._session = session, dt
         stamp = max(self._origin + nanoseconds(step - self._first, dt), self.last)
         self.last = stamp
         return stamp
 
     def check(
-        self, session: int, first: int, last: int, dt: float, told: int | None = None,
+        self, session: int, first: int, last: int, dt: float, own_stamp: int | None = None,
     ) -> None:
         """Check that the steps from `first` to `last` can have stamps.
 
-        :param told: ns, the simulator's own stamp of `first`.
+        :param own_stamp: ns, the simulator's own stamp of `first`.
         :raises ValueError: when no message could say the last one.
         """
         begin, origin = self._first, self._origin
         if (session, dt) != self._session:
-            begin, origin = self._start(first, dt, told)
+            begin, origin = self._start(first, dt, own_stamp)
         if first < 0 or origin + nanoseconds(last - begin + 1, dt) >= LATEST:
             raise ValueError(f'step: {first} to {last}, later than a stamp can say')
 
-    def _start(self, step: int, dt: float, told: int | None) -> tuple[int, int]:
+    def _start(self, step: int, dt: float, own_stamp: int | None) -> tuple[int, int]:
         """Return first step and its stamp for a session that begins."""
-        if told is not None and told > self.last:
-            return step, told
+        if own_stamp is not None and own_stamp > self.last:
+            return step, own_stamp
         return (0, 0) if self._session is None else (step, self.last + nanoseconds(1, dt))
 
     def next(self) -> int:

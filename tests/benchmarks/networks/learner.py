@@ -32,11 +32,11 @@ def measure(options: Options, rounds: int) -> dict[str, Any]:
             importlib.util.find_spec('stable_baselines3')
             and (name == 'SB3' or options.threads > 1))}
     rates: dict[str, list[float]] = {name: [] for name in served}
-    told: dict[str, dict[str, float]] = {}
+    losses: dict[str, dict[str, float]] = {}
     try:
         for number in range(rounds + 1):
             for name, side in served.items():
-                seconds, told[name] = side.update()
+                seconds, losses[name] = side.update()
                 if number:  # the first update is a warm-up
                     rates[name].append(side.samples / seconds)
     finally:
@@ -46,10 +46,10 @@ def measure(options: Options, rounds: int) -> dict[str, Any]:
     floor = max(rate for name, rate in found.items() if name.startswith('floor'))
     theirs = max((name for name in found if name.startswith('SB3')), key=found.get, default=None)
     figures: dict[str, Any] = {
-        **dataclasses.asdict(options), 'samples_per_second': found, 'told': told,
+        **dataclasses.asdict(options), 'samples_per_second': found, 'told': losses,
         'floor': floor, 'part_of_floor': {
             'ours': found['ours'] / floor, **({'SB3': found[theirs] / floor} if theirs else {})},
-        'floor_gflops': 1e-9 * told['floor']['flops'] * floor / served['floor'].samples}
+        'floor_gflops': 1e-9 * losses['floor']['flops'] * floor / served['floor'].samples}
     figures['autograd_ratio'] = statistics.median(
         a / b for a, b in zip(rates['ours'], rates['autograd'], strict=True))
     if theirs:

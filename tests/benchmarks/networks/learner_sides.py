@@ -93,8 +93,8 @@ class Ours:
         self.learner.load(Path('start'), self._start)
 
     def update(self) -> dict[str, float]:
-        told = self.learner.improve(1, self.batch, lambda: None)[0]
-        return {'policy_loss': told.policy_loss, 'value_loss': told.value_loss}
+        diagnostics = self.learner.improve(1, self.batch, lambda: None)[0]
+        return {'policy_loss': diagnostics.policy_loss, 'value_loss': diagnostics.value_loss}
 
 
 class Autograd(Ours):
@@ -116,10 +116,10 @@ class Autograd(Ours):
         import torch
         from support.training import ppo_reference
 
-        told = ppo_reference.update(
+        diagnostics = ppo_reference.update(
             self.learner.policy, self.learner.critic, self._adams, self.batch, self.config.ppo,
             torch.Generator().manual_seed(1))
-        return {'policy_loss': told.policy_loss, 'value_loss': told.value_loss}
+        return {'policy_loss': diagnostics.policy_loss, 'value_loss': diagnostics.value_loss}
 
 
 class StableBaselines3:
@@ -186,9 +186,9 @@ class StableBaselines3:
 
     def update(self) -> dict[str, float]:
         self.model.train()
-        told = self.model.logger.name_to_value
-        return {'policy_loss': float(told['train/policy_gradient_loss']),
-                'value_loss': 0.5 * float(told['train/value_loss'])}
+        logged = self.model.logger.name_to_value
+        return {'policy_loss': float(logged['train/policy_gradient_loss']),
+                'value_loss': 0.5 * float(logged['train/value_loss'])}
 
 
 class Floor:
@@ -270,8 +270,8 @@ def _serve(pipe: Connection, name: str, options: Options) -> None:
     while pipe.recv():
         side.reset()
         start = time.perf_counter()
-        told = side.update()
-        pipe.send((time.perf_counter() - start, told))
+        losses = side.update()
+        pipe.send((time.perf_counter() - start, losses))
 
 
 class Served:

@@ -74,7 +74,7 @@ def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, 
     """
     warm_up, block = max(5.0, length / 30), max(5.0, length / 60)
 
-    def told(what: str, of: str, found: Slope | None) -> dict[str, Any]:
+    def entry(what: str, of: str, found: Slope | None) -> dict[str, Any]:
         return {'what': what, 'of': of, **(vars(found) if found else {}),
                 'flat': found.flat if found else None}
 
@@ -86,13 +86,13 @@ def slopes(looks: list[Row], rates: list[Row], length: float) -> list[dict[str, 
     def one(
         what: str, of: str, rows: list[Row], name: str, shortest: float = 0.0,
     ) -> dict[str, Any]:
-        return told(what, of, fit(*in_blocks(*columns(rows, name), warm_up, block, shortest)))
+        return entry(what, of, fit(*in_blocks(*columns(rows, name), warm_up, block, shortest)))
 
     def young(node: str) -> dict[str, Any]:
         # The first process of a node starts differently: recorders are stopped for a while.
         rows = [row for row in looks if row['node'] == node and row['life'] > 1]
         hours, values, ones = at_age(*columns(rows, 'own'), _AGE)
-        found = told(f'memory at {_AGE:g} s, MiB', node, fit(hours, values, ones))
+        found = entry(f'memory at {_AGE:g} s, MiB', node, fit(hours, values, ones))
         return {**found, 'lives': len(values)}
 
     return [
@@ -120,7 +120,7 @@ class Soak:
         """Return all figures so far."""
         return {
             'minutes': self.elapsed / 60, 'planned_minutes': self.length / 60,
-            **self.nodes.told(), 'spells': len(self.iterations.rows),
+            **self.nodes.incidents(), 'spells': len(self.iterations.rows),
             'slopes': slopes(self.samples.rows, self.iterations.rows, self.elapsed)}
 
     def run(self, period: float, save: Path | None) -> None:

@@ -134,7 +134,7 @@ class Nodes:
                     f'{name} ended with {node.wait(1.0)}: {node.output()[-2000:]}')
                 self._start(name)
 
-    def told(self) -> dict[str, Any]:
+    def incidents(self) -> dict[str, Any]:
         """Return faults, restarts and unexpected exits so far."""
         return {'faults': dict(self.faults), 'lives': dict(self.lives),
                 'unexpected': self.unexpected}

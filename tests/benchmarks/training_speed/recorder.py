@@ -109,8 +109,8 @@ def listener(processes: Processes, name: str, number: int, speeds: Speeds) -> It
             viewer.end()
         node.end()
         if name == 'bag_recorder':
-            told = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))
-            speeds.recorded += told['rosbag2_bagfile_information']['message_count']
+            metadata = yaml.safe_load((path / 'metadata.yaml').read_text('utf-8'))
+            speeds.recorded += metadata['rosbag2_bagfile_information']['message_count']
             speeds.missed += _missed(node.output())
             shutil.rmtree(path)
         path.unlink(missing_ok=True)

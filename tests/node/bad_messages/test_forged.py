@@ -168,11 +168,12 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
         assert 'another process controls this simulator' in future.result().message
         assert_same(client.step(still), world.step(still))
         # At once, even where its node's name has not arrived yet.
-        told = re.compile(
+        refusal = re.compile(
             rf'{name}: (/forger/tester|a participant whose node is not known) '
             rf'\(GID [0-9a-f.]+, on this machine\) calls as agent {agent}, which is another '
             'participant: refused')
-        assert client.waiter.until(lambda told=told: any(map(told.match, errors.texts)), 30.0)
+        assert client.waiter.until(
+            lambda refusal=refusal: any(map(refusal.match, errors.texts)), 30.0)
         assert int(errors.counts['simulator'][f'dropped on {name}']) == 1
     assert simulator.output().count('ERROR') == len(calls)
     client.close()
@@ -222,25 +223,25 @@ def test_a_second_simulator_is_reported_once_the_graph_lists_it(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """Its one message may come earlier; and it is forgotten when it has gone."""
     gid, arrived = bytes(range(16)), list[Any]()
-    listed, told = dict[bytes, str](), list[str]()
+    listed, faults = dict[bytes, str](), list[str]()
     monkeypatch.setattr(duplicate_simulators, 'MessageSubscription', lambda *_: SimpleNamespace(
         take=lambda: arrived.pop() if arrived else None))
     monkeypatch.setattr(duplicate_simulators, 'writers', lambda *_: listed)
     node: Any = None
     namer: Any = SimpleNamespace(named=lambda *_: '/other')
-    health: Any = SimpleNamespace(fault=lambda *given: told.append(given[2]()))
+    health: Any = SimpleNamespace(fault=lambda *given: faults.append(given[2]()))
     watch = duplicate_simulators.DuplicateDetector(node, namer, health, bytes(12))
     arrived.append((None, gid))
     watch.look()
-    assert not told
+    assert not faults
     listed[gid] = '/other'
     watch.look()
-    assert len(told) == 1 and told[0].startswith('world: /other also describes a world')
+    assert len(faults) == 1 and faults[0].startswith('world: /other also describes a world')
     listed.clear()
     watch.look()
     listed[gid] = '/other'
     watch.look()
-    assert len(told) == 1
+    assert len(faults) == 1
 
 
 def test_a_second_simulator_on_the_same_topics_is_reported_by_all(

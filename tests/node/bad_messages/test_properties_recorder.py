@@ -283,7 +283,7 @@ class Bridge:
             self.node._on_state(message)
 
 
-@pytest.mark.parametrize(('sec', 'nanosec', 'told'), [
+@pytest.mark.parametrize(('sec', 'nanosec', 'warning'), [
     (-1, 0, 'header.stamp.sec: got -1, expected 0 to 1073741824'),
     (-2**31, 2**32 - 1, 'header.stamp.sec: got -2147483648, expected 0 to 1073741824'),
     (2**31 - 1, 0, 'header.stamp.sec: got 2147483647, expected 0 to 1073741824'),
@@ -291,7 +291,7 @@ class Bridge:
     (0, 2**32 - 1, 'header.stamp.nanosec: got 4294967295, expected 0 to 999999999'),
     (2**30, 0, '')])
 def test_an_invalid_stamp_is_ignored_and_reported(
-        sec: int, nanosec: int, told: str) -> None:
+        sec: int, nanosec: int, warning: str) -> None:
     """The next session is shown, also after the latest valid stamp."""
     bridge = Bridge()
     world, state, *_ = copy.deepcopy(good('rocket', 1))
@@ -299,15 +299,15 @@ def test_an_invalid_stamp_is_ignored_and_reported(
     before = bridge.count
     state.header.stamp.sec, state.header.stamp.nanosec = sec, nanosec
     bridge.hear(state)
-    assert bridge.said == ([f'state ignored: {told}'] if told else [])
-    assert (bridge.count == before) == bool(told)
+    assert bridge.said == ([f'state ignored: {warning}'] if warning else [])
+    assert (bridge.count == before) == bool(warning)
     bridge.said.clear()
     world, *states, _ = good('rocket', 2)
     for message in (world, *states):
         bridge.hear(message)
     assert bridge.said == []
     end = conversion.stamp_of(states[-1].header)
-    begin = 0 if told else 2**30 * 10**9 + round(world.dt * 1e9)
+    begin = 0 if warning else 2**30 * 10**9 + round(world.dt * 1e9)
     clock = bridge.last['/clock'].clock
     assert clock.sec * 10**9 + clock.nanosec == begin + end
 

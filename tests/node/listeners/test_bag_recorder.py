@@ -77,13 +77,13 @@ def test_the_bag_holds_every_observation(
         observations = [client.reset(seed=4)]
         for _ in range(STEPS):
             observations.append(client.step(np.zeros((8, 3), np.float32))[0])
-    told = {
+    digests = {
         topic: str(looker.get_publishers_info_by_topic(topic)[0].topic_type_hash)
         for topic in ('/observation', '/state', '/world')}
     output = stop(recorder)
     assert 'were not received' not in output
     with AnyReader([tmp_path / 'bag']) as bag:
-        assert told.items() <= {one.topic: one.digest for one in bag.connections}.items()
+        assert digests.items() <= {one.topic: one.digest for one in bag.connections}.items()
         found = {}
         for connection, _, raw in bag.messages(
                 one for one in bag.connections if one.topic == '/observation'):
@@ -202,7 +202,7 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
     """And what is missing is in the bag at once: a full disk may end it at any message."""
     said: list[str] = []
     subscriptions: list[Any] = []
-    told: dict[str, str] = {}
+    diagnostics: dict[str, str] = {}
     written: list[bytes] = []
     kind = 'rocket_msgs/msg/Observation'
     types = [kind]
@@ -225,7 +225,7 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
         get_logger=lambda: SimpleNamespace(
             error=said.append, info=lambda text: None, warning=lambda text, **_: None))
     bag: Any = SimpleNamespace(
-        tick=lambda: None, add_topic=lambda topic: None, tell=told.__setitem__,
+        tick=lambda: None, add_topic=lambda topic: None, tell=diagnostics.__setitem__,
         write=lambda topic, data, *_: written.append(data))
     recorder = BagNode(node, bag, '')
     right, wrong = end(bytes.fromhex(type_hash(kind).removeprefix('RIHS01_'))), end(bytes(32))
@@ -247,7 +247,7 @@ def test_a_topic_is_recorded_again_when_its_other_definition_has_gone() -> None:
     publish(2)
     publish(5)
     assert len(written) == 2
-    assert told == {'/observation': '2 steps were not received'}
+    assert diagnostics == {'/observation': '2 steps were not received'}
     ends[:] = [right, wrong]
     recorder.look()
     assert not subscriptions and len(said) == 2

@@ -209,7 +209,7 @@ def test_engines_wind_joints_and_conditions_agree_with_the_state(
     start(processes, rows='[0, 1]', max_rate=0.0)
     states = listener.listen('state', msg.RocketState, qos.EVENTS)
     streams = {name: listener.listen(f'rocket_1/{name}', kind) for name, kind in STREAMS.items()}
-    told = listener.listen('rocket_1/conditions', DiagnosticStatus, qos.LATCHED)
+    statuses = listener.listen('rocket_1/conditions', DiagnosticStatus, qos.LATCHED)
     simulator.take(world, **drawn)
     simulator.describe()
     listener.wait_until(lambda: all(
@@ -256,8 +256,8 @@ def test_engines_wind_joints_and_conditions_agree_with_the_state(
     assert not efforts[:, 1:].any()
     if drawn:
         names = make(world, 1).spec.condition_names
-        listener.wait_until(lambda: bool(told))
-        kept = {item.key: float(item.value) for item in told[-1].values}
+        listener.wait_until(lambda: bool(statuses))
+        kept = {item.key: float(item.value) for item in statuses[-1].values}
         assert list(kept) == list(names)
         assert list(kept.values()) == given('conditions', len(names))[-1].tolist()
         assert any(kept.values())

@@ -89,9 +89,9 @@ def test_state_holds_command_disturbance_and_drawn_conditions(
     processes.run_node(
         'rocket_sim_node', 'simulator', num_envs=N, conditions='harsh', state_rows=N)
     client = make_client()
-    told: list[msg.RocketState] = []
+    states: list[msg.RocketState] = []
     described: list[msg.World] = []
-    client.node.create_subscription(msg.RocketState, 'state', told.append, qos.EVENTS)
+    client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)
     client.node.create_subscription(msg.World, 'world', described.append, qos.WORLD)
     client.connect()
     client.waiter.until(lambda: client.node.count_publishers('state') > 0, 10.0)
@@ -105,8 +105,8 @@ def test_state_holds_command_disturbance_and_drawn_conditions(
         expected.append(local.telemetry(slice(None)))
     client.close()
     session = described[-1].session
-    client.waiter.until(lambda: any(max(s.step) >= 100 for s in told), 20.0)
-    mine = [state for state in told if state.session == session]
+    client.waiter.until(lambda: any(max(s.step) >= 100 for s in states), 20.0)
+    mine = [state for state in states if state.session == session]
     assert described[-1].condition_names == list(DRAWN_NAMES)
 
     def joined(name: str, width: int = 1) -> np.ndarray:

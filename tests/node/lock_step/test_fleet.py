@@ -126,13 +126,13 @@ def test_a_simulator_is_not_silent_while_the_agent_computes(
     """Its answer has arrived, or is on its way, and nobody has listened to it."""
     for number in range(2):
         simulator(processes, number)
-    told: list[str] = []
+    reports: list[str] = []
     with make_fleet() as fleet:
         while len([*fleet._membership]) < 2:
             list(fleet.fly([functools.partial(fall, 1)]))
         list(fleet.fly(
-            [functools.partial(compute, 2.5), functools.partial(other, 1)], report=told.append))
-    assert told == []
+            [functools.partial(compute, 2.5), functools.partial(other, 1)], report=reports.append))
+    assert reports == []
 
 
 def test_flights_over_many_simulators_are_those_in_process(

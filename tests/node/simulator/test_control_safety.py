@@ -70,7 +70,7 @@ def call(client: Client, kind: Any, name: str, **fields: Any) -> Any:
     raise AssertionError(f'{name} does not answer')
 
 
-def told(report: DiagnosticArray) -> dict[str, str]:
+def values_of(report: DiagnosticArray) -> dict[str, str]:
     """Return the values of a report, by name."""
     return {item.key: item.value for item in report.status[0].values}
 
@@ -103,7 +103,7 @@ class Watch:
             message.session, message.step[-1], message.throttle[-1])
 
     def __getitem__(self, key: str) -> str:
-        return told(self.reports[-1]).get(key, '') if self.reports else ''
+        return values_of(self.reports[-1]).get(key, '') if self.reports else ''
 
     def until(self, done: Callable[[], bool]) -> None:
         assert self.client.waiter.until(done, 20.0), self.status
@@ -260,8 +260,9 @@ def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
         watch.until(lambda: int(watch['engine cuts'] or 0) > 0 and watch.throttle == 0.0)
         watch.until(lambda: moment(watch.reports[-1]) - moment(first) > 4.0)
     last = watch.reports[-1]
-    steps = int(told(last)['step']) - int(told(first)['step'])
-    refused = int(told(last)['refused on action']) - int(told(first)['refused on action'])
+    steps, refused = (
+        int(values_of(last)[key]) - int(values_of(first)[key])
+        for key in ('step', 'refused on action'))
     assert refused > 5 * steps, 'no flood'
     rate = steps * client.spec.dt / (moment(last) - moment(first))
     assert 0.5 < rate < 1.5, f'{rate:.2f} simulated seconds a second'
@@ -480,12 +481,13 @@ def test_a_refusal_is_reported_at_once_and_by_name(
         answer = call(client, kind, f'simulator/{name}', agent=STRANGER)
         answered = time.time()
         watch.until(lambda: watch[f'refused on {name}'] == '1')  # noqa: B023
-        first = next(r for r in watch.reports if told(r)[f'refused on {name}'] == '1')
+        first = next(r for r in watch.reports if values_of(r)[f'refused on {name}'] == '1')
         assert first.status[0].level == DiagnosticStatus.WARN
         assert first.status[0].message == f'{name}: {answer.message}'
         assert moment(first) <= answered
         watch.until(lambda: watch.status.level == DiagnosticStatus.OK)
-        assert watch['last refusal'] == told(first)['last refusal'] == f'{name}: {answer.message}'
+        refusal = f'{name}: {answer.message}'
+        assert watch['last refusal'] == values_of(first)['last refusal'] == refusal
 
 
 def test_the_wire_measures_time_by_the_steady_clock() -> None:

@@ -36,7 +36,7 @@ def update(
     generator: torch.Generator, train_policy: bool = True,
 ) -> Diagnostics:
     """Improve policy and critic in place."""
-    told: dict[str, list[Tensor]] = {
+    figures: dict[str, list[Tensor]] = {
         name: [] for name in ('policy', 'value', 'entropy', 'clipped', 'norm')}
     kl, learning = torch.tensor(math.nan), train_policy
     for _ in range(config.n_epochs):
@@ -49,7 +49,7 @@ def update(
             error.mean().backward()
             clip_grad_norm_(critic.parameters(), config.max_grad_norm)
             adams[1].step()
-            told['value'].append(error.detach())
+            figures['value'].append(error.detach())
             if not learning:
                 continue
             advantage = part.advantage
@@ -59,24 +59,24 @@ def update(
             log_ratio = log_prob - part.log_prob
             ratio = log_ratio.exp()
             kl = (ratio - 1 - log_ratio).mean().detach()
-            told['clipped'].append(((ratio - 1).abs() > config.clip_range).float())
+            figures['clipped'].append(((ratio - 1).abs() > config.clip_range).float())
             if 0 < config.target_kl < kl:
                 learning = False
                 continue
             objective = clipped_objective(ratio, advantage, config.clip_range)
             adams[0].zero_grad()
             (-objective.mean() - config.entropy_coefficient * entropy.mean()).backward()
-            told['norm'].append(clip_grad_norm_(policy.parameters(), config.max_grad_norm))
+            figures['norm'].append(clip_grad_norm_(policy.parameters(), config.max_grad_norm))
             adams[0].step()
             policy.constrain()
-            told['policy'].append(-objective.detach())
-            told['entropy'].append(entropy.detach())
-    mean = {name: _mean(found) for name, found in told.items()}
+            figures['policy'].append(-objective.detach())
+            figures['entropy'].append(entropy.detach())
+    mean = {name: _mean(found) for name, found in figures.items()}
     return Diagnostics(
         policy_loss=mean['policy'], value_loss=mean['value'], entropy=mean['entropy'],
         approx_kl=float(kl), clipfrac=mean['clipped'],
         explained_variance=explained_variance(batch.value, batch.target),
-        grad_norm=mean['norm'], updates=len(told['norm']))
+        grad_norm=mean['norm'], updates=len(figures['norm']))
 
 
 def _mean(values: list[Tensor]) -> float:

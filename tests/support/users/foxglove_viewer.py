@@ -57,8 +57,8 @@ class Viewer:
                 return
             end = time.monotonic() + seconds
             if isinstance(data, str):
-                told = json.loads(data)
-                for channel in told.get('channels', ()):
+                message = json.loads(data)
+                for channel in message.get('channels', ()):
                     self.channels[channel['topic']] = channel
             elif data[0] == _TIME:
                 self.time = struct.unpack_from('<Q', data, 1)[0]

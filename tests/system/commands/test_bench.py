@@ -308,9 +308,9 @@ def test_rollouts_that_are_terminated_leave_no_simulators(processes: Processes) 
         assert psutil.wait_procs(nodes, timeout=5.0)[1] == []
         assert 'Traceback' not in bench.output()
     finally:
-        for told in runs.glob('bench-*/rollouts.command'):
-            if mark in told.read_text():
-                shutil.rmtree(told.parent)
+        for file in runs.glob('bench-*/rollouts.command'):
+            if mark in file.read_text():
+                shutil.rmtree(file.parent)
 
 
 def test_an_interrupted_soak_ends_its_nodes_and_writes_figures(

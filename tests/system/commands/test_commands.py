@@ -123,8 +123,8 @@ def test_land_flies_the_policy_that_ships(processes: Processes, tmp_path: Path) 
     assert land.wait(90.0) == 0, processes.logs()
     assert 'landed 8' in land.output(), land.output()
     assert recording.is_file()
-    told, = re.findall('watch it with: (.*)', land.output())
-    assert shlex.split(told)[1:] == [str(recording)], 'quoted for a shell'
+    shown, = re.findall('watch it with: (.*)', land.output())
+    assert shlex.split(shown)[1:] == [str(recording)], 'quoted for a shell'
     again = command(processes, 'land', f'output:={recording}')
     assert again.wait(30.0) == 2
     refused = command(processes, 'land', 'policy:=lunar_lander', f'output:={tmp_path}/none.rrd')
@@ -252,10 +252,10 @@ def test_a_domain_that_is_not_a_number_is_named(
 
 def test_the_home_of_a_user_without_home_is_found() -> None:
     env = {name: value for name, value in os.environ.items() if name != 'HOME'}
-    told = subprocess.run(
+    done = subprocess.run(
         ['bash', '-c', f'. {SCRIPTS}/env.sh && echo "$HOME"'], env=env, capture_output=True,
         text=True, check=True, timeout=60)
-    assert told.stdout.strip() == pwd.getpwuid(os.getuid()).pw_dir
+    assert done.stdout.strip() == pwd.getpwuid(os.getuid()).pw_dir
 
 
 @pytest.mark.parametrize('name', ['report', 'compare', 'failures', 'screenshot', 'secure'])

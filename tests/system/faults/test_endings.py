@@ -37,14 +37,14 @@ def test_a_node_signalled_during_its_start_leaves_nothing(
     for number in range(NIGHTLY_ROUNDS if nightly else ROUNDS):
         folder = tmp_path / str(number)
         folder.mkdir()
-        told = moments.random.choice([signal.SIGINT, signal.SIGTERM])
+        sent = moments.random.choice([signal.SIGINT, signal.SIGTERM])
         process = start(processes, node, folder)
         # Some within the first milliseconds.
         moments.wait(moments.random.choice([0.05, START]))
-        process.signal(told)
+        process.signal(sent)
         # While Python itself starts, the signal ends it, and Python prints a traceback.
         status = process.wait(END)
-        assert status in (0, -told, 130) or (
+        assert status in (0, -sent, 130) or (
             status == 1 and 'KeyboardInterrupt' in process.output()), process.output()
         assert not [file for file in folder.rglob('*') if file.is_file() and file.stat().st_size]
 

@@ -42,7 +42,7 @@ READY, EXCHANGE = r'ready ([\d.]+)', r'exchange ([\d.]+)'
 pytestmark = pytest.mark.timeout(900)
 
 
-def told(process: Process, line: str, after: int = 0) -> float:
+def time_printed(process: Process, line: str, after: int = 0) -> float:
     """Return the time in a line that a process prints after its earlier output."""
     pattern = re.compile(f'^{line}.*\n', re.MULTILINE)
     wait_until(
@@ -74,7 +74,7 @@ def test_messages_flow_within_half_a_second_of_a_restart(
     moments = Moments()
     world = simulator(processes)
     agent = AGENTS[killed](processes, tmp_path / 'run', False)
-    told(agent, EXCHANGE)
+    time_printed(agent, EXCHANGE)
     if killed == 'agent':  # so that it goes on from a checkpoint each time
         saved = tmp_path / 'run' / 'checkpoints'
         wait_until(lambda: any(saved.glob('iteration_*')), 60.0, agent.output)
@@ -89,11 +89,11 @@ def test_messages_flow_within_half_a_second_of_a_restart(
         before = len(agent.output())
         if killed == 'simulator':
             world = simulator(processes)
-            ready = told(world, WAITING)
+            ready = time_printed(world, WAITING)
         else:
             agent, before = AGENTS[killed](processes, tmp_path / 'run', True), 0
-            ready = told(agent, READY)
-        exchange = told(agent, EXCHANGE, before)
+            ready = time_printed(agent, READY)
+        exchange = time_printed(agent, EXCHANGE, before)
         seconds.append(exchange - ready)
         whole.append(exchange - killed_at)
         if len(seconds) == ROUNDS and statistics.median(seconds) > PROMISED:

@@ -85,11 +85,11 @@ def test_the_launch_files_start_from_the_share_folder(
 @pytest.mark.timeout(1200)
 @pytest.mark.usefixtures('nightly_only')
 def test_the_messages_are_those_of_the_workspace(foreign: Processes, workspace: Path) -> None:
-    told = subprocess.run(
+    done = subprocess.run(
         [sys.executable, '-c', 'from rocket_msgs import msg; print(msg.__file__); '
          'from rclpy.serialization import serialize_message; serialize_message(msg.World())'],
         capture_output=True, text=True, timeout=60, check=True)
-    assert told.stdout.startswith(str(workspace / 'install' / MESSAGES))
+    assert done.stdout.startswith(str(workspace / 'install' / MESSAGES))
 
 
 @pytest.mark.timeout(1200)

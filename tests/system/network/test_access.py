@@ -141,10 +141,10 @@ def test_every_command_has_this_machine_as_its_default() -> None:
     """All commands get their environment from one place, and no launch file sets another."""
     folder = ROOT / 'launch_scripts'
     env = {name: value for name, value in os.environ.items() if name != RANGE}
-    told = subprocess.run(
+    done = subprocess.run(
         ['bash', '-c', f'. {folder}/env.sh && echo "${RANGE}"'], env=env, check=True,
         capture_output=True, text=True, timeout=60)
-    assert told.stdout.split() == ['LOCALHOST']
+    assert done.stdout.split() == ['LOCALHOST']
     commands = [
         path for path in folder.iterdir() if path.is_file() and os.access(path, os.X_OK)]
     assert len(commands) > 5

@@ -340,15 +340,15 @@ def test_fly_ends_all_processes_when_its_terminal_is_closed(
     assert recording.is_file(), 'complete, under its name'
 
 
-@pytest.mark.parametrize('told', [signal.SIGTERM, signal.SIGHUP], ids=lambda told: told.name)
+@pytest.mark.parametrize('sent', [signal.SIGTERM, signal.SIGHUP], ids=lambda sent: sent.name)
 def test_fly_signalled_during_its_start_leaves_no_process(
-        processes: Processes, terminal: PseudoTerminal, told: signal.Signals) -> None:
+        processes: Processes, terminal: PseudoTerminal, sent: signal.Signals) -> None:
     mine = f'/fly_{os.getpid()}_early'
     child = terminal.start(
         str(SCRIPTS / 'fly'), 'serve_web:=false', f'namespace:={mine}', env=processes.env)
     # The launch has hardly begun, and does not hear of Ctrl-C yet.
     wait_until(lambda: bool(running(mine, 'fly.launch.yaml')), 60.0, lambda: terminal.text)
-    os.kill(child.pid, told)
+    os.kill(child.pid, sent)
     assert child.wait(40.0) == 143, terminal.text
     wait_until(lambda: not running(mine), 10.0)
 

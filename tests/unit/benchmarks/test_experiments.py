@@ -291,12 +291,12 @@ def test_the_page_has_a_place_for_each_experiment() -> None:
 
 
 def test_the_command_of_the_figures_repeats_them() -> None:
-    def told(seeds: tuple[int, ...], sample: Sample) -> str:
+    def printed(seeds: tuple[int, ...], sample: Sample) -> str:
         return command.repeating('claims', Options(seeds, sample, Path(), False))
 
     default = Sample(command.EXPERIMENTS['claims'].episodes, command.FLIGHT_SEED)
-    assert told(command.SEEDS, default) == './launch_scripts/bench experiments claims'
-    assert told((11, 12), Sample(7, 5)) == (
+    assert printed(command.SEEDS, default) == './launch_scripts/bench experiments claims'
+    assert printed((11, 12), Sample(7, 5)) == (
         './launch_scripts/bench experiments claims --seeds 11 12 --episodes 7 --seed 5')
 
 

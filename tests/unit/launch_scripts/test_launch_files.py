@@ -32,7 +32,7 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
 
 
-def told(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
+def parameters_of(tmp_path: Path, file: str, node: str, **arguments: str) -> dict[str, object]:
     """Return the parameters of a node that a launch file starts, the later ones winning."""
     package = 'rocket_sim_node' if file == 'simulate' else 'ppo_agent_node'
     path = ROOT / package / 'launch' / f'{file}.launch.yaml'
@@ -58,7 +58,7 @@ def test_given_conditions_override_those_of_a_file(
     tmp_path: Path, file: str, given: dict[str, str], expected: str,
 ) -> None:
     vehicle = parameter_file(tmp_path / 'vehicle.yaml', conditions='harsh', dry_mass=21_000.0)
-    found = told(
+    found = parameters_of(
         tmp_path, file, 'simulator', simulator_parameters=vehicle, world='rocket_planar', **given)
     assert (found['conditions'], found['dry_mass']) == (expected, 21_000.0)
     assert found['world'] == 'rocket_planar'
@@ -66,7 +66,7 @@ def test_given_conditions_override_those_of_a_file(
 
 @pytest.mark.parametrize('file', ['train', 'land', 'fly', 'simulate'])
 def test_without_a_file_no_conditions_are_set(tmp_path: Path, file: str) -> None:
-    found = told(tmp_path, file, 'simulator')
+    found = parameters_of(tmp_path, file, 'simulator')
     assert 'conditions' not in found and found['world'] == 'rocket'
 
 
@@ -75,14 +75,14 @@ def test_a_given_level_overrides_that_of_a_file(
     tmp_path: Path, given: dict[str, str], expected: int,
 ) -> None:
     vehicle = parameter_file(tmp_path / 'vehicle.yaml', level=3)
-    found = told(
+    found = parameters_of(
         tmp_path, 'simulate', 'simulator', simulator_parameters=vehicle, num_envs='4', **given)
     assert (found['level'], found['num_envs']) == (expected, 4)
 
 
 @pytest.mark.parametrize('file', ['train', 'land', 'fly', 'simulate'])
 def test_port_and_address_of_the_page_reach_the_recorder(tmp_path: Path, file: str) -> None:
-    found = told(
+    found = parameters_of(
         tmp_path, file, 'rerun_recorder', serve_web='true', web_port='9123', web_host='127.0.0.2')
     assert (found['web_port'], found['web_host']) == (9123, '127.0.0.2')
 
@@ -94,7 +94,7 @@ def test_port_and_address_of_the_page_reach_the_recorder(tmp_path: Path, file: s
 def test_rockets_show_what_any_policy_that_ships_observes(
     tmp_path: Path, file: str, given: dict[str, str], seen: str,
 ) -> None:
-    assert told(tmp_path, file, 'simulator', **given)['observation'] == seen
+    assert parameters_of(tmp_path, file, 'simulator', **given)['observation'] == seen
 
 
 def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:
@@ -102,10 +102,10 @@ def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:
         'agent_parameters': parameter_file(tmp_path / '1.yaml', gamma=0.9, seed=1, iterations=3),
         'agent_overrides': parameter_file(tmp_path / '2.yaml', seed=2, iterations=4),
         'agent_settings': parameter_file(tmp_path / '3.yaml', iterations=5)}
-    found = told(tmp_path, 'train', 'ppo_agent', **files)
+    found = parameters_of(tmp_path, 'train', 'ppo_agent', **files)
     assert (found['gamma'], found['seed'], found['iterations']) == (0.9, 2, 5)
     del files['agent_settings']
-    assert told(tmp_path, 'train', 'ppo_agent', **files)['iterations'] == 4
+    assert parameters_of(tmp_path, 'train', 'ppo_agent', **files)['iterations'] == 4
 
 
 @pytest.mark.parametrize(('given', 'recorded'), [

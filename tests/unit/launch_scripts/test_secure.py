@@ -62,11 +62,11 @@ def calls(tmp_path: Path) -> list[str]:
 def test_a_command_starts_with_keys_that_are_made_once(tmp_path: Path, secure: Secure) -> None:
     store = tmp_path / '.keystore' / 'domain-42'
     for _ in range(2):
-        told = secure('command', 'one two', '', ROS_SECURITY_ENCLAVE_OVERRIDE='/other')
-        assert told.stdout.split('|')[:-1] == [
+        done = secure('command', 'one two', '', ROS_SECURITY_ENCLAVE_OVERRIDE='/other')
+        assert done.stdout.split('|')[:-1] == [
             'one two', '', 'true', 'Enforce', str(store), 'none',
-            str(tmp_path / 'scripts' / 'secure')], told.stderr
-        assert told.returncode == 7, 'its status is that of the command'
+            str(tmp_path / 'scripts' / 'secure')], done.stderr
+        assert done.returncode == 7, 'its status is that of the command'
     policy = tmp_path / 'scripts' / 'security' / 'hoverslam.policy.xml'
     assert calls(tmp_path) == [f'security generate_artifacts -k {store} -p {policy}']
     assert store.stat().st_mode & 0o077 == 0, 'other users cannot read the keys'
@@ -76,8 +76,8 @@ def test_keys_are_renewed_for_another_policy_and_after_a_failure(
         tmp_path: Path, secure: Secure) -> None:
     broken = tmp_path / 'broken'
     broken.touch()
-    told = secure('command')
-    assert (told.returncode, told.stdout) == (3, ''), 'nothing starts without keys'
+    done = secure('command')
+    assert (done.returncode, done.stdout) == (3, ''), 'nothing starts without keys'
     broken.unlink()
     assert secure('command').returncode == 7
     assert len(calls(tmp_path)) == 2
@@ -91,9 +91,9 @@ def test_keys_are_renewed_for_another_policy_and_after_a_failure(
 def test_copied_keys_are_used_as_they_are(tmp_path: Path, secure: Secure) -> None:
     store = tmp_path / 'copied'
     (store / 'enclaves').mkdir(parents=True)
-    told = secure('command', ROS_SECURITY_KEYSTORE=str(store))
-    assert told.returncode == 7
-    assert str(store) in told.stdout
+    done = secure('command', ROS_SECURITY_KEYSTORE=str(store))
+    assert done.returncode == 7
+    assert str(store) in done.stdout
     assert calls(tmp_path) == []
 
 
@@ -103,8 +103,8 @@ def test_copied_keys_are_used_as_they_are(tmp_path: Path, secure: Secure) -> Non
 def test_nothing_starts_without_dds_security_or_its_command(
         tmp_path: Path, secure: Secure, name: str, text: str, said: str) -> None:
     (tmp_path / 'tools' / name).write_text(f'#!/usr/bin/env bash\n{text}\n')
-    told = secure('command')
-    assert (told.returncode, told.stdout) == (2, '')
-    assert said in told.stderr
-    assert told.stderr.count('\n') == 1
+    done = secure('command')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert said in done.stderr
+    assert done.stderr.count('\n') == 1
     assert not (tmp_path / '.keystore').exists()

@@ -31,9 +31,9 @@ def test_the_advice_names_only_variables_that_are_set(name: str) -> None:
     assert 'ROS_DOMAIN_ID and namespace' in plain
     assert name not in plain
     assert ros_environment.advice({name: ''}) == plain
-    told = ros_environment.advice({name: 'x' * 500, 'ROS_DOMAIN_ID': '3'})
-    assert f'{name}={"x" * 100},' in told
-    assert told.isprintable()
+    text = ros_environment.advice({name: 'x' * 500, 'ROS_DOMAIN_ID': '3'})
+    assert f'{name}={"x" * 100},' in text
+    assert text.isprintable()
 
 
 def test_full_shared_memory_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,13 +97,13 @@ class Execution:
 
     def _tidy(self) -> None:
         """Remove files and folders that the start created and left empty, as the commands do."""
-        told = self._start.told
+        variables = self._start.script_variables
         if self.command == 'train' and not self._begun:
-            if told['made']:
-                Path(str(told['made'])).unlink(missing_ok=True)
+            if variables['made']:
+                Path(str(variables['made'])).unlink(missing_ok=True)
             with suppress(OSError):  # there is something in it, or it was never made
                 self._place.rmdir()
-        partial = Path(str(told.get('partial') or ''))
+        partial = Path(str(variables.get('partial') or ''))
         if partial.is_file() and not partial.stat().st_size:
             partial.unlink()
 

@@ -33,14 +33,14 @@ def fly_and_write_table(
     :param poll: called before each step.
     :raises ValueError: for a world that has no conditions.
     """
-    start = told = time.monotonic()
+    start = reported = time.monotonic()
 
     def progress(cell: Cell, done: int, total: int) -> None:
-        nonlocal told
+        nonlocal reported
         now = time.monotonic()
-        if now - told < _PERIOD and done < total:
+        if now - reported < _PERIOD and done < total:
             return
-        told = now
+        reported = now
         report(Status(
             run=f'{cell.pilot}, {cell.condition}', stage='evaluate', iteration=done,
             iterations=total, level=cell.level, elapsed=now - start,

@@ -40,22 +40,22 @@ def fly_and_write(
     :param extra: facts to store with the figures.
     """
     start = time.monotonic()
-    told = 0
+    reported = 0
     dropped = fleet.messages_dropped
     flown_level = level or int(fleet.spec.settings.get('level', 0))
 
     def progress(done: int, total: int) -> None:
-        nonlocal told
-        if done * _REPORTS // total > told:
-            told = done * _REPORTS // total
+        nonlocal reported
+        if done * _REPORTS // total > reported:
+            reported = done * _REPORTS // total
             elapsed = time.monotonic() - start
             report(Status(
                 run=run, stage='evaluate', iteration=done, iterations=total, level=flown_level,
                 elapsed=elapsed, remaining=elapsed / done * (total - done)))
 
     def anew(message: str) -> None:
-        nonlocal told
-        told = 0
+        nonlocal reported
+        reported = 0
         report(Status(run=run, stage='evaluate', level=flown_level, message=message))
 
     (result,) = fleet.fly([functools.partial(

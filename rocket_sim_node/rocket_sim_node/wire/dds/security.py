@@ -64,7 +64,7 @@ def supported() -> bool:
         for name in FILES:
             (enclave / name).touch()
         try:
-            told = subprocess.run(
+            answer = subprocess.run(
                 [sys.executable, '-c', _ATTEMPT], capture_output=True, text=True, errors='replace',
                 timeout=_PATIENCE, check=False, env={
                     **os.environ, ENABLE: 'true', STRATEGY: 'Enforce', KEYSTORE: folder,
@@ -74,8 +74,8 @@ def supported() -> bool:
                 f'it took more than {_PATIENCE:g} s to find out whether the middleware of this '
                 'ROS 2 has DDS-Security: try again') from error
     # A secured middleware rejects empty keys; one without security ignores them.
-    return told.returncode != 0 and not any(
-        words in told.stdout + told.stderr for words in _LACKING)
+    return answer.returncode != 0 and not any(
+        words in answer.stdout + answer.stderr for words in _LACKING)
 
 
 def require(node: str, args: Sequence[str]) -> None:

@@ -149,10 +149,10 @@ def test_a_resumed_run_keeps_the_settings_of_its_world(tmp_path: Path) -> None:
 
 def test_parameters_declared_without_ros_match_the_nodes() -> None:
     train = {info.name: info for info in settings.describe(FleetConfig)}
-    told = {info.name: info for cls in (TrainingParameters, ConnectionParameters)
+    declared = {info.name: info for cls in (TrainingParameters, ConnectionParameters)
             for info in settings.describe(cls)}
-    assert train == {name: told[name] for name in train}
-    assert told.keys() - train.keys() <= parse('train').declared.keys()
+    assert train == {name: declared[name] for name in train}
+    assert declared.keys() - train.keys() <= parse('train').declared.keys()
     assert train['acknowledge'].choices == qos.ACKNOWLEDGE
     assert arguments.CHOICES['pilot'] == choice.NAMES
     modes, = (i.choices for i in settings.describe(SimulatorParameters) if i.name == 'mode')

@@ -131,8 +131,8 @@ def test_a_training_keeps_its_vehicle_and_resumes_with_it(project: Project) -> N
     begun = project.begin('train', f'simulator_parameters:={mine}', *texts)
     kept = run / 'simulator.yaml'
     assert begun['simulator_parameters'] == str(kept)
-    told = parameters(kept)
-    assert (told['fuel'], told['max_thrust']) == (1200.0, 500_000.0)
+    kept_parameters = parameters(kept)
+    assert (kept_parameters['fuel'], kept_parameters['max_thrust']) == (1200.0, 500_000.0)
     assert 'dry_mass: 2.1e4,' in kept.read_text(), 'a number for ROS, if not for YAML 1.1'
     assert parameters(begun['agent_settings']) == {'seed': 3}
     assert project.variable('made') == [str(kept)]
@@ -164,8 +164,8 @@ def test_a_parameter_file_may_address_the_node_by_its_name(project: Project) -> 
                     'other: {ros__parameters: {fuel: 1}}\n')
     begun = project.begin(
         'land', f'simulator_parameters:={mine}', 'fuel:=1200', 'namespace:=ns')
-    told = yaml.safe_load(Path(begun['simulator_parameters']).read_text())
-    assert told == {
+    written = yaml.safe_load(Path(begun['simulator_parameters']).read_text())
+    assert written == {
         '/ns': {'simulator': {'ros__parameters': {'fuel': 1200.0, 'seed': 3}}},
         'other': {'ros__parameters': {'fuel': 1}}}
 
@@ -298,34 +298,34 @@ def test_the_pilot_of_fly_gets_its_parameters(
 
 @pytest.mark.parametrize('command', ['train', 'land', 'evaluate', 'fly'])
 def test_help_names_each_argument_with_its_default(project: Project, command: str) -> None:
-    told = project.run(command, '--help')
+    printed = project.run(command, '--help')
     declared = yaml.safe_load((LAUNCH_FILES / f'{command}.launch.yaml').read_text())['launch']
     for entry in declared:
         if 'arg' in entry:
-            assert f'\n  {entry["arg"]["name"]} ' in told
-    assert '$(' not in told and "['" not in told
-    assert '[ppo_agent_node/launch/parameters/simulator.yaml]' in told
-    assert 'max_thrust:=470880' in told
-    assert max(map(len, told.splitlines()[1:-1])) <= 99
+            assert f'\n  {entry["arg"]["name"]} ' in printed
+    assert '$(' not in printed and "['" not in printed
+    assert '[ppo_agent_node/launch/parameters/simulator.yaml]' in printed
+    assert 'max_thrust:=470880' in printed
+    assert max(map(len, printed.splitlines()[1:-1])) <= 99
     assert not (project.root / 'runs').exists() and not list(project.scratch.iterdir())
 
 
 def test_help_shows_the_defaults_for_the_given_arguments(project: Project) -> None:
-    told = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
+    printed = project.run('train', 'world:=lunar_lander', 'preset:=quick', '--help')
     assert 'one batch; the script train chooses the number by world and preset [128]' in ' '.join(
-        told.split())
-    assert 'hidden_sizes:=[64,64]' in told and 'runs/lunar_lander-DATE' in told
-    assert 'engine_lag' not in told
+        printed.split())
+    assert 'hidden_sizes:=[64,64]' in printed and 'runs/lunar_lander-DATE' in printed
+    assert 'engine_lag' not in printed
     (project.launch_files / 'parameters' / 'agent.yaml').write_text(
         '/**:\n  ros__parameters: {clip_range: 0.125}\n')
     assert 'clip_range:=0.125' in project.run('train', '-h')
 
 
 def test_help_explains_the_names_that_it_is_given(project: Project) -> None:
-    told = project.run('train', '--help', 'max_thrust', 'clip_range', 'num_envs')
-    assert [line.split()[0] for line in told.splitlines() if line[:3].strip()] == [
+    printed = project.run('train', '--help', 'max_thrust', 'clip_range', 'num_envs')
+    assert [line.split()[0] for line in printed.splitlines() if line[:3].strip()] == [
         'max_thrust', 'clip_range', 'num_envs']
-    assert 'thrust at full throttle; 0 to 1e+09 N [470880]' in told
+    assert 'thrust at full throttle; 0 to 1e+09 N [470880]' in printed
     with pytest.raises(ValueError, match="did you mean 'max_thrust'"):
         project.run('train', '--help', 'max_trust')
 
@@ -417,8 +417,8 @@ def test_an_unfinished_recording_is_reported_and_can_be_repaired(
 
     ended = run()
     assert ended.returncode == 1, ended.stderr
-    told, repair = ended.stderr.splitlines()
-    assert told.startswith(f'{command}: the recording is incomplete')
+    report, repair = ended.stderr.splitlines()
+    assert report.startswith(f'{command}: the recording is incomplete')
     subprocess.run(repair, shell=True, check=True, timeout=30)
     rerun_program.verify(whole)
     assert [path.name for path in whole.parent.glob('*.rrd')] == ['recording.rrd']

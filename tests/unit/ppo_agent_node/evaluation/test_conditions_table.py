@@ -88,12 +88,12 @@ def test_a_cell_is_the_evaluation_of_its_settings(flown: dict[str, Any]) -> None
 @pytest.mark.slow
 def test_progress_counts_all_cells() -> None:
     world = worlds.make('rocket_planar', 3, **LOW)
-    told: list[tuple[Cell, int, int]] = []
+    reports: list[tuple[Cell, int, int]] = []
     fly_table(world, {'me': RandomPilot(world.spec, 1)}, 3, 1, (1, 2), ROWS,
-              lambda *progress: told.append(progress))
-    assert [done for _, done, _ in told] == sorted(done for _, done, _ in told)
-    assert told[-1] == (Cell('me', 'lag 0.2 s', 2), 12, 12)
-    assert [cell for cell, done, _ in told if done % 3 == 0] == [
+              lambda *progress: reports.append(progress))
+    assert [done for _, done, _ in reports] == sorted(done for _, done, _ in reports)
+    assert reports[-1] == (Cell('me', 'lag 0.2 s', 2), 12, 12)
+    assert [cell for cell, done, _ in reports if done % 3 == 0] == [
         Cell('me', label, level) for level in (1, 2) for label in ROWS]
 
 
@@ -209,15 +209,15 @@ def test_the_command_flies_and_writes_the_table(
     monkeypatch.setattr(
         fly_and_write_table.__globals__['conditions_table'], 'fly_table_with',
         lambda *given, **named: flying(*given, rows=few, **named))
-    world, told = worlds.make('rocket', 4, observation='extended', **LOW), []
+    world, statuses = worlds.make('rocket', 4, observation='extended', **LOW), []
     chosen = choice.choose_all(('default', 'random'), world.spec, 1)
     table = fly_and_write_table(
-        SerialFleet(world), chosen, 4, 1, (1,), tmp_path, told.append)
+        SerialFleet(world), chosen, 4, 1, (1,), tmp_path, statuses.append)
     assert table['pilots'] == ['default', 'random']
     assert table['policies']['default']['policy_file'].endswith('rocket.safetensors')
     assert {path.name for path in tmp_path.iterdir()} == {
         'conditions.json', 'conditions.md', 'conditions.csv', 'plots', 'report.html'}
-    assert (told[-1].iteration, told[-1].iterations, told[-1].level) == (8, 8, 1)
+    assert (statuses[-1].iteration, statuses[-1].iterations, statuses[-1].level) == (8, 8, 1)
 
 
 def test_pilots_are_named() -> None:

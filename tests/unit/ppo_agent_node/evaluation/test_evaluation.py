@@ -237,16 +237,17 @@ def test_the_lunar_lander_is_evaluated(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
-    env, told = worlds.make('rocket', 4, spawn_height=20.0), []
+    env, statuses = worlds.make('rocket', 4, spawn_height=20.0), []
     pilot = RandomPilot(env.spec, 1)
-    summary = fly_and_write(SerialFleet(env), pilot, 8, 1, 0, tmp_path, told.append)
+    summary = fly_and_write(SerialFleet(env), pilot, 8, 1, 0, tmp_path, statuses.append)
     assert summary['level'] == 7
     assert json.loads((tmp_path / 'evaluation.json').read_text())['level'] == 7
     assert len(episode_table.read(tmp_path / 'episodes.csv')) == 8
     assert (tmp_path / 'plots' / 'outcomes.png').is_file()
     assert 'data:image/png' in (tmp_path / 'report.html').read_text()
-    assert {status.level for status in told} == {7}
-    asked = fly_and_write(SerialFleet(env), RandomPilot(env.spec, 1), 8, 1, 7, None, told.append)
+    assert {status.level for status in statuses} == {7}
+    asked = fly_and_write(
+        SerialFleet(env), RandomPilot(env.spec, 1), 8, 1, 7, None, statuses.append)
     assert {**asked, 'reset_settings': {}} == summary
 
 
@@ -263,10 +264,10 @@ def test_writing_replaces_the_file_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_progress_counts_up_to_the_end() -> None:
     env = CoinWorld(4)
-    told: list[tuple[int, int]] = []
-    evaluate(env, RandomPilot(env.spec), 10, 1, lambda done, total: told.append((done, total)))
-    assert told[-1] == (10, 10)
-    assert [done for done, _ in told] == sorted({done for done, _ in told})
+    reports: list[tuple[int, int]] = []
+    evaluate(env, RandomPilot(env.spec), 10, 1, lambda done, total: reports.append((done, total)))
+    assert reports[-1] == (10, 10)
+    assert [done for done, _ in reports] == sorted({done for done, _ in reports})
 
 
 def test_random_pilots_fill_the_action_space() -> None:

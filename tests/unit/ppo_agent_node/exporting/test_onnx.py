@@ -71,24 +71,24 @@ def test_actions_are_those_of_pytorch_in_any_batch(files: dict[str, Path], name:
 
 def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     world = worlds.make('rocket', 1, observation='extended')
-    told = PolicyPilot(files['robust'], world.spec).description
-    names, units = told['observation_names'], told['observation_units']
+    description = PolicyPilot(files['robust'], world.spec).description
+    names, units = description['observation_names'], description['observation_units']
     assert dict(zip(names, units, strict=True))['acceleration_1_y'] == 'm/s^2'
-    assert told['observation_scales'][names.index('position_y')] == 50.0
-    assert told['observation_high'][names.index('command_1_throttle')] == 1.0
-    assert told['action_names'] == ['throttle', 'rcs_x', 'rcs_z']
-    assert told['action_units'] == ['1'] * 3
-    assert (told['action_low'], told['action_high']) == ([-1.0] * 3, [1.0] * 3)
-    assert (told['world'], told['seed'], told['training']['run']) == (
+    assert description['observation_scales'][names.index('position_y')] == 50.0
+    assert description['observation_high'][names.index('command_1_throttle')] == 1.0
+    assert description['action_names'] == ['throttle', 'rcs_x', 'rcs_z']
+    assert description['action_units'] == ['1'] * 3
+    assert (description['action_low'], description['action_high']) == ([-1.0] * 3, [1.0] * 3)
+    assert (description['world'], description['seed'], description['training']['run']) == (
         'rocket', 1, 'rocket-robust-1')
-    assert told['provenance']['conditions'] == 'mix'
-    assert told['provenance']['commit']
+    assert description['provenance']['conditions'] == 'mix'
+    assert description['provenance']['commit']
     lander = worlds.make('lunar_lander', 1)
-    told = PolicyPilot(files['lunar_lander'], lander.spec).description
-    assert told['observation_low'][0] is None
-    assert told['observation_units'][4:6] == ['rad', 'rad/s']
+    description = PolicyPilot(files['lunar_lander'], lander.spec).description
+    assert description['observation_low'][0] is None
+    assert description['observation_units'][4:6] == ['rad', 'rad/s']
     # A body that turns at 1 rad/s is seen to turn at 0.4: the scale is the way back.
-    assert told['observation_scales'][5] == 2.5
+    assert description['observation_scales'][5] == 2.5
 
 
 def test_the_same_export_is_the_same_file_and_names_no_paths(

@@ -137,25 +137,25 @@ def test_an_engine_is_usable_until_its_last_ignition_has_ended(
 class Remembering:
     """Steers nothing, and keeps the flown actions that it receives."""
 
-    told: ClassVar[list[F32]] = []  # of the class, as flights are flown by copies
+    actions: ClassVar[list[F32]] = []  # of the class, as flights are flown by copies
 
     def __call__(self, observation: F32) -> F32:
         return np.zeros((len(observation), 3), np.float32)
 
     def flew(self, action: F32) -> None:
-        self.told.append(action.copy())
+        self.actions.append(action.copy())
 
 
 def test_a_stateful_teacher_receives_the_noisy_actions(monkeypatch: pytest.MonkeyPatch) -> None:
     env, flown = world(4), []
     step = env.step
     monkeypatch.setattr(env, 'step', lambda action: (flown.append(action.copy()), step(action))[1])
-    Remembering.told.clear()
+    Remembering.actions.clear()
     config = make_config({**SMALL, 'demonstration_noise': 0.2}).demonstration
     fly(env, fly_wave(env.spec, Remembering(), config, {'level': 7}, 1, 0))
     assert len(flown) > 50
     assert np.std(flown) == pytest.approx(0.2, rel=0.1)
-    np.testing.assert_array_equal(Remembering.told, flown)
+    np.testing.assert_array_equal(Remembering.actions, flown)
 
 
 def test_rounds_are_flown_by_the_clone_and_written_down(tmp_path: Path) -> None:

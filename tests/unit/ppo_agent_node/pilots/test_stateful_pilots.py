@@ -67,20 +67,20 @@ def test_heights_alone_miss_an_episode_that_begins_at_the_last_height() -> None:
     """So pilots are informed: rockets that tip over at once begin again where they ended."""
     world = worlds.make('rocket', 8, **TIPPING)
     settings = world.spec.settings
-    guessing, told = FlightMemory(RocketSettings()), FlightMemory(RocketSettings())
-    told.begin()
+    guessing, informed = FlightMemory(RocketSettings()), FlightMemory(RocketSettings())
+    informed.begin()
     observation, missed = world.observe(), 0
     for _ in range(100):
         guess = guessing.look(look(observation, settings))
-        told.look(look(observation, settings))
-        for memory in (guessing, told):
+        informed.look(look(observation, settings))
+        for memory in (guessing, informed):
             memory.command(np.ones(8))
         observation, *_, info = world.step(np.tile(np.array([1, 0, 0], np.float32), (8, 1)))
         rows = info['final_rows']
-        told.begin(rows)
+        informed.begin(rows)
         missed += len(rows) - np.count_nonzero(guess[rows])
         fuel = world.telemetry(slice(None)).fuel
-        full = told.burnt.copy()
+        full = informed.burnt.copy()
         full[rows] = 0.0
         assert 2000 - full == pytest.approx(fuel, rel=1e-6)
     assert missed > 8
@@ -104,11 +104,11 @@ class Listening:
     """Steers nothing; compares the announced episodes with the starts that it observes."""
 
     name = 'listening'
-    told: list[list[int]]
+    begun: list[list[int]]
 
     def __init__(self) -> None:
         """Begin with an empty list of episodes, which all copies share."""
-        self.told = []
+        self.begun = []
 
     def __deepcopy__(self, memo: object) -> Listening:
         return self
@@ -117,7 +117,7 @@ class Listening:
         return np.zeros((len(observation), 3), np.float32)
 
     def begin(self, rows: NDArray[np.int64] | None = None) -> None:
-        self.told.append([] if rows is None else rows.tolist())
+        self.begun.append([] if rows is None else rows.tolist())
 
 
 def test_pilots_are_informed_of_new_episodes_in_all_flights(
@@ -146,5 +146,5 @@ def test_pilots_are_informed_of_new_episodes_in_all_flights(
         finished.clear()
         pilot = Listening()
         flown(pilot)
-        assert pilot.told == [[], *finished]
+        assert pilot.begun == [[], *finished]
         assert len(finished) > 1

@@ -282,10 +282,10 @@ def test_hidden_observations_reach_the_critic_and_not_the_policy() -> None:
     nothing = torch.zeros(1, len(names))
     for network, hidden in ((one.policy.output, {'left_contact', 'angle'}), (one.critic, set())):
         with torch.no_grad():
-            told = [
+            used = [
                 name for name, row in zip(names, observation, strict=True)
                 if not torch.equal(network(row[None]), network(nothing))]
-        assert set(names) - set(told) == hidden
+        assert set(names) - set(used) == hidden
 
 
 def test_a_saved_policy_keeps_its_hidden_observations(tmp_path: Path) -> None:

@@ -103,17 +103,18 @@ def run(
 
 
 def test_an_update_improves_both_networks_and_returns_figures() -> None:
-    policy, critic, told, batch = run()
+    policy, critic, diagnostics, batch = run()
     start = setup()[0]
     assert policy.mode(batch.observation)[:, 0].mean() > start.mode(batch.observation)[:, 0].mean()
     assert (critic(batch.observation) - batch.target).abs().mean() < 1
-    assert told.updates == 8
-    assert told.entropy == pytest.approx(2 * (0.5 + 0.5 * math.log(2 * math.pi) - 1), abs=0.02)
-    assert 0 < told.approx_kl < 0.05
-    assert 0 <= told.clipfrac < 0.5
-    assert told.explained_variance == pytest.approx(1, abs=1e-5)  # off by a constant
-    assert math.isfinite(told.policy_loss)
-    assert told.value_loss < 0.5
+    assert diagnostics.updates == 8
+    assert diagnostics.entropy == pytest.approx(
+        2 * (0.5 + 0.5 * math.log(2 * math.pi) - 1), abs=0.02)
+    assert 0 < diagnostics.approx_kl < 0.05
+    assert 0 <= diagnostics.clipfrac < 0.5
+    assert diagnostics.explained_variance == pytest.approx(1, abs=1e-5)  # off by a constant
+    assert math.isfinite(diagnostics.policy_loss)
+    assert diagnostics.value_loss < 0.5
 
 
 def test_value_clipping_holds_the_critic_back() -> None:
@@ -137,16 +138,16 @@ def test_an_update_of_a_categorical_policy() -> None:
         value = critic(observation)
         before = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     batch = Batch(observation, action, log_prob, (action == 2).float(), value, value)
-    told = update.update(
+    diagnostics = update.update(
         update.PolicyUpdate(policy, CONFIG), update.CriticUpdate(critic, CONFIG), batch,
         random_streams.generator(1, 'm'), (1e-2,), 1e-3)
     with torch.no_grad():
         after = policy.log_prob_entropy(observation, torch.full_like(action, 2))[0].exp().mean()
     assert before == pytest.approx(1 / 3, abs=0.01)
     assert after > before + 0.02
-    assert told.updates == 8
-    assert told.entropy == pytest.approx(math.log(3), abs=0.05)
-    assert 0 < told.approx_kl < 0.1
+    assert diagnostics.updates == 8
+    assert diagnostics.entropy == pytest.approx(math.log(3), abs=0.05)
+    assert 0 < diagnostics.approx_kl < 0.1
 
 
 def test_equal_shuffles_are_equal_and_others_differ() -> None:
@@ -156,19 +157,19 @@ def test_equal_shuffles_are_equal_and_others_differ() -> None:
 
 
 def test_warm_up_trains_the_critic_only() -> None:
-    policy, critic, told, _ = run(train_policy=False)
+    policy, critic, diagnostics, _ = run(train_policy=False)
     start = setup()
     assert torch.equal(policy.mean[0].weight, start[0].mean[0].weight)
     assert not torch.equal(critic.value[0].weight, start[1].value[0].weight)
-    assert told.updates == 0
-    assert math.isnan(told.policy_loss)
-    assert math.isnan(told.approx_kl)
+    assert diagnostics.updates == 0
+    assert math.isnan(diagnostics.policy_loss)
+    assert math.isnan(diagnostics.approx_kl)
 
 
 def test_divergence_ends_the_update() -> None:
-    _, _, told, _ = run(target_kl=1e-9)
-    assert told.updates == 1
-    assert told.approx_kl > 1e-9
+    _, _, diagnostics, _ = run(target_kl=1e-9)
+    assert diagnostics.updates == 1
+    assert diagnostics.approx_kl > 1e-9
 
 
 def test_entropy_bonus_widens_the_policy() -> None:
@@ -207,25 +208,25 @@ def test_one_thread_and_two_are_equal_bit_for_bit(
     found = []
     for threads in (1, 2):
         with tensor_threads(threads):
-            policy, critic, told, _ = run(
+            policy, critic, diagnostics, _ = run(
                 train_policy=train_policy, train_critic=train_critic)
             found.append((*policy.parameters(), *critic.parameters(), torch.tensor(
-                list(dataclasses.astuple(told))).nan_to_num()))
+                list(dataclasses.astuple(diagnostics))).nan_to_num()))
     assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
 
 
 def test_halves_of_a_minibatch_are_added(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run()[0]
-    critic, told = setup()[1], []
+    critic, results = setup()[1], []
     for rows in (24, 64):  # three pieces of each minibatch, and one
         monkeypatch.setattr(backpropagation, '_CACHED_ROWS', rows)
         halved, untouched, diagnostics, _ = run(train_critic=False)
         assert torch.allclose(halved.mean[0].weight, whole.mean[0].weight, atol=1e-6)
         assert torch.allclose(halved.log_std, whole.log_std, atol=1e-6)
         assert torch.equal(untouched.value[0].weight, critic.value[0].weight)
-        told.append(diagnostics)
-    assert told[0].policy_loss == pytest.approx(told[1].policy_loss, abs=1e-6)
-    assert told[0].grad_norm == pytest.approx(told[1].grad_norm, rel=1e-5)
+        results.append(diagnostics)
+    assert results[0].policy_loss == pytest.approx(results[1].policy_loss, abs=1e-6)
+    assert results[0].grad_norm == pytest.approx(results[1].grad_norm, rel=1e-5)
 
 
 def test_an_error_in_a_half_ends_the_update(monkeypatch: pytest.MonkeyPatch) -> None:

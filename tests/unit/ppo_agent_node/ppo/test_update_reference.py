@@ -84,17 +84,17 @@ def test_losses_and_weights_are_those_of_autograd(
     ours = update.PolicyUpdate(policy, config), update.CriticUpdate(critic, config)
     rates = RATES[:2] if kind == 'gaussian' else RATES[:1]
     for iteration in range(2):  # the second one with the optimisers' memory of the first
-        told = update.update(
+        diagnostics = update.update(
             *ours, batch, random_streams.generator(iteration, 'm'), rates, RATES[2])
         expected = ppo_reference.update(
             *reference, adams, batch, config, random_streams.generator(iteration, 'm'))
         for name, value in dataclasses.asdict(expected).items():
             # clipfrac counts, and rounding may move a ratio over the edge.
             close = 2.1 / SAMPLES if name == 'clipfrac' else 1e-6
-            assert getattr(told, name) == pytest.approx(
+            assert getattr(diagnostics, name) == pytest.approx(
                 value, rel=1e-4, abs=close, nan_ok=True), (iteration, name)
     if config.target_kl:
-        assert told.updates < 10
+        assert diagnostics.updates < 10
     moved = 0.0
     for mine, theirs, start in zip(
             (*policy.parameters(), *critic.parameters()),

@@ -109,9 +109,9 @@ def test_a_logger_that_fails_is_dropped_and_the_run_continues(tmp_path: Path) ->
         def close(self) -> None:
             Broken.closed += 1
 
-    told: list[str] = []
-    train(tmp_path / 'run', [Broken], report=lambda status: told.append(status.message))
-    said = [message for message in told if 'logger Broken failed' in message]
+    messages: list[str] = []
+    train(tmp_path / 'run', [Broken], report=lambda status: messages.append(status.message))
+    said = [message for message in messages if 'logger Broken failed' in message]
     assert len(said) == 1
     assert 'no network' in said[0]
     assert RunFolder(tmp_path / 'run', True).lines()[-1]['iteration'] == 4

@@ -41,11 +41,11 @@ SMALL: dict[str, Any] = {
 
 def train(run: Path) -> list[Status]:
     """Begin or continue a small run; return its reports."""
-    told: list[Status] = []
+    statuses: list[Status] = []
     with (folder := RunFolder(run, resume=True)).locked():
         assert Trainer(
-            SerialFleet(LineWorld()), make_config(SMALL), folder, told.append).run().finished
-    return told
+            SerialFleet(LineWorld()), make_config(SMALL), folder, statuses.append).run().finished
+    return statuses
 
 
 def learnt(run: Path) -> dict[str, Any]:
@@ -133,10 +133,10 @@ def test_a_clock_that_is_set_back_changes_nothing(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Any]) -> None:
     jumps, real = random.Random(SEED), time.time
     monkeypatch.setattr(time, 'time', lambda: real() + jumps.uniform(-86_400.0, 86_400.0))
-    told = train(tmp_path / 'run')
+    statuses = train(tmp_path / 'run')
     assert learnt(tmp_path / 'run') == undisturbed
-    assert all(0.0 <= status.elapsed < 60.0 for status in told)
-    assert all(not status.remaining < 0.0 for status in told)
+    assert all(0.0 <= status.elapsed < 60.0 for status in statuses)
+    assert all(not status.remaining < 0.0 for status in statuses)
     for line in RunFolder(tmp_path / 'run', resume=True).lines():
         assert 0.0 <= line['seconds'] < 60.0
         assert line['steps_per_second'] is None or line['steps_per_second'] > 0

@@ -31,9 +31,9 @@ STATUS = Status(
     best_landing_rate=1.0, best_return=290.0, saved='checkpoints/iteration_000002.safetensors')
 
 
-def picture(clock: list[float], *told: Status) -> StatusLines:
+def picture(clock: list[float], *statuses: Status) -> StatusLines:
     shown = StatusLines(clock=lambda: clock[0])
-    for status in told:
+    for status in statuses:
         shown.take(status)
     return shown
 
@@ -93,11 +93,11 @@ def test_a_long_stage_logs_few_lines_with_its_events_and_both_ends() -> None:
             terminal.show(replace(
                 STATUS, iteration=k, iterations=1000, progress=k, goal=1000,
                 message='level 1 -> 2' if k == 500 else ''))
-    told = [line.split(':')[1].split()[-1] for line in file.getvalue().splitlines()]
-    assert told[0] == '1/1000'
-    assert told[-1] == '1000/1000'
-    assert '500/1000' in told
-    assert len(told) < 20
+    counts = [line.split(':')[1].split()[-1] for line in file.getvalue().splitlines()]
+    assert counts[0] == '1/1000'
+    assert counts[-1] == '1000/1000'
+    assert '500/1000' in counts
+    assert len(counts) < 20
 
 
 class Latin(io.TextIOWrapper):
@@ -120,8 +120,8 @@ def test_a_terminal_without_an_ellipsis_gets_a_replacement(
 
 @pytest.mark.parametrize('width', [200, 120, 100, 80, 60, 59, 50, 30, 10, 1])
 def test_no_line_is_wider_than_the_terminal(width: int) -> None:
-    told = [replace(STATUS, iteration=k, mean_return=float(k)) for k in range(99)]
-    shown = picture([0.0], *told)
+    statuses = [replace(STATUS, iteration=k, mean_return=float(k)) for k in range(99)]
+    shown = picture([0.0], *statuses)
     lines = shown.lines(width)
     assert all(line.cell_len <= width for line in lines)
     assert len(lines) <= (2 if width < NARROW else 9)

@@ -54,7 +54,7 @@ SMALL: dict[str, Any] = {
 
 def train(
     path: Path, stop_after: int = -1, resume: bool = False, expert: Any = None,
-    said: list[str] | None = None, told: list[Status] | None = None, **changes: Any,
+    said: list[str] | None = None, statuses: list[Status] | None = None, **changes: Any,
 ) -> Result:
     """Train in the line world; stop at the given poll, if any."""
     polls = 0
@@ -66,7 +66,7 @@ def train(
 
     return Trainer(
         SerialFleet(LineWorld()), make_config({**SMALL, **changes}), RunFolder(path, resume),
-        (told if told is not None else []).append, expert=expert,
+        (statuses if statuses is not None else []).append, expert=expert,
         stop_requested=stop, say=(said if said is not None else []).append).run()
 
 
@@ -109,11 +109,11 @@ def test_a_resumed_run_ends_the_same_with_the_same_output(
         straight: tuple[Path, list[str]], tmp_path: Path, polls: int) -> None:
     path, said = tmp_path / 'run', []
     assert not train(path, stop_after=polls, said=said).finished
-    told = len(said)
+    lines_before = len(said)
     assert train(path, resume=True, said=said).finished
     assert left_by(path) == left_by(straight[0])
     assert said == straight[1]
-    assert told < len(said)
+    assert lines_before < len(said)
 
 
 def test_each_episode_has_its_line_and_its_score(
@@ -132,10 +132,10 @@ def test_each_episode_has_its_line_and_its_score(
 
 
 def test_a_number_of_episodes_ends_a_run(straight: tuple[Path, list[str]], tmp_path: Path) -> None:
-    path, said, told = tmp_path / 'run', [], []
-    result = train(path, said=said, told=told, training_episodes=200)
+    path, said, statuses = tmp_path / 'run', [], []
+    result = train(path, said=said, statuses=statuses, training_episodes=200)
     assert result.finished
-    assert next(s for s in reversed(told) if math.isfinite(s.remaining)).remaining == 0
+    assert next(s for s in reversed(statuses) if math.isfinite(s.remaining)).remaining == 0
     assert 1 < result.iterations < SMALL['iterations']
     folder = RunFolder(path, resume=True)
     lines = folder.lines()

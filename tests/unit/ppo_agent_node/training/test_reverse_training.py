@@ -29,25 +29,25 @@ SETTINGS: dict[str, Any] = {
 
 
 def train(
-    path: Path, stop: Callable[[], bool] = lambda: False, told: list[Status] | None = None,
+    path: Path, stop: Callable[[], bool] = lambda: False, statuses: list[Status] | None = None,
     resume: bool = False, height: float = 6.0, **changes: Any,
 ) -> Result:
     env = worlds.make('rocket', num_envs=8, seed=3, level=7, spawn_height=height, time_limit=6.0)
     config = make_config({**SETTINGS, **changes})
     return Trainer(
         SerialFleet(env), config, RunFolder(path, resume),
-        (told if told is not None else []).append, stop_requested=stop).run()
+        (statuses if statuses is not None else []).append, stop_requested=stop).run()
 
 
 @pytest.fixture(scope='module')
 def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run that nothing disturbed, in which the reach grows to the end."""
     path = tmp_path_factory.mktemp('runs') / 'run'
-    told: list[Status] = []
-    assert train(path, told=told).finished
+    statuses: list[Status] = []
+    assert train(path, statuses=statuses).finished
     found = log_without_times(path)
     reaches = [line['reach'] for line in found]
-    assert [s.reach for s in told if s.is_iteration] == reaches
+    assert [s.reach for s in statuses if s.is_iteration] == reaches
     assert sorted(set(reaches)) == pytest.approx([0.2, 0.3, 0.45, 0.675, 0.8])
     assert reaches == sorted(reaches)
     messages = [line.get('message', '') for line in found]
@@ -95,9 +95,9 @@ def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
 
 def test_the_reach_grows_when_the_policy_learns_to_land(tmp_path: Path) -> None:
     """A fall from 0.46 m is too fast: only a policy that brakes lands from 0.8 of 1 m."""
-    told: list[Status] = []
-    train(tmp_path / 'run', told=told, curriculum_start_reach=0.3, n_steps=128, iterations=20,
-          curriculum_final_level=7, curriculum_window=16, batch_size=256,
+    statuses: list[Status] = []
+    train(tmp_path / 'run', statuses=statuses, curriculum_start_reach=0.3, n_steps=128,
+          iterations=20, curriculum_final_level=7, curriculum_window=16, batch_size=256,
           curriculum_reach_landing_rate=0.8, height=20.0, log_std_init=-0.7,
           log_std_final=-1.0, gamma=0.999, critic_learning_rate=2e-3)
-    assert 0.8 * max(s.reach for s in told if s.is_iteration) > (3.0**2 / (2 * 9.81))
+    assert 0.8 * max(s.reach for s in statuses if s.is_iteration) > (3.0**2 / (2 * 9.81))

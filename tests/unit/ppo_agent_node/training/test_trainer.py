@@ -48,9 +48,9 @@ def world(seed: int = 0) -> worlds.VectorEnv:
 
 def train(
     path: Path, config: Config | None = None, env: Any = None, resume: bool = False,
-    stop: Callable[[], bool] = lambda: False, told: list[Status] | None = None,
+    stop: Callable[[], bool] = lambda: False, statuses: list[Status] | None = None,
 ) -> Result:
-    report = (told if told is not None else []).append
+    report = (statuses if statuses is not None else []).append
     return Trainer(
         SerialFleet(env or world()), config or small(), RunFolder(path, resume), report,
         stop_requested=stop).run()
@@ -60,22 +60,22 @@ def train(
 def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a run that nothing disturbed."""
     path = tmp_path_factory.mktemp('runs') / 'run'
-    told: list[Status] = []
-    result = train(path, told=told)
+    statuses: list[Status] = []
+    result = train(path, statuses=statuses)
     assert result.finished
     assert result.iterations == 6
-    assert [s.stage for s in told if not s.message] and told[-1].iteration == 6
-    assert {s.stage for s in told} == {'demonstrate', 'clone', 'finetune'}
+    assert [s.stage for s in statuses if not s.message] and statuses[-1].iteration == 6
+    assert {s.stage for s in statuses} == {'demonstrate', 'clone', 'finetune'}
     # A look before the first iteration says nothing of how long one takes.
-    looked, *iterations = (s for s in told if s.stage == 'finetune' and s.is_iteration)
+    looked, *iterations = (s for s in statuses if s.stage == 'finetune' and s.is_iteration)
     assert looked.iteration == 0 and looked.remaining == math.inf
     assert all(math.isfinite(s.remaining) for s in iterations) and iterations[-1].remaining == 0.0
     # Policies are news, each in a line that stays; checkpoints, which may be thousands, are not.
-    news = [s.message for s in told if s.message.startswith('saved')]
+    news = [s.message for s in statuses if s.message.startswith('saved')]
     assert news[0] == 'saved cloned.safetensors'
     assert all(text.startswith('saved policy.safetensors and ') for text in news[1:])
-    assert told[-1].saved.endswith('checkpoints/iteration_000006.safetensors')
-    assert [s.level for s in told if s.stage == 'finetune' and s.iteration][-1] == 3
+    assert statuses[-1].saved.endswith('checkpoints/iteration_000006.safetensors')
+    assert [s.level for s in statuses if s.stage == 'finetune' and s.iteration][-1] == 3
     return path
 
 
@@ -176,9 +176,9 @@ def test_a_killed_run_continues_from_its_last_checkpoint(
         Trainer(SerialFleet(world()), small(), RunFolder(path), kill).run()
     with (path / 'train.jsonl').open('a') as log:
         log.write('{"stage": "finetune", "iter')
-    told: list[Status] = []
-    assert train(path, env=world(seed=5), resume=True, told=told).finished
-    first = next(s for s in told if s.message)
+    statuses: list[Status] = []
+    assert train(path, env=world(seed=5), resume=True, statuses=statuses).finished
+    first = next(s for s in statuses if s.message)
     assert first.message.startswith('resumed from iteration_')
     assert first.stage == 'finetune'
     assert left_by(straight) == left_by(path)
@@ -191,9 +191,9 @@ def test_a_damaged_newest_checkpoint_costs_iterations_not_the_run(
     shutil.copytree(straight, path)
     newest = path / 'checkpoints' / 'iteration_000006.safetensors'
     newest.write_bytes(newest.read_bytes()[:1000])
-    told: list[Status] = []
-    assert train(path, resume=True, told=told).finished
-    assert 'iteration_000006.safetensors: damaged' in told[0].message
+    statuses: list[Status] = []
+    assert train(path, resume=True, statuses=statuses).finished
+    assert 'iteration_000006.safetensors: damaged' in statuses[0].message
     assert left_by(straight) == left_by(path)
 
 
@@ -226,10 +226,10 @@ def test_a_simulator_that_restarts_changes_nothing(
     straight: Path, tmp_path: Path, seed: int,
 ) -> None:
     env = Unreliable(world(), seed, rate=0.003)
-    told: list[Status] = []
-    assert train(copy_name(tmp_path), env=env, told=told).finished
+    statuses: list[Status] = []
+    assert train(copy_name(tmp_path), env=env, statuses=statuses).finished
     assert env.restarts >= 5
-    assert sum('simulator restarted' in s.message for s in told) == env.restarts
+    assert sum('simulator restarted' in s.message for s in statuses) == env.restarts
     assert left_by(straight) == left_by(copy_name(tmp_path))
 
 
@@ -238,9 +238,9 @@ def test_a_simulator_that_always_restarts_ends_the_run(tmp_path: Path) -> None:
         train(tmp_path / 'run', env=Unreliable(world(), 1, rate=1.0))
 
 
-def learnt(told: list[Status], iteration: int) -> bool:
+def learnt(statuses: list[Status], iteration: int) -> bool:
     """Return whether a run has reported that an iteration of fine-tuning is done."""
-    return any(status.stage == 'finetune' and status.iteration == iteration for status in told)
+    return any(status.stage == 'finetune' and status.iteration == iteration for status in statuses)
 
 
 @pytest.mark.parametrize('error', [TimeoutError, RuntimeError, ValueError])
@@ -248,15 +248,15 @@ def test_progress_before_the_loss_of_the_simulator_is_kept(
         straight: Path, tmp_path: Path, error: type[Exception]) -> None:
     path = copy_name(tmp_path)
 
-    told: list[Status] = []
+    statuses: list[Status] = []
 
     def poll() -> bool:
-        if learnt(told, 2):
+        if learnt(statuses, 2):
             raise error('nobody answers')
         return False
 
     with pytest.raises(error, match='nobody answers'):
-        train(path, stop=poll, told=told)
+        train(path, stop=poll, statuses=statuses)
     assert sorted(file.name for file in (path / 'checkpoints').glob('iteration_*'))[-1] == (
         'iteration_000002.safetensors')
     assert train(path, env=world(seed=5), resume=True).finished
@@ -275,8 +275,8 @@ def test_an_older_run_continues_with_the_default_of_a_new_setting(
             return found
 
         patch.setattr(run_state, 'description', of_older_version)
-        told: list[Status] = []
-        assert not train(path, told=told, stop=lambda: learnt(told, 2)).finished
+        statuses: list[Status] = []
+        assert not train(path, statuses=statuses, stop=lambda: learnt(statuses, 2)).finished
     with pytest.raises(ValueError, match=r'value_clip_range of the run is 0\.0, expected 0\.2'):
         train(path, small(value_clip_range=0.2), resume=True)
     assert train(path, resume=True).finished
@@ -346,7 +346,7 @@ def test_free_memory_is_returned_while_learning_and_not_in_flight(
     threads: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     given: list[tuple[str, int]] = []
-    told: list[Status] = []
+    statuses: list[Status] = []
     flying = [False]
     fly = InterruptibleFleet.fly
 
@@ -357,14 +357,14 @@ def test_free_memory_is_returned_while_learning_and_not_in_flight(
 
     def give_back() -> None:
         assert not flying[0]
-        given.append((told[-1].stage, told[-1].iteration))
+        given.append((statuses[-1].stage, statuses[-1].iteration))
 
     monkeypatch.setattr(InterruptibleFleet, 'fly', flown)
     monkeypatch.setattr(free_memory, 'PERIOD', 0.0)
     monkeypatch.setattr(free_memory, 'give_back', give_back)
     # A critic that learns alone in another thread may have done so before anyone looks.
     config = small(threads=threads, critic_warmup_iterations=0)
-    assert train(tmp_path / 'run', config, told=told).finished
+    assert train(tmp_path / 'run', config, statuses=statuses).finished
     assert {stage for stage, _ in given} == {'clone', 'finetune'}
     # Told before each update is the iteration before.
     iterations = {done for stage, done in given if stage == 'finetune'}
@@ -372,10 +372,10 @@ def test_free_memory_is_returned_while_learning_and_not_in_flight(
 
 
 def test_without_demonstrations_training_starts_from_scratch(tmp_path: Path) -> None:
-    told: list[Status] = []
+    statuses: list[Status] = []
     config = small(demonstration_episodes=0, iterations=1)
-    assert train(tmp_path / 'run', config, told=told).finished
-    assert {s.stage for s in told} == {'finetune'}
+    assert train(tmp_path / 'run', config, statuses=statuses).finished
+    assert {s.stage for s in statuses} == {'finetune'}
     assert not any('scores' in line for line in RunFolder(tmp_path / 'run', resume=True).lines())
 
 

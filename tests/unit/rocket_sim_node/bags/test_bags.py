@@ -516,11 +516,11 @@ def test_what_publishers_offer_is_written_with_the_first_message(
     bag = make_bag()
     said = flight_messages('rocket', 1, 49)[1:]
     topic = topic_of(said[0])
-    told = Quality(reliability='best_effort')
+    offered_quality = Quality(reliability='best_effort')
     bag.add_topic(replace(topic, offered=()))
-    bag.add_topic(replace(topic, offered=(told,)))  # it has a publisher now
+    bag.add_topic(replace(topic, offered=(offered_quality,)))  # it has a publisher now
     bag.write(topic.name, serialized(said[0]), 10**9, 10**9)
-    bag.add_topic(replace(topic, offered=(told, Quality())))  # and another one
+    bag.add_topic(replace(topic, offered=(offered_quality, Quality())))  # and another one
     bag.add_topic(replace(topic, name='/silent'))
     for number, message in enumerate(said[1:], 2):
         bag.write(topic.name, serialized(message), number * 10**9, number * 10**9)

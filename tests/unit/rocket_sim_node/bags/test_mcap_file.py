@@ -33,10 +33,10 @@ def chunk(data: bytes, compression: str, claims: int) -> Chunk:
     return Chunk(compression, data, 0, 0, 0, claims)
 
 
-def zstd_zeros(size: int, told: bool) -> bytes:
+def zstd_zeros(size: int, sized: bool) -> bytes:
     """Return compressed zeros; with their number in the frame or without."""
-    compressor = zstandard.ZstdCompressor(write_content_size=told).compressobj(
-        size if told else -1)
+    compressor = zstandard.ZstdCompressor(write_content_size=sized).compressobj(
+        size if sized else -1)
     block = bytes(1 << 20)
     parts = [compressor.compress(block) for _ in range(size >> 20)]
     return b''.join(parts) + compressor.flush()
@@ -50,7 +50,7 @@ HUGE_FRAME = b'\x28\xb5\x2f\xfd\xe0' + struct.pack('<Q', 2**50) + b'\x03\x00\x00
 @pytest.mark.parametrize(('compression', 'claims', 'words'), [
     ('zstd', GIBIBYTE, 'a chunk: got 1073741824 bytes when decompressed, expected at most'),
     ('zstd', 1000, 'a chunk claims 1000 bytes, and holds more'),
-    ('zstd untold', 1000, 'a chunk claims 1000 bytes, and holds more'),
+    ('zstd unsized', 1000, 'a chunk claims 1000 bytes, and holds more'),
     ('zstd huge', 1000, 'damaged'),
     ('lz4', 1000, 'a chunk claims 1000 bytes, and holds more'),
     ('lz4', 2**63, 'a chunk: got 9223372036854775808 bytes'),
@@ -60,8 +60,8 @@ HUGE_FRAME = b'\x28\xb5\x2f\xfd\xe0' + struct.pack('<Q', 2**50) + b'\x03\x00\x00
 def test_a_decompression_bomb_is_refused_and_takes_no_memory(
         tmp_path: Path, compression: str, claims: int, words: str) -> None:
     data = {
-        'zstd': lambda: zstd_zeros(GIBIBYTE, told=True),
-        'zstd untold': lambda: zstd_zeros(GIBIBYTE, told=False),
+        'zstd': lambda: zstd_zeros(GIBIBYTE, sized=True),
+        'zstd unsized': lambda: zstd_zeros(GIBIBYTE, sized=False),
         'zstd huge': lambda: HUGE_FRAME,
         'lz4': lambda: lz4.frame.compress(bytes(64 << 20)),
     }.get(compression, lambda: bytes(1000))()

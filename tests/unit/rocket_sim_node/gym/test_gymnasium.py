@@ -79,15 +79,15 @@ def test_flights_are_those_of_the_world(world: str, name: str) -> None:
     for _ in range(STEPS):
         action = envs.action_space.sample()
         *got, info = envs.step(action)
-        *expected, told = ours.step(action)
+        *expected, world_info = ours.step(action)
         for one, other in zip(got, expected, strict=True):
             np.testing.assert_array_equal(one, other)
-        rows = told['final_rows']
+        rows = world_info['final_rows']
         assert bool(info) == bool(len(rows))
-        for row, last in zip(rows.tolist(), told['final_observation'], strict=True):
+        for row, last in zip(rows.tolist(), world_info['final_observation'], strict=True):
             np.testing.assert_array_equal(info['final_obs'][row], last)
             figures, ended = info['final_info'], ended + 1
-            episode = told['episodes'].take(told['episodes'].row == row)
+            episode = world_info['episodes'].take(world_info['episodes'].row == row)
             assert figures['episode_return'][row] == episode.episode_return[0]
             assert figures['tilt'][row] == episode.tilt[0]
     assert ended
@@ -124,14 +124,14 @@ def test_next_step_returns_the_last_observation_and_then_begins() -> None:
         action = envs.action_space.sample()
         observation, reward, terminated, truncated, info = counted.step(action)
         action[ended] = world.spec.action_idle
-        _, _, _, _, told = expected = world.step(action)
+        _, _, _, _, world_info = expected = world.step(action)
         assert (reward[ended] == 0).all() and not (terminated | truncated)[ended].any()
         np.testing.assert_array_equal(observation[ended], expected[0][ended])
         ended = terminated | truncated
         if ended.any():
             rows = np.flatnonzero(ended)
             found += len(rows)
-            last = told['final_observation'][np.isin(told['final_rows'], rows)]
+            last = world_info['final_observation'][np.isin(world_info['final_rows'], rows)]
             np.testing.assert_array_equal(observation[rows], last)
             np.testing.assert_allclose(
                 info['episode_return'][rows], info['episode']['r'][rows], rtol=1e-5)

@@ -598,23 +598,23 @@ def test_samples_may_arrive_before_their_world(flown: Samples) -> None:
 
 
 def test_gaps_in_samples_that_arrived_before_their_world_are_reported(flown: Samples) -> None:
-    told: list[tuple[str, str]] = []
-    recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
+    notes: list[tuple[str, str]] = []
+    recorder = Recorder(RecordingFilter(), [], lambda *note: notes.append(note))
     recorder.states(1, flown.take(flown.step <= 10))
     recorder.states(1, flown.take(flown.step > 15))
-    assert not told
+    assert not notes
     recorder.world(STAGE)
-    assert told == [('WARN', 'state: 5 steps before step 16 were not received: flights in '
+    assert notes == [('WARN', 'state: 5 steps before step 16 were not received: flights in '
                              'progress are not recorded')]
     assert recorder.missed == 5
 
 
 def test_samples_dropped_without_their_world_are_reported(flown: Samples) -> None:
-    told: list[tuple[str, str]] = []
-    recorder = Recorder(RecordingFilter(), [], lambda *note: told.append(note))
+    notes: list[tuple[str, str]] = []
+    recorder = Recorder(RecordingFilter(), [], lambda *note: notes.append(note))
     for _ in range(EARLY + 1):
         recorder.states(1, flown.take(flown.step == 0))
-    assert told == [('WARN', f'state: more than {EARLY} messages arrived before the description '
+    assert notes == [('WARN', f'state: more than {EARLY} messages arrived before the description '
                              'on topic world: the oldest are ignored')]
 
 

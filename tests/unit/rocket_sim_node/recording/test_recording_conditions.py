@@ -78,15 +78,15 @@ def entities_of(path: Path) -> set[str]:
 
 
 def test_a_nominal_recording_has_nothing_of_conditions(tmp_path: Path) -> None:
-    told, untold = tmp_path / 'told.rrd', tmp_path / 'untold.rrd'
-    record(told, stage(), flight())
-    record(untold, stage(names=()), flight(width=0))
-    assert entities.CONDITIONS not in entities_of(told)
-    assert entities.DISTURBANCE not in entities_of(told)
-    assert not rows_of(told, entities.ROCKET, plots.UNUSUAL)
-    assert view_classes(told) == view_classes(untold)
-    assert 'TextDocument' not in view_classes(told)
-    assert reader.trajectories(told)[0].summary['conditions'] == '{}'
+    nominal, without = tmp_path / 'nominal.rrd', tmp_path / 'without.rrd'
+    record(nominal, stage(), flight())
+    record(without, stage(names=()), flight(width=0))
+    assert entities.CONDITIONS not in entities_of(nominal)
+    assert entities.DISTURBANCE not in entities_of(nominal)
+    assert not rows_of(nominal, entities.ROCKET, plots.UNUSUAL)
+    assert view_classes(nominal) == view_classes(without)
+    assert 'TextDocument' not in view_classes(nominal)
+    assert reader.trajectories(nominal)[0].summary['conditions'] == '{}'
 
 
 @pytest.mark.parametrize('world', ['rocket', 'rocket_planar'])

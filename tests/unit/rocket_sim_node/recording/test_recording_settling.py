@@ -174,12 +174,12 @@ def test_reports_come_after_the_flights_before_them(tmp_path: Path) -> None:
     recorder.states(2, two_flights())
     recorder.training(Training('done', 1, {}))
     recorder.close()
-    told = dict((text[0], step) for step, text in rows_of(path, entities.LOG, 'TextLog:text'))
+    steps = dict((text[0], step) for step, text in rows_of(path, entities.LOG, 'TextLog:text'))
     flights = reader.trajectories(path)
     ends = [flight.summary['first_step'] + flight.summary['samples'] for flight in flights]
     assert len(ends) == 4
     flown, done = (
-        next(step for text, step in told.items() if word in text) for word in ('flown', 'done'))
+        next(step for text, step in steps.items() if word in text) for word in ('flown', 'done'))
     assert ends[1] <= flown < ends[2]
     assert done >= ends[3]
 

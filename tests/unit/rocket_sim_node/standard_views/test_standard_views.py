@@ -128,11 +128,11 @@ def test_stamps_of_sessions() -> None:
     assert stamps.of(8, 4, 0.02) == 1_060_000_000
     assert stamps.of(8, 2, 0.02) == 1_060_000_000
     assert stamps.of(9, 0, 0.5) == 1_560_000_000
-    assert stamps.of(10, 7, 0.5, told=9_000_000_000) == 9_000_000_000
-    assert stamps.of(10, 8, 0.5, told=5) == 9_500_000_000  # only the begin of a session is told
-    assert stamps.of(11, 0, 0.5, told=0) == 10_000_000_000  # a simulator that was restarted
+    assert stamps.of(10, 7, 0.5, own_stamp=9_000_000_000) == 9_000_000_000
+    assert stamps.of(10, 8, 0.5, own_stamp=5) == 9_500_000_000  # counts at the begin only
+    assert stamps.of(11, 0, 0.5, own_stamp=0) == 10_000_000_000  # a simulator that was restarted
     with pytest.raises(ValueError, match='later than a stamp can say'):
-        stamps.of(12, 0, 0.5, told=LATEST)
+        stamps.of(12, 0, 0.5, own_stamp=LATEST)
 
 
 def test_stamps_of_a_simulator_are_those_of_the_views() -> None:

@@ -101,14 +101,15 @@ def check_quantity(folder: Path) -> None:
     world, samples = fly(
         'rocket', 4, 30, lambda state, _: np.zeros((len(state.gust), 3), np.float32),
         gust_deviation=1.0)
-    told = world.telemetry(slice(None))
-    np.testing.assert_array_equal(told.gust, world.gust.T)  # type: ignore[attr-defined]
-    assert np.all(told.gust != 0.0)
+    telemetry = world.telemetry(slice(None))
+    np.testing.assert_array_equal(telemetry.gust, world.gust.T)  # type: ignore[attr-defined]
+    assert np.all(telemetry.gust != 0.0)
     # The message as built lacks the field.
     conversion.RocketState = SimpleNamespace  # type: ignore[misc,assignment]
-    message: Any = conversion.state_to_message(np.zeros(4, np.uint64), told, 1)
+    message: Any = conversion.state_to_message(np.zeros(4, np.uint64), telemetry, 1)
     received = samples_of(message)
-    np.testing.assert_array_equal(received.values[:, received.layout.place('gust')], told.gust)
+    np.testing.assert_array_equal(
+        received.values[:, received.layout.place('gust')], telemetry.gust)
     assert not worlds.make('lunar_lander', 2).telemetry(slice(None)).gust.any()
     spec = world.spec
     record(folder / 'gusts.rrd', WorldInfo.build(
@@ -132,12 +133,12 @@ class Trained(Recorder):
 def check_status(folder: Path) -> None:
     """Check that a value of the trainer is in log, message, display and recording."""
     assert 'float64 gradient            # norm\n' in texts()['TrainingStatus.msg']
-    told: list[Status] = []
-    logger = MetricsLogger(RunFolder(folder / 'run'), told.append)
+    statuses: list[Status] = []
+    logger = MetricsLogger(RunFolder(folder / 'run'), statuses.append)
     logger.begin('finetune', 9)
     logger.entry(1, 100, policy_loss=1.0, gradient=2.0, value_loss=3.0)
-    Trained.report = SimpleNamespace(**asdict(told[-1]))
-    assert status_from_message(Trained.report) == told[-1]
+    Trained.report = SimpleNamespace(**asdict(statuses[-1]))
+    assert status_from_message(Trained.report) == statuses[-1]
     world, samples = fly(
         'rocket', 1, 30, lambda state, _: np.zeros((len(state.row), 3), np.float32))
     spec = world.spec

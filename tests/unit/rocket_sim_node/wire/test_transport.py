@@ -287,8 +287,8 @@ def test_the_ros2_command_refuses_what_nodes_refuse(
     with pytest.raises(SystemExit) as ended:
         main(argv)
     assert ended.value.code == 2
-    told, = capsys.readouterr().err.splitlines()
-    assert told.startswith(f'ros2: {words}')
+    printed, = capsys.readouterr().err.splitlines()
+    assert printed.startswith(f'ros2: {words}')
 
 
 def test_the_ros2_command_is_bound_as_nodes_are(
@@ -349,22 +349,22 @@ def test_a_socket_that_the_network_reaches_is_an_error(schema: Path) -> None:
 def test_user_settings_that_the_network_reaches_are_reported(
         schema: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
-    for address, wider, told in (('', '', 1), ('127.0.0.1', '', 0), ('', 'SUBNET', 0)):
+    for address, wider, warnings in (('', '', 1), ('127.0.0.1', '', 0), ('', 'SUBNET', 0)):
         with (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe,
               monkeypatch.context() as patch):
             patch.setenv(transport.RANGE, wider)
             with transport.prepared(RMW):
                 probe.bind((address, 0))
         said = ''.join(capfd.readouterr())
-        assert said.count('it may receive from other machines') == told, said
+        assert said.count('it may receive from other machines') == warnings, said
 
 
-@pytest.mark.parametrize(('rmw', 'address', 'wider', 'told'), [
+@pytest.mark.parametrize(('rmw', 'address', 'wider', 'warnings'), [
     (RMW, '', '', 1), ('rmw_fastrtps_dynamic_cpp', '', 'LOCALHOST', 1), (RMW, '', 'OFF', 1),
     (RMW, '127.0.0.1', '', 0), (RMW, '', 'SUBNET', 0), ('rmw_cyclonedds_cpp', '', '', 0)])
 @pytest.mark.parametrize('own', [True, False])
 def test_ports_that_the_network_reaches_are_reported_without_a_schema(
-        rmw: str, address: str, wider: str, told: int, own: bool,
+        rmw: str, address: str, wider: str, warnings: int, own: bool,
         monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
     monkeypatch.setenv(transport.RANGE, wider)
@@ -376,13 +376,13 @@ def test_ports_that_the_network_reaches_are_reported_without_a_schema(
             probe.bind((address, 0))
         port = probe.getsockname()[1]
     said = ''.join(capfd.readouterr())
-    assert said.count('it may receive from other machines') == told, said
-    assert said.count(f'Fast DDS listens on udp port {port} ') == told, said
+    assert said.count('it may receive from other machines') == warnings, said
+    assert said.count(f'Fast DDS listens on udp port {port} ') == warnings, said
 
 
-@pytest.mark.parametrize(('rmw', 'told'), [(RMW, 1), ('rmw_cyclonedds_cpp', 0)])
+@pytest.mark.parametrize(('rmw', 'warnings'), [(RMW, 1), ('rmw_cyclonedds_cpp', 0)])
 def test_a_profile_without_a_schema_is_reported_and_not_checked(
-        rmw: str, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        rmw: str, warnings: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(transport, 'fast_dds', lambda: (VERSION, None))
     mine = tmp_path / 'mine.xml'
@@ -390,7 +390,7 @@ def test_a_profile_without_a_schema_is_reported_and_not_checked(
     monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(mine))
     assert inside(rmw)['FASTRTPS_DEFAULT_PROFILES_FILE'] == str(mine)
     said = ''.join(capfd.readouterr())
-    assert said.count(f'{mine} is not checked') == told, said
+    assert said.count(f'{mine} is not checked') == warnings, said
 
 
 def test_a_profile_at_the_default_path_counts_as_a_user_setting(

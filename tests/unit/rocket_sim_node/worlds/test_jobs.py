@@ -80,11 +80,11 @@ def test_results_come_in_the_order_of_the_flights() -> None:
 
 
 def test_a_lost_flight_is_repeated_and_reported() -> None:
-    told: list[str] = []
+    reports: list[str] = []
     fleet = SerialFleet(Counting(failures=2))
-    assert list(fleet.fly([lambda: begin(3)], report=told.append)) == [
+    assert list(fleet.fly([lambda: begin(3)], report=reports.append)) == [
         fly(make('rocket', num_envs=2), begin(3))]
-    assert len(told) == 2
+    assert len(reports) == 2
     with pytest.raises(EnvironmentRestarted):
         list(SerialFleet(Counting(failures=MAX_ATTEMPTS)).fly([lambda: begin(3)]))
 

@@ -294,8 +294,8 @@ def test_side_engines_push_and_turn_the_right_way() -> None:
             observation = world.step(np.full(200, action))[0]
         spins[action] = float((observation - before)[:, 5].mean())
         drifts[action] = float((observation - before)[:, 2].mean())
-        told = world.telemetry(slice(None)).lateral_thrust
-        assert np.sign(told).tolist() == [{LEFT: -1, RIGHT: 1}.get(action, 0)] * 200
+        thrust = world.telemetry(slice(None)).lateral_thrust
+        assert np.sign(thrust).tolist() == [{LEFT: -1, RIGHT: 1}.get(action, 0)] * 200
     assert spins[LEFT] > 0.01 + spins[NOTHING]
     assert spins[RIGHT] < -0.01 + spins[NOTHING]
     assert drifts[LEFT] < drifts[NOTHING] < drifts[RIGHT]
@@ -507,11 +507,11 @@ def test_telemetry_distinguishes_left_and_right() -> None:
     """The left engine pushes to the left, as in Gymnasium; the left leg is at negative x."""
     world = make(1)
     world.step(np.array([LEFT]))
-    told = world.telemetry(np.array([0]))
-    assert told.lateral_thrust[0] == pytest.approx(-0.6 / 0.02 * 12 / 30)
+    telemetry = world.telemetry(np.array([0]))
+    assert telemetry.lateral_thrust[0] == pytest.approx(-0.6 / 0.02 * 12 / 30)
     world._touching[:] = (False, True, False)
-    told = world.telemetry(np.array([0]))
-    assert told.contact.tolist() == [[True, False]]
+    telemetry = world.telemetry(np.array([0]))
+    assert telemetry.contact.tolist() == [[True, False]]
     assert world.observe()[0, 6:].tolist() == [0.0, 1.0]
     left, right = world._lanes.pose[0, 1:, 0]
     assert left < right

@@ -269,19 +269,19 @@ def test_a_restarted_vehicle_does_not_change_its_neighbours() -> None:
     pose, velocity = touchdowns(count)
     rows, others = np.arange(count), np.setdiff1d(np.arange(count), anew)
     pull = np.tile((0.0, -G, 0.0), (count, 1))
-    told: list[list[F64]] = []
+    results: list[list[F64]] = []
     for disturbed in (False, True):
         contact = PlanarContact(count, PlanarSettings())
         contact.begin(rows, pose, velocity, np.full(count, MASS))
         contact.step(rows[:0], np.zeros((0, 3)))
-        told.append([])
+        results.append([])
         for step in range(150):
             if disturbed and step % 11 == 5:
                 contact.end(anew)
                 contact.begin(
                     anew, pose[anew], -velocity[anew] + step, np.full(len(anew), 1e4))
-            told[-1].append(np.hstack(contact.step(rows, pull))[others])
-    assert np.array_equal(told[0], told[1])
+            results[-1].append(np.hstack(contact.step(rows, pull))[others])
+    assert np.array_equal(results[0], results[1])
 
 
 def test_a_restarted_vehicle_equals_a_new_one_bit_for_bit() -> None:
@@ -289,7 +289,7 @@ def test_a_restarted_vehicle_equals_a_new_one_bit_for_bit() -> None:
     rows = np.arange(64)
     pull = np.tile((0.0, -G, 0.0), (64, 1))
     mass = np.linspace(22_000.0, 24_000.0, 64)
-    told = []
+    results = []
     for used in (False, True):
         contact = PlanarContact(64, PlanarSettings())
         if used:
@@ -299,8 +299,8 @@ def test_a_restarted_vehicle_equals_a_new_one_bit_for_bit() -> None:
             contact.end(rows)
         contact.begin(rows, pose, velocity, mass)
         contact.step(rows[:0], np.zeros((0, 3)))
-        told.append([np.hstack(contact.step(rows, pull)) for _ in range(120)])
-    assert np.array_equal(told[0], told[1])
+        results.append([np.hstack(contact.step(rows, pull)) for _ in range(120)])
+    assert np.array_equal(results[0], results[1])
 
 
 def lunar(count: int) -> tuple[Lanes, Starts]:

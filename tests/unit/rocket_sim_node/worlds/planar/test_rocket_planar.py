@@ -288,18 +288,18 @@ def test_the_contact_switch_cuts_the_engine(cutoff: bool) -> None:
 def random_flights(world: RocketPlanarWorld, steps: int, rows: int) -> list[list[NDArray[Any]]]:
     """Throw rockets at the ground at random and return the results of the first rows."""
     rng = np.random.default_rng(5)
-    told = []
+    results = []
     for _ in range(steps):
         action = rng.uniform(-1, 1, (70, 3)) * (0.5, 1.0, 0.02)
         seen, reward, ended, _, info = world.step(action[:world.spec.num_envs])
         chosen = info['final_rows'] < rows
-        told.append([
+        results.append([
             seen[:rows], reward[:rows], ended[:rows],
             *(getattr(info['episodes'], name)[chosen] for name in (
                 'row', 'episode', 'episode_return', 'length', 'outcome', 'tilt', 'distance')),
             *(getattr(world.telemetry(np.arange(rows)), name) for name in (
                 'contact', 'contact_force'))])
-    return told
+    return results
 
 
 def low(num_envs: int) -> RocketPlanarWorld:

@@ -217,11 +217,11 @@ def test_landings_of_the_expert_stand() -> None:
     world = worlds.make('rocket', 100, seed=3, level=7)
     pilot = ExpertPilot(world.spec)
     seen = world.observe()
-    told = []
+    finished = []
     for _ in range(700):
         seen, *_ = world.step(pilot(seen))
-        told.append(world.finished.take(world.finished.outcome == 0))
-    landed = [state for state in told if len(state.row)]
+        finished.append(world.finished.take(world.finished.outcome == 0))
+    landed = [state for state in finished if len(state.row)]
     position, orientation, velocity, spin, mass = (
         np.concatenate([getattr(state, name) for state in landed]) for name in (
             'position', 'orientation', 'linear_velocity', 'angular_velocity', 'mass'))

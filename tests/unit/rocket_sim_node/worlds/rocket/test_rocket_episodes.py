@@ -54,7 +54,7 @@ def random_actions(steps: int, num_envs: int, seed: int = 0) -> F64:
 
 def everything(world: RocketWorld, actions: F64) -> list[NDArray[Any]]:
     """Fly and return all results of the steps, stacked over time."""
-    told: list[list[NDArray[Any]]] = []
+    results: list[list[NDArray[Any]]] = []
     for action in actions:
         observation, reward, terminated, truncated, info = world.step(action)
         last = np.zeros_like(observation)
@@ -62,8 +62,8 @@ def everything(world: RocketWorld, actions: F64) -> list[NDArray[Any]]:
         ends = np.zeros((len(observation), len(dataclasses.fields(info['episodes']))))
         for column, field in enumerate(dataclasses.fields(info['episodes'])):
             ends[info['final_rows'], column] = getattr(info['episodes'], field.name)
-        told.append([observation, reward, terminated, truncated, last, ends])
-    return [np.stack(part) for part in zip(*told, strict=True)]
+        results.append([observation, reward, terminated, truncated, last, ends])
+    return [np.stack(part) for part in zip(*results, strict=True)]
 
 
 def test_observation_is_laid_out_as_specified() -> None:

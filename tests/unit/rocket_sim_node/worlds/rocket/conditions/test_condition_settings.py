@@ -214,9 +214,9 @@ def test_a_reset_puts_conditions_into_force_until_the_next() -> None:
 def test_telemetry_holds_the_drawn_conditions() -> None:
     """By name, as `draw` has it; nominal values where nothing is drawn, none for landers."""
     world = worlds.make('rocket', 5, seed=3, conditions='harsh')
-    told = world.telemetry(np.array([1, 4])).conditions
+    held = world.telemetry(np.array([1, 4])).conditions
     expected = np.array(list(drawn('harsh', rows=5).values())).T[[1, 4]]
-    assert np.array_equal(told, expected)
+    assert np.array_equal(held, expected)
     nominal = worlds.make('rocket_planar', 2).telemetry(slice(None)).conditions
     assert nominal.tolist() == [[
         float(name.endswith('factor')) for name in conditions.DRAWN_NAMES]] * 2

@@ -55,9 +55,9 @@ def test_commands_arrive_as_many_steps_late_as_drawn() -> None:
     throttle, torque = np.zeros((30, 40)), np.zeros((30, 40, 3))
     for step, action in enumerate(asked):
         world.step(action)
-        told = world.telemetry(ALL)
-        throttle[step], torque[step] = told.throttle, told.torque
-        assert np.array_equal(told.commanded_throttle, (action[:, 0] + 1) / 2)
+        telemetry = world.telemetry(ALL)
+        throttle[step], torque[step] = telemetry.throttle, telemetry.torque
+        assert np.array_equal(telemetry.commanded_throttle, (action[:, 0] + 1) / 2)
     delay = column(world, 'action_delay').astype(int)
     assert set(delay) == set(range(6))
     for row, late in enumerate(delay):
@@ -147,9 +147,9 @@ def test_the_rocket_equation_holds(name: str, factors: dict[str, float]) -> None
     gained = exhaust * np.log(start / (start - burnt)) - 9.81 * by['gravity_factor'] * 4.0
     assert world.velocity[1, 0] == pytest.approx(gained, rel=2e-5)
     assert world.fuel[0] == pytest.approx(fuel - burnt, rel=1e-9)
-    told = world.telemetry(ALL)
-    assert told.mass[0] == pytest.approx(start - burnt, rel=1e-9)
-    assert told.thrust[0] == pytest.approx(470_880 * by['thrust_factor'], rel=1e-12)
+    telemetry = world.telemetry(ALL)
+    assert telemetry.mass[0] == pytest.approx(start - burnt, rel=1e-9)
+    assert telemetry.thrust[0] == pytest.approx(470_880 * by['thrust_factor'], rel=1e-12)
 
 
 def test_rcs_turns_as_much_less_as_drawn() -> None:
@@ -200,9 +200,9 @@ def test_side_acceleration_is_constant_and_goes_anywhere(name: str) -> None:
     fly(world, [0.0] * 50)
     assert np.allclose(world.velocity[::2], 0.5 * direction, atol=1e-12)
     assert np.allclose(world.position[::2], 0.5 * direction * 1.02 / 2, atol=1e-12)
-    told = world.telemetry(ALL).disturbance
-    assert np.allclose(told[:, ::2].T, 0.5 * direction, atol=1e-15)
-    assert not told[:, 1].any()
+    disturbance = world.telemetry(ALL).disturbance
+    assert np.allclose(disturbance[:, ::2].T, 0.5 * direction, atol=1e-15)
+    assert not disturbance[:, 1].any()
     quarters = np.bincount((angle / (np.pi / 2)).astype(int), minlength=4)
     assert np.abs(quarters - 100).max() < 5 * np.sqrt(400 * 0.25 * 0.75)
 

@@ -162,11 +162,11 @@ def test_the_ground_carries_the_drawn_mass() -> None:
                  touchdown_limit=2.0)
     for _ in range(50):
         world.step(np.tile([-1.0, 0.0, 0.0], (6, 1)))
-    told = world.telemetry(slice(None))
-    assert told.contact.all()
-    factor = told.conditions[:, 0]
-    assert np.allclose(told.mass, 22_000 * factor + 2_000)
-    assert np.allclose(told.contact_force[:, 1], told.mass * 9.81, rtol=1e-3)
+    telemetry = world.telemetry(slice(None))
+    assert telemetry.contact.all()
+    factor = telemetry.conditions[:, 0]
+    assert np.allclose(telemetry.mass, 22_000 * factor + 2_000)
+    assert np.allclose(telemetry.contact_force[:, 1], telemetry.mass * 9.81, rtol=1e-3)
     assert factor.max() - factor.min() > 0.05
 
 
