@@ -28,7 +28,7 @@ class Watch:
     """Records when full throttle was due, and when it was applied."""
 
     def __init__(self, brake: Brake) -> None:
-        """Begin a flight."""
+        """Start a flight."""
         self._brake = brake
         self.last_chance: float | None = None
         """s into the flight, after which full throttle could not stop the fall in time."""
@@ -101,7 +101,7 @@ class ExpertFlight:
     """The scripted pilot's flight from the start of a reset, flown in small portions."""
 
     def __init__(self, spec: WorldSpec, seed: int, **chosen: float) -> None:
-        """Begin the flight.
+        """Start the flight.
 
         :param spec: of the simulator, whose first vehicle is flown.
         :param chosen: settings of the reset.

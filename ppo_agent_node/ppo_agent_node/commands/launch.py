@@ -300,7 +300,7 @@ def _bash(variables: dict[str, str | list[str]]) -> str:
 
 
 def run(script: str, pid: int, scratch: Path, texts: Sequence[str]) -> str:
-    """Begin a command; return what to print.
+    """Start a command; return what to print.
 
     :raises ValueError: naming an argument, what was given and what was expected.
     :raises TypeError: for a value of another kind.

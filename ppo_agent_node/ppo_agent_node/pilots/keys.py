@@ -51,7 +51,7 @@ class KeyReader:
     """Decodes terminal input to keys, however it is split."""
 
     def __init__(self) -> None:
-        """Begin with an empty buffer."""
+        """Create an empty buffer."""
         self._decoder = codecs.getincrementaldecoder('utf-8')(errors='ignore')
         self._rest = ''
         self.exact = False
@@ -132,7 +132,7 @@ class HeldKeys:
     """s between two presses that only a terminal's repeats can reach."""
 
     def __init__(self, delay: float, gap: float) -> None:
-        """Begin without held keys."""
+        """Start without held keys."""
         self._delay, self._gap = delay, gap
         self._holds: dict[str, _Hold] = {}
         self._exact = False

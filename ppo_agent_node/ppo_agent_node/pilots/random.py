@@ -17,7 +17,7 @@ class RandomPilot:
     name = 'random'
 
     def __init__(self, spec: WorldSpec, seed: int = 0) -> None:
-        """Begin the stream of actions.
+        """Start the stream of actions.
 
         :param spec: the world to fly.
         :param seed: 0 or more; equal seeds and batch sizes give equal actions.

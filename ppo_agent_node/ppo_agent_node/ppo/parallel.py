@@ -19,7 +19,7 @@ A = TypeVar('A')
 B = TypeVar('B')
 Poll = Callable[[], None]
 Begin = Callable[[Callable[[], None]], Callable[[], object]]
-"""Begins a computation; returns a function that waits for its end, and raises its exceptions."""
+"""Starts a computation; returns a function that waits for its end, and raises its exceptions."""
 
 
 class _Stopped(Exception):

@@ -29,7 +29,7 @@ class ScoreLines:
     """Numbers the episodes of a run and formats a line about each."""
 
     def __init__(self, planned: int) -> None:
-        """Begin with episode 1.
+        """Start with episode 1.
 
         :param planned: episodes of the whole run; 0: unknown.
         """

@@ -30,7 +30,7 @@ class RunLogger(Protocol):
     """Receives the lines of a run's log."""
 
     def begin(self, lines: Sequence[Line]) -> None:
-        """Begin, or go on after these lines."""
+        """Start, or continue after these lines."""
         ...
 
     def entry(self, line: Line) -> None:

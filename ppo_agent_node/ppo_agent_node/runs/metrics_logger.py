@@ -35,7 +35,7 @@ class MetricsLogger:
         self, folder: RunFolder, report: Callable[[Status], None],
         dropped: Callable[[], int] = lambda: 0, loggers: Sequence[MakeLogger] = (),
     ) -> None:
-        """Begin without any lines; see `take_up`.
+        """Start without any lines; see `take_up`.
 
         :param dropped: returns the number of messages from other participants ignored so far.
         :param loggers: receive all lines, too.
@@ -74,7 +74,7 @@ class MetricsLogger:
         self, stage: str, iterations: int, done: int = 0, progress: Progress | None = None,
         unit: str = 'iterations',
     ) -> None:
-        """Begin a stage of `iterations` iterations, of which `done` were completed earlier.
+        """Start a stage of `iterations` iterations, of which `done` were completed earlier.
 
         :param progress: when the stage does not end by its iterations.
         :param unit: name of its iterations.

@@ -24,7 +24,7 @@ class LiveDisplay:
     """
 
     def __init__(self, console: Console) -> None:
-        """Begin with an empty display."""
+        """Create an empty display."""
         self._console = console
         self._above: deque[Text] = deque(maxlen=_REMEMBERED)
         self._height = 0

@@ -36,7 +36,7 @@ class StatusLines:
     def __init__(
         self, unicode: bool = True, clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin without reports.
+        """Start without reports.
 
         :param unicode: whether the terminal supports more than ASCII.
         """

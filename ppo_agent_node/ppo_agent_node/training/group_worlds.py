@@ -34,7 +34,7 @@ class GroupWorlds:
     """State of each group's world."""
 
     def __init__(self, spec: WorldSpec, config: Config, fly: Fly, ranks: int = 1) -> None:
-        """Begin without worlds.
+        """Start without worlds.
 
         :param fly: runs jobs, job number j on rank j modulo the number of ranks.
         :param ranks: number of ranks; each rolls out only its own groups.
@@ -61,7 +61,7 @@ class GroupWorlds:
         self.snapshots = [tensors.pop(name).numpy().tobytes() for name in names]
 
     def reset(self, policy: Policy, state: RunState) -> int:
-        """Begin new episodes according to the curricula, and spread the rockets over their phases.
+        """Start new episodes according to the curricula, and spread the rockets over their phases.
 
         :return: rocket steps taken.
         """

@@ -20,7 +20,7 @@ Fly = Callable[[Sequence[Callable[[], Job[Any]]]], Iterator[Any]]
 
 
 def try_starts(fly: Fly, config: Config) -> None:
-    """Begin episodes with each kind of reset of a new run.
+    """Start episodes with each kind of reset of a new run.
 
     :raises ValueError: for starts that the simulator refuses; says whose.
     """

@@ -247,7 +247,7 @@ class Trainer:
             **asdict(diagnostics), **policy.diagnostics(), **numbers)
 
     def _reset_world(self) -> None:
-        """Begin new episodes in the worlds of all groups."""
+        """Start new episodes in the worlds of all groups."""
         self._state = replace(self._state, reset_iteration=self._state.iteration)
         steps = self._worlds.reset(self._learner.policy, self._state)
         self._state = replace(self._state, steps=self._state.steps + steps)

@@ -53,7 +53,7 @@ class _StepCounter:
     unit: ClassVar[str] = 'steps'
 
     def __init__(self, read: _Reader, whole_sessions: bool = True) -> None:
-        """Begin before the first message.
+        """Start before the first message.
 
         :param read: returns session, first and last step of a message; None if it has none.
         :param whole_sessions: as that of `GapCounter`.
@@ -87,7 +87,7 @@ class _EpisodeCounter:
     unit: ClassVar[str] = 'episodes'
 
     def __init__(self) -> None:
-        """Begin before the first message."""
+        """Start before the first message."""
         self.missed = 0
         """Episodes missed so far."""
         self._next: dict[int, dict[int, int]] = {}

@@ -71,7 +71,7 @@ class ReverseCurriculum(VectorWrapper):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
-        """Begin new episodes below the current reach; see `HoverslamVectorEnv.reset`."""
+        """Start new episodes below the current reach; see `HoverslamVectorEnv.reset`."""
         self._options = dict(options or {})
         self._landed.clear()
         return self._begin(seed)

@@ -109,7 +109,7 @@ class Simulators:
         return self._spec
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
-        """Begin new episodes, in simulator k with seed + k; see `worlds.VectorEnv`."""
+        """Start new episodes, in simulator k with seed + k; see `worlds.VectorEnv`."""
         observations: list[F32] = self._ask([
             Reset(None if seed is None else seed + number, settings)
             for number in range(len(self._connections))])

@@ -47,7 +47,7 @@ class HoverslamVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> F32:
-        """Begin new episodes, with the seed of `seed` and the options of `set_options`, once.
+        """Start new episodes, with the seed of `seed` and the options of `set_options`, once.
 
         :raises ValueError: when the options are not the same for all environments.
         """

@@ -53,7 +53,7 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
-        """Begin an episode; see `HoverslamVectorEnv.reset`."""
+        """Start an episode; see `HoverslamVectorEnv.reset`."""
         super().reset(seed=seed)
         options = dict(options or {})
         first = self._next

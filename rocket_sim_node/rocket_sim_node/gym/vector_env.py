@@ -137,7 +137,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
-        """Begin new episodes of all environments; return observation `(N, D)` and no info.
+        """Start new episodes of all environments; return observation `(N, D)` and no info.
 
         :param seed: of the starts, 0 to 2**63 - 1; None: the next episodes of the current seed.
         :param options: settings that a reset may change, such as `level` and `conditions`

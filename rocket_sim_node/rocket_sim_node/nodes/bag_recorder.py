@@ -73,7 +73,7 @@ class _Recorded:
     """A topic that is being recorded."""
 
     def __init__(self, topic: Topic) -> None:
-        """Begin before the first message."""
+        """Start before the first message."""
         self.topic = topic
         self.counter = counter_of(topic.type_name)
         self.lost = 0
@@ -95,7 +95,7 @@ class BagNode:
     """Subscribes to topics as they appear, and writes their serialized messages to a bag."""
 
     def __init__(self, node: Node, bag: BagFile, wanted: str) -> None:
-        """Begin without topics.
+        """Start without topics.
 
         :param wanted: as parameter `topics`.
         """

@@ -56,7 +56,7 @@ class Recorder:
         self, selection: RecordingFilter, sinks: Sequence[Sink], note: Note,
         clock: Callable[[], float] = time.monotonic, settle: Settle | None = None,
     ) -> None:
-        """Begin an empty recording.
+        """Create an empty recording.
 
         :param settle: called for flights that are recorded while no agent learns; the motion that
             it returns is shown after each of them, before the next one.

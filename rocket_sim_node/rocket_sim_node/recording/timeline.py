@@ -30,7 +30,7 @@ class Timeline:
     def __init__(
         self, selection: RecordingFilter, sinks: Sequence[Sink], note: Note, settle: Settle | None,
     ) -> None:
-        """Begin empty."""
+        """Start empty."""
         self._selection = selection
         self._sinks = sinks
         self._note = note

@@ -25,7 +25,7 @@ class TrainingRecorder:
     """
 
     def __init__(self, put: Callable[[Put], None], clock: Callable[[], float]) -> None:
-        """Begin before the first report.
+        """Start before the first report.
 
         :param put: logs something.
         """

@@ -84,7 +84,7 @@ class Ends:
     """Where the newest episodes ended, and how."""
 
     def __init__(self) -> None:
-        """Begin without any."""
+        """Start without any."""
         self._found: deque[tuple[F64, str]] = deque(maxlen=MOST_ENDS)
 
     def add(self, view: RocketView) -> None:
@@ -111,7 +111,7 @@ class RocketMarkers:
     """Markers of one rocket, of its current episode."""
 
     def __init__(self, info: WorldInfo) -> None:
-        """Begin without a path.
+        """Start without a path.
 
         :param info: the world that it flies in.
         """

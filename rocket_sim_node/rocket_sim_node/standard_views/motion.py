@@ -81,7 +81,7 @@ class MotionViews:
         self, rows: Sequence[int], max_rate: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin without a world.
+        """Start without a world.
 
         :param rows: of the viewed rockets.
         :param max_rate: moments per second of wall clock; 0: no limit.

@@ -26,7 +26,7 @@ class GapCounter:
     """
 
     def __init__(self, whole_sessions: bool = True) -> None:
-        """Begin before the first message.
+        """Start before the first message.
 
         :param whole_sessions: whether the first steps of later sessions count; not for a topic
             on which anybody may name any session.

@@ -19,7 +19,7 @@ class Stamps:
     """
 
     def __init__(self) -> None:
-        """Begin before the first step."""
+        """Start before the first step."""
         self._session: tuple[int, float] | None = None
         self._first = 0
         self._origin = 0
@@ -79,7 +79,7 @@ class SimulatedTime:
     """
 
     def __init__(self, dt: float) -> None:
-        """Begin before the first session.
+        """Start before the first session.
 
         :param dt: s per step.
         """
@@ -87,7 +87,7 @@ class SimulatedTime:
         self._origin = -nanoseconds(1, dt)
 
     def begin_session(self, steps: int) -> None:
-        """Begin a session.
+        """Start a session.
 
         :param steps: taken in the session before.
         """

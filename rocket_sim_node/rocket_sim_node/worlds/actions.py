@@ -97,7 +97,7 @@ class Clipped:
     """Number of clipped commands by axis, and a description of the last one."""
 
     def __init__(self, spec: WorldSpec) -> None:
-        """Begin with counts of 0."""
+        """Initialise the counts to 0."""
         self._spec = spec
         self._counts = np.zeros(len(spec.action_names), np.int64)
         self._last: tuple[NDArray[Any], NDArray[Any]] | None = None

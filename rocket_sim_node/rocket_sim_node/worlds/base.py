@@ -129,7 +129,7 @@ class VectorEnv(Protocol):
         ...
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
-        """Begin new episodes and return the first observation `(N, D)`.
+        """Start new episodes and return the first observation `(N, D)`.
 
         :param seed: seed of the random streams; None begins the next episodes of the current seed.
         :param settings: curriculum settings and, in worlds of rockets, conditions as

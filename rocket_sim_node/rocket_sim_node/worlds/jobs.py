@@ -39,7 +39,7 @@ MAX_ATTEMPTS = 20
 
 @dataclass(frozen=True)
 class Reset:
-    """Begin new episodes; answered with the observation `(N, D)`, as `VectorEnv.reset` is."""
+    """Start new episodes; answered with the observation `(N, D)`, as `VectorEnv.reset` is."""
 
     seed: int | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class LastSnapshot:
     """
 
     def __init__(self) -> None:
-        """Begin with an unknown state."""
+        """Start with an unknown state."""
         self.state: bytes | None = None
         self._observation: F32 | None = None
 

@@ -135,7 +135,7 @@ class DrawnAhead:
         self, num_envs: int,
         make: Callable[[NDArray[np.integer], NDArray[np.integer]], tuple[NDArray[Any], ...]],
     ) -> None:
-        """Begin with an empty store.
+        """Create an empty store.
 
         :param make: returns arrays `(K, ...)` of initial values for episodes `(K,)` of rows
             `(K,)`.

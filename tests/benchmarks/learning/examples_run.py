@@ -47,7 +47,7 @@ class Recorder:
     """Records the episodes that end in the environments of this process."""
 
     def __init__(self, target: float, most_steps: int) -> None:
-        """Begin at step 0.
+        """Start at step 0.
 
         :param target: mean return at which to stop.
         """

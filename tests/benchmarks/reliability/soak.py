@@ -107,7 +107,7 @@ class Soak:
     """A soak: runs it, and collects and evaluates its measurements."""
 
     def __init__(self, minutes: float, every: float, nodes: Nodes, table: Path) -> None:
-        """Begin; the nodes must run already.
+        """Start; the nodes must run already.
 
         :param every: mean time between faults, s
         """

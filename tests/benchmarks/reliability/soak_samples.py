@@ -93,7 +93,7 @@ class Iterations:
     """Speed of training, from the growing log of a run and the processor time of its nodes."""
 
     def __init__(self, path: Path, spell: float) -> None:
-        """Begin at the current end of the log.
+        """Start at the current end of the log.
 
         :param spell: duration of undisturbed training for each value, s.
         """

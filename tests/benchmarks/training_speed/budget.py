@@ -41,7 +41,7 @@ class Stopwatch:
     """Adds up the time that methods take, without changing their behaviour."""
 
     def __init__(self) -> None:
-        """Begin without any methods to time."""
+        """Start without any methods to time."""
         self.seconds: dict[str, float] = defaultdict(float)
         self._put_back: list[Callable[[], None]] = []
 

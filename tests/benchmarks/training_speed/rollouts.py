@@ -52,7 +52,7 @@ _START = 60.0
 
 
 def start(group: int) -> Job[bytes]:
-    """Begin episodes and return a snapshot of their starts."""
+    """Start episodes and return a snapshot of their starts."""
     yield Reset(group, {'level': 7})
     state: bytes = yield Snapshot()
     return state
@@ -70,7 +70,7 @@ class Course:
     """Roll-outs of T steps in a fleet, one after the other."""
 
     def __init__(self, fleet: Fleet, groups: int, steps: int, policy: Policy) -> None:
-        """Begin the episodes."""
+        """Start the episodes."""
         self._fleet, self._policy, self._count = fleet, policy, 0
         spec = fleet.spec
         self.rollout = Rollout(steps, spec.num_envs, spec.observation_size, policy, groups)

@@ -56,7 +56,7 @@ class Simulator:
             conversion.world_to_message(self._world.spec, 1, 0, msg.World.LOCKSTEP))
 
     def begin(self, training: bool = True) -> None:
-        """Begin a session when `state` has a subscriber.
+        """Start a session when `state` has a subscriber.
 
         :param training: whether to wait for a subscriber of `training` as well.
         """

@@ -22,7 +22,7 @@ class EpisodeStatistics:
     """Episodes of a goal so far."""
 
     def __init__(self, planned: int, level: int, command: str) -> None:
-        """Begin with none.
+        """Start with no episodes.
 
         :param planned: number of episodes to be flown, 0: unknown.
         :param level: curriculum level for the text, 0: unknown.

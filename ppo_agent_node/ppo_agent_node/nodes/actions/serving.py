@@ -36,7 +36,7 @@ class Actions:
     """The action servers; `poll` has to be called often while a goal is being executed."""
 
     def __init__(self, node: Node, executor: Executor) -> None:
-        """Begin to serve."""
+        """Start serving."""
         self._node, self._executor = node, executor
         self._execution: Execution | None = None
         self._handle: Any = None

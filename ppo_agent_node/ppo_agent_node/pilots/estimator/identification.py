@@ -54,7 +54,7 @@ class Identification:
         self, vehicle: RocketSettings, count: int, memory: float, expected: float,
         spread: float,
     ) -> None:
-        """Begin with the nominal vehicle.
+        """Initialise with the nominal vehicle.
 
         :param memory: s, time constant for forgetting measurements of the side acceleration.
         :param expected: prior factor of the engine's acceleration.

@@ -42,7 +42,7 @@ class AxisFilter:
     """
 
     def __init__(self, axes: int, count: int, dt: float, factor: float, spread: float) -> None:
-        """Begin without observations.
+        """Initialise without observations.
 
         :param factor: prior of b, and `spread` its standard deviation.
         """
@@ -99,7 +99,7 @@ class AxisOfBody:
     """The up vector, `(3, N)`, rotated by the spin, corrected by observations; and its noise."""
 
     def __init__(self, count: int, dt: float) -> None:
-        """Begin without observations."""
+        """Initialise without observations."""
         self._dt = dt
         self._squares = np.zeros(count)
         self.seen = np.zeros(count)

@@ -41,7 +41,7 @@ class StateFilter:
     """Filters the observations of N rockets, row by row; without noise they pass unchanged."""
 
     def __init__(self, count: int, dt: float, expected: Expected) -> None:
-        """Begin without observations."""
+        """Initialise without observations."""
         self._expected = expected
         self._body = AxisOfBody(count, dt)
         self._vertical = AxisFilter(

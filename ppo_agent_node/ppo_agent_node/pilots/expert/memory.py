@@ -23,7 +23,7 @@ class FlightMemory:
     """Memory of the flights of N rockets, row by row."""
 
     def __init__(self, vehicle: RocketSettings) -> None:
-        """Begin empty."""
+        """Start empty."""
         self._vehicle = vehicle
         self._start = vehicle.spawn_height - vehicle.touchdown_height
         self._flow = vehicle.max_thrust / (vehicle.specific_impulse * vehicle.gravity)

@@ -63,7 +63,7 @@ class RocketPublishers:
         self._told: tuple[int, bytes] | None = None
 
     def begin(self, info: WorldInfo, model: VehicleModel) -> None:
-        """Begin another world."""
+        """Start publishing another world."""
         self._info, self._model = info, model
         self._markers = RocketMarkers(info)
         self._told = None
@@ -118,7 +118,7 @@ class BridgePublishers:
         self._clock = topics.open(Clock, '/clock', qos.CLOCK) if clock else None
 
     def begin(self, info: WorldInfo, num_envs: int, stamp: int) -> None:
-        """Begin a world of `num_envs` rockets, or another description of the same one."""
+        """Start publishing a world of `num_envs` rockets, or a new description of the same."""
         model = vehicle_model(info)
         for row in self._rows:
             if row < num_envs and row not in self._rockets:

@@ -59,7 +59,7 @@ class IterationCounter:
     """Counts iterations across stages, each of which begins its own count at 1."""
 
     def __init__(self) -> None:
-        """Begin before the first iteration."""
+        """Start before the first iteration."""
         self._stage = ('', '')
         self._before = 0
         self.count = 0
@@ -94,7 +94,7 @@ class GatheredReports:
     """
 
     def __init__(self) -> None:
-        """Begin empty."""
+        """Start empty."""
         self._timepoints, self._values = array('q'), array('d')
 
     def __len__(self) -> int:

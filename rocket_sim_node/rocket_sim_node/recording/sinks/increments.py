@@ -42,7 +42,7 @@ class Increments:
     """
 
     def __init__(self, stream: rr.RecordingStream) -> None:
-        """Begin with nothing sent."""
+        """Start with nothing sent."""
         self._stream = stream
         self._last: dict[str, int] = {}
         self.until = FOR_EVER

@@ -26,7 +26,7 @@ class Follower:
     def __init__(
         self, buffers: Mapping[int, TrajectoryBuffer], clock: Callable[[], float],
     ) -> None:
-        """Begin without a flight.
+        """Start without a flight.
 
         :param buffers: flights in progress, by rocket.
         """

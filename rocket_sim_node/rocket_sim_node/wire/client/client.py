@@ -119,7 +119,7 @@ class Client:
         return self.connection.adopt_spec()
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
-        """Begin new episodes; see :class:`VectorEnv`.
+        """Start new episodes; see :class:`VectorEnv`.
 
         A simulator that is slow to answer is asked again. Without a seed, each request begins the
         next episodes; pass a seed for repeatable flights.

@@ -56,7 +56,7 @@ class FleetMembership:
     def __init__(
         self, node: Node, options: ConnectionOptions, agent: int, pattern: str, second: str = '',
     ) -> None:
-        """Begin empty, or with the simulator of the node's namespace when the pattern is empty.
+        """Start empty, or with the simulator of the node's namespace when the pattern is empty.
 
         :param second: namespace, below the node's own, of a simulator to use as well when it
             appears; only with an empty pattern.

@@ -83,7 +83,7 @@ class Peer:
     """The participant of the other side, and the count of messages dropped as not its own."""
 
     def __init__(self, node: Node, health: DiagnosticsPublisher, own: bytes) -> None:
-        """Begin without knowing the participant: all messages count.
+        """Start without knowing the participant: all messages count.
 
         :param own: a GID of this process; empty if it is not known.
         """

@@ -17,7 +17,7 @@ class ControlLease:
     """
 
     def __init__(self, seconds: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin without an owner."""
+        """Start without an owner."""
         self.seconds = seconds
         self._clock = clock
         self._heard = 0.0

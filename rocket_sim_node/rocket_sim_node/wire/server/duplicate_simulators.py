@@ -27,7 +27,7 @@ class DuplicateDetector:
     def __init__(
         self, node: Node, peer: Peer, health: DiagnosticsPublisher, own: bytes,
     ) -> None:
-        """Begin to listen.
+        """Start listening.
 
         :param peer: names senders.
         :param own: the participant of this node; empty if it is not known: nothing is noticed.

@@ -31,7 +31,7 @@ class IdleStepper:
         realtime: RealTime | None, state: StateStream, advance: Callable[[NDArray[Any]], None],
         begin: Callable[[F32, bool], None],
     ) -> None:
-        """Begin paused.
+        """Start paused.
 
         :param peer: the participant of the agent in control.
         :param realtime: None in lock-step.
@@ -86,7 +86,7 @@ class IdleStepper:
         return flown
 
     def begin(self, observation: F32, restart_time: bool = False) -> None:
-        """Begin a session after the world was reset, or at its present state; play on or not.
+        """Start a session after the world was reset, or at its present state; play on or not.
 
         :param restart_time: whether the simulated time begins at 0 again.
         """

@@ -23,7 +23,7 @@ class RealTime:
         self, period: float, timeout: float, idle: NDArray[Any], lease: ControlLease,
         health: DiagnosticsPublisher,
     ) -> None:
-        """Begin without an action.
+        """Start without an action.
 
         :param period: seconds of the clock from one step to the next.
         :param timeout: seconds without a new action before the engine is cut, at least 2.5 steps.

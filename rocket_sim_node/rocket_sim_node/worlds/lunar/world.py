@@ -103,7 +103,7 @@ class LunarLanderWorld(StateCapture):
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
-        """Begin new episodes of all landers; this world has no curriculum settings."""
+        """Start new episodes of all landers; this world has no curriculum settings."""
         if settings:
             raise ValueError(
                 f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '

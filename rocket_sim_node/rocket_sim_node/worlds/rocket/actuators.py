@@ -20,7 +20,7 @@ class CommandLine:
     """
 
     def __init__(self, num_envs: int, length: int) -> None:
-        """Begin without commands."""
+        """Start without commands."""
         self.commands = np.empty((length, num_envs, 3))
         self.commands[:] = IDLE
         self._rows = np.arange(num_envs)
@@ -43,7 +43,7 @@ class Engines:
     """N engines: `throttle` `(N,)` 0 to 1, `lit` `(N,)`, `ignitions` `(N,)` since the start."""
 
     def __init__(self, num_envs: int) -> None:
-        """Begin with all engines off."""
+        """Start with all engines off."""
         self.throttle = np.zeros(num_envs)
         self.lit = np.zeros(num_envs, np.bool_)
         self.ignitions = np.zeros(num_envs, np.int64)

@@ -19,7 +19,7 @@ class EpisodeCounters:
     """
 
     def __init__(self, num_envs: int) -> None:
-        """Begin with zeros."""
+        """Initialise the counters to 0."""
         self.effort = np.zeros((num_envs, 3))
         self.hover = np.zeros(num_envs, np.int64)
         self._before = np.zeros((num_envs, 3))

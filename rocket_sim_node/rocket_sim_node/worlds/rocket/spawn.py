@@ -190,7 +190,7 @@ class SpawnStore:
         self, seed: int, num_envs: int, ranges: SpawnRange, task: TaskSettings,
         in_plane: bool = False,
     ) -> None:
-        """Begin with an empty store."""
+        """Create an empty store."""
         self._drawn = random_streams.DrawnAhead(num_envs, lambda rows, episodes: (
             np.concatenate(draw(seed, rows, episodes, ranges, task, in_plane)).T,))
 

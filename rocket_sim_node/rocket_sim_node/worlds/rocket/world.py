@@ -65,7 +65,7 @@ class RocketWorld(RocketDynamics):
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
-        """Begin new episodes of all rockets; see :class:`VectorEnv`.
+        """Start new episodes of all rockets; see :class:`VectorEnv`.
 
         Conditions may be given in any form that `conditions.flatten` takes.
         """

@@ -107,7 +107,7 @@ class Listening:
     begun: list[list[int]]
 
     def __init__(self) -> None:
-        """Begin with an empty list of episodes, which all copies share."""
+        """Create an empty list of episodes, which all copies share."""
         self.begun = []
 
     def __deepcopy__(self, memo: object) -> Listening:

@@ -40,7 +40,7 @@ SMALL: dict[str, Any] = {
 
 
 def train(run: Path) -> list[Status]:
-    """Begin or continue a small run; return its reports."""
+    """Start or continue a small run; return its reports."""
     statuses: list[Status] = []
     with (folder := RunFolder(run, resume=True)).locked():
         assert Trainer(

@@ -24,7 +24,7 @@ class Simulators:
     """Record resets, and refuse those that are in `refused`."""
 
     def __init__(self, *refused: dict[str, float]) -> None:
-        """Begin with nothing asked."""
+        """Start with nothing asked."""
         self.refused, self.asked = refused, []
 
     def fly(self, flights: Sequence[Callable[[], Job[Any]]]) -> Iterator[None]:

@@ -312,7 +312,7 @@ def lunar(count: int) -> tuple[Lanes, Starts]:
 
 
 def launch(lanes: Lanes, starts: Starts, rows: NDArray[np.int64], episode: int) -> None:
-    """Begin an episode of lunar landers, terrain and all."""
+    """Start an episode of lunar landers, terrain and all."""
     start = starts.take(rows, np.full(len(rows), episode))
     for row, terrain in zip(rows.tolist(), start.terrain, strict=True):
         spawn.shape_ground(lanes, row, terrain)
