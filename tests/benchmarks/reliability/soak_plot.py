@@ -29,8 +29,8 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
                     panel.plot(
                         [row['time'] / 60 for row in own], [row[name] for row in own], lw=1.2,
                         color=colours[node], label=node if life == rows[0]['life'] else '')
-        axes[0].legend(fontsize='small')
-        axes[3].remove()
+        axes[3].axis('off')
+        axes[3].legend(*axes[0].get_legend_handles_labels(), loc='center', title='nodes')
         for panel, name, title in (
             (axes[4], 'steps_per_second', 'rocket steps/s'),
             (axes[5], 'steps_per_piece', 'rocket steps per piece of work'),
@@ -42,4 +42,8 @@ def draw(samples: Samples, iterations: Sequence[dict[str, float]], path: Path) -
             panel.set_xlabel('min')
         for panel in figure.axes:
             panel.set_ylim(bottom=0)
+        minutes = max((row['time'] for row in samples.rows), default=0.0) / 60
+        figure.suptitle(
+            f'Memory, files and threads of each node over {minutes:.0f} min; drops are restarts',
+            x=0.01, ha='left')
         return style.save(figure, path)

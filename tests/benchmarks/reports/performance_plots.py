@@ -29,7 +29,8 @@ def _curves(axes: Axes, curves: dict[str, dict[str, float]], x: str, y: str) -> 
     axes.set_xticks(ticks, [f'{tick:,}' for tick in ticks], minor=False)
     axes.minorticks_off()
     plain_logarithm(axes.yaxis)
-    axes.legend()
+    # Below the axes, where it hides no curve.
+    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.14), ncols=4)
 
 
 def _bars(axes: Axes, groups: list[str], series: dict[str, list[float]], y: str) -> None:
