@@ -55,13 +55,15 @@ def draw(figures: Mapping[str, Any], path: Path) -> Path:
             panel.imshow(values, aspect='auto', cmap=colours, norm=norm)
             _write(panel, values, colours(norm(values)))
             panel.set_title(f'flown in {world}', fontsize=10.5)
-            panel.set_xticks(range(len(pilots)), [style.plain(pilot) for _, pilot in pilots])
+            panel.set_xticks(
+                range(len(pilots)), [style.plain(pilot) for _, pilot in pilots], rotation=25,
+                ha='right', rotation_mode='anchor')
             panel.set_yticks(range(len(conditions)), [style.plain(text) for text in conditions])
             panel.tick_params(length=0, labelsize=9)
             panel.grid(visible=False)
             panel.spines[:].set_visible(False)
         scale = figure.colorbar(
-            ScalarMappable(norm, colours), ax=list(panels), orientation='horizontal', pad=0.02,
+            ScalarMappable(norm, colours), ax=list(panels), orientation='horizontal', pad=0.03,
             aspect=50, ticks=_BOUNDS, spacing='uniform', label='mean return of level 7')
         scale.outline.set_visible(False)
         figure.suptitle(title(figures), x=0.01, ha='left')
