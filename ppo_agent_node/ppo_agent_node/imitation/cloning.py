@@ -21,7 +21,7 @@ from ppo_agent_node.ppo.networks.adam import FlatAdam
 from ppo_agent_node.ppo.networks.adam import GradientOf
 from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
 from ppo_agent_node.ppo.parallel import Begin
-from ppo_agent_node.ppo.parallel import beside
+from ppo_agent_node.ppo.parallel import in_halves
 from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
 
@@ -153,11 +153,10 @@ def clone(
 
     def learn_from(minibatch: Tensor, losses: Tensor, begin: Begin) -> None:
         pieces = minibatch.chunk(-(-len(minibatch) // gradient.rows))
-        half = -(-len(pieces) // 2)
         optimiser.gradient.zero_()
         other_half.zero_()
-        beside(begin, lambda: gradient.add(pieces[:half], losses[0]),
-               lambda: other_gradient.add(pieces[half:], losses[1]))
+        in_halves(begin, pieces, lambda half: gradient.add(half, losses[0]),
+                  lambda half: other_gradient.add(half, losses[1]))
         optimiser.gradient.add_(other_half)
         optimiser.step([learning_rate()], math.inf, len(minibatch))
 

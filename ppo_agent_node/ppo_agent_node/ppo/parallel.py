@@ -6,6 +6,7 @@ import contextlib
 import threading
 from collections.abc import Callable
 from collections.abc import Iterator
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import wait
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from ppo_agent_node.threads import tensor_threads
 
 A = TypeVar('A')
 B = TypeVar('B')
+P = TypeVar('P')
 Poll = Callable[[], None]
 Begin = Callable[[Callable[[], None]], Callable[[], object]]
 """Starts a computation; returns a function that waits for its end, and raises its exceptions."""
@@ -81,14 +83,18 @@ def second_thread() -> Iterator[Begin]:
         yield lambda compute: pool.submit(compute).result
 
 
-def beside(begin: Begin, first: Callable[[], None], second: Callable[[], None]) -> None:
-    """Run two computations, the second one by `begin`; return when both have ended.
+def in_halves(
+    begin: Begin, pieces: Sequence[P], first: Callable[[Sequence[P]], None],
+    second: Callable[[Sequence[P]], None],
+) -> None:
+    """Process the first half of the pieces, and the second half by `begin`; return after both.
 
     :raises BaseException: of the first that failed; the second has ended then, too.
     """
-    wait_for_second = begin(second)
+    half = -(-len(pieces) // 2)
+    wait_for_second = begin(lambda: second(pieces[half:]))
     try:
-        first()
+        first(pieces[:half])
     except BaseException:
         with contextlib.suppress(Exception):
             wait_for_second()

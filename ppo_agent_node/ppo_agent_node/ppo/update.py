@@ -32,8 +32,8 @@ from ppo_agent_node.ppo.networks.backpropagation import Backpropagation
 from ppo_agent_node.ppo.networks.mlp import Critic
 from ppo_agent_node.ppo.parallel import Begin
 from ppo_agent_node.ppo.parallel import Poll
-from ppo_agent_node.ppo.parallel import beside
 from ppo_agent_node.ppo.parallel import both
+from ppo_agent_node.ppo.parallel import in_halves
 from ppo_agent_node.ppo.parallel import second_thread
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.rollout_buffer import Batch
@@ -225,11 +225,10 @@ class PolicyUpdate:
         if begin is None:
             self._gradient.add(pieces, entropy_coefficient)
             return
-        half = -(-len(pieces) // 2)
         self._other_half.zero_()
-        beside(
-            begin, lambda: self._gradient.add(pieces[:half], entropy_coefficient),
-            lambda: self._other_gradient.add(pieces[half:], entropy_coefficient))
+        in_halves(
+            begin, pieces, lambda half: self._gradient.add(half, entropy_coefficient),
+            lambda half: self._other_gradient.add(half, entropy_coefficient))
         self.optimiser.gradient.add_(self._other_half)
 
     def _divergence(self, log_ratio: Tensor, poll: Poll) -> float:
