@@ -18,6 +18,7 @@ from support.nodes.speaker import Speaker
 from support.processes import Process
 from support.processes import Processes
 from support.training.rollouts import assert_same
+from support.training.rollouts import random_actions
 
 from rocket_sim_node.telemetry.gaps import GapCounter
 from rocket_sim_node.wire.client.client import Client
@@ -30,6 +31,7 @@ from rocket_sim_node.worlds import make
 
 N = 8
 MakeClient = Callable[..., Client]
+actions = partial(random_actions, N)
 
 
 @pytest.fixture(scope='module')
@@ -65,11 +67,6 @@ def running(simulator: Process) -> Iterator[None]:
     """Whatever a test sends, the simulator is there for the next one."""
     yield
     assert simulator.running, simulator.output()
-
-
-def actions(steps: int, seed: int = 0) -> np.ndarray:
-    """Random actions `(steps, N, 3)`."""
-    return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
 
 
 @pytest.mark.parametrize(('buffer', 'acknowledged'), [

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from support.nodes.speaker import Speaker
 from support.processes import Process
 from support.processes import Processes
 from support.training.rollouts import assert_same
+from support.training.rollouts import random_actions
 
 from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.client.connection import ConnectionOptions
@@ -29,17 +31,13 @@ from rocket_sim_node.worlds import make
 
 N = 8
 MakeClient = Callable[..., Client]
+actions = partial(random_actions, N)
 
 
 @pytest.fixture
 def simulator(processes: Processes) -> Process:
     """A simulator of N rockets, level 7."""
     return processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
-
-
-def actions(steps: int, seed: int = 0) -> np.ndarray:
-    """Random actions `(steps, N, 3)`."""
-    return np.random.default_rng(seed).uniform(-1, 1, (steps, N, 3)).astype(np.float32)
 
 
 def test_the_largest_batch_is_flown_and_restored(

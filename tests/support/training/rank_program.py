@@ -19,7 +19,7 @@ from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 PATIENCE = 100.0
-LOW: dict[str, Any] = {'level': 7, 'spawn_height': 30.0, 'time_limit': 6.0}
+WORLD: dict[str, Any] = {'level': 7, 'spawn_height': 30.0, 'time_limit': 6.0}
 
 
 def free_port() -> int:
@@ -81,7 +81,7 @@ def _run_rank(output: Path, environment: dict[str, str], arguments: dict[str, An
 
 
 def main(
-    path: Path, values: dict[str, Any], resume: bool = False, low: dict[str, Any] = LOW,
+    path: Path, values: dict[str, Any], resume: bool = False, low: dict[str, Any] = WORLD,
     stop_at: int = 0, die_at: int = 0, sleep_at: int = 0,
 ) -> None:
     """Train; stop, kill the process or sleep when a given iteration is reported."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bitwise comparison of roll-outs."""
+"""Actions of roll-outs, and their bitwise comparison."""
 from __future__ import annotations
 
 from dataclasses import fields
@@ -8,6 +8,11 @@ from typing import Any
 import numpy as np
 
 from rocket_sim_node.worlds import Episodes
+
+
+def random_actions(rockets: int, steps: int, seed: int = 0) -> np.ndarray:
+    """Return random actions `(steps, rockets, 3)` within their bounds."""
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, rockets, 3)).astype(np.float32)
 
 
 def assert_same(ours: tuple[Any, ...], theirs: tuple[Any, ...]) -> None:
