@@ -90,12 +90,11 @@ class CloneGradient:
             self._network.backward(error)
             loss += found
 
-    def loss(self, samples: Tensor) -> float:
-        """Return the mean loss of the samples of these indices."""
-        total = torch.zeros(())
-        for piece in samples.split(self.rows):
-            total += self._imitation(piece)[0]
-        return float(total) / len(samples)
+    @torch.no_grad()
+    def add_loss(self, pieces: Sequence[Tensor], loss: Tensor) -> None:
+        """Add the loss of pieces, and leave the gradient as it is."""
+        for piece in pieces:
+            loss += self._imitation(piece)[0]
 
     def _imitation(self, piece: Tensor) -> tuple[Tensor, Tensor]:
         return self._policy.imitation(
@@ -151,6 +150,13 @@ def clone(
     def learning_rate() -> float:
         return config.clone_learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
 
+    def validation_loss(begin: Begin) -> float:
+        losses = torch.zeros(2)
+        in_halves(begin, validation.split(gradient.rows),
+                  lambda half: gradient.add_loss(half, losses[0]),
+                  lambda half: other_gradient.add_loss(half, losses[1]))
+        return float(losses.sum()) / len(validation)
+
     def learn_from(minibatch: Tensor, losses: Tensor, begin: Begin) -> None:
         pieces = minibatch.chunk(-(-len(minibatch) // gradient.rows))
         optimiser.gradient.zero_()
@@ -173,7 +179,7 @@ def clone(
                 learn_from(minibatch, losses, begin)
                 step += 1
             training_loss = float(losses.sum()) / len(training)
-            loss_now = gradient.loss(validation) if len(validation) else training_loss
+            loss_now = validation_loss(begin) if len(validation) else training_loss
             if loss_now < least:
                 least, best_epoch = loss_now, epoch
                 best_weights = copy.deepcopy(student.state_dict())
