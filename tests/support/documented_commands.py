@@ -80,7 +80,7 @@ KINDS = (
     Kind(r'python docs/examples/sb3_ppo\.py .*',
          tested='tests/unit/test_examples.py::test_ppo_of_stable_baselines3_runs'),
     Kind(r'python docs/examples/single_file_ppo\.py .*',
-         tested='tests/unit/test_examples.py::test_ppo_in_a_single_file_learns_something'),
+         tested='tests/unit/test_examples.py::test_ppo_in_a_single_file_learns'),
     Kind(r'python docs/examples/sb3_sac\.py .*',
          tested='tests/unit/test_examples.py::test_sac_of_stable_baselines3_runs'),
     Kind(r'python docs/examples/rsl_rl_ppo\.py .*',
