@@ -113,6 +113,7 @@ def description(path: Path, content: dict[str, Any], spec: WorldSpec) -> dict[st
         'observation_scales': [one.scale for one in seen],
         'observation_low': _finite(low), 'observation_high': _finite(high),
         'action_units': [one.unit for one in done],
+        'action_choices': list(units.action_choices(spec)),
         'action_low': list(spec.action_low), 'action_high': list(spec.action_high),
         'dt': spec.dt, 'provenance': provenance.of(path, content),
     }

@@ -32,6 +32,7 @@ _LANDER = {
     'velocity_x': Unit('m/s', _speed[0].item()), 'velocity_y': Unit('m/s', _speed[1].item()),
     'angle': Unit('rad'), 'angular_velocity': Unit('rad/s', 2.5),  # Gymnasium's 50 / 20
     'right_contact': _PURE, 'left_contact': _PURE}
+_LANDER_CHOICES = ('none', 'left', 'main', 'right')
 _ACTIONS = ('throttle', 'rcs_x', 'rcs_z', 'main', 'lateral', 'engine')
 
 
@@ -45,6 +46,11 @@ def observation_units(spec: WorldSpec) -> tuple[Unit, ...]:
 def action_units(spec: WorldSpec) -> tuple[Unit, ...]:
     """Return the units of the entries of an action: shares of what the vehicle can do."""
     return tuple(_PURE if name in _ACTIONS else _UNKNOWN for name in spec.action_names)
+
+
+def action_choices(spec: WorldSpec) -> tuple[str, ...]:
+    """Return what each discrete action fires, in order; empty if continuous or not known."""
+    return _LANDER_CHOICES if spec.name == 'lunar_lander' and not spec.continuous else ()
 
 
 def _rocket(name: str, spec: WorldSpec) -> Unit:

@@ -78,6 +78,7 @@ def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     assert description['observation_high'][names.index('command_1_throttle')] == 1.0
     assert description['action_names'] == ['throttle', 'rcs_x', 'rcs_z']
     assert description['action_units'] == ['1'] * 3
+    assert description['action_choices'] == []
     assert (description['action_low'], description['action_high']) == ([-1.0] * 3, [1.0] * 3)
     assert (description['world'], description['seed'], description['training']['run']) == (
         'rocket', 1, 'rocket-robust-1')
@@ -89,6 +90,7 @@ def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     assert description['observation_units'][4:6] == ['rad', 'rad/s']
     # A body that turns at 1 rad/s is seen to turn at 0.4: the scale is the way back.
     assert description['observation_scales'][5] == 2.5
+    assert description['action_choices'] == ['none', 'left', 'main', 'right']
 
 
 def test_the_same_export_is_the_same_file_and_names_no_paths(
