@@ -111,10 +111,10 @@ def lunar_lander(run: Path, scratch: Path) -> Image.Image:
 
 
 def comparison(run: Path, scratch: Path) -> Image.Image:
-    """Return an image of a run's pilots side by side, during their burns."""
+    """Return an image of a run's pilots side by side, when the first of them touches down."""
     path = scratch / 'comparison.rrd'
     compare.make(compare.Comparison(run_dir=str(run), output=str(path)))
-    return shot(path, 'burn', flight=0, size=TALL)
+    return shot(path, 'touchdown', flight=0, size=TALL)
 
 
 def standard_views(run: Path, scratch: Path) -> Image.Image:
