@@ -184,8 +184,8 @@ def _result(f: Figures) -> str:
         f'that reaches the cap, {lander["cap"]:.0f} s, counts as that long. Each program '
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
-        'numbers can differ. The settings of the lander were chosen on seeds 1 to 10, both for '
-        '`quick` and for the PPO on EnvPool. This benchmark refuses these seeds.')
+        'numbers can differ. The settings of the lander were chosen on seeds 1 to 10, for '
+        '`quick` also on seeds 101 to 106. This benchmark refuses these seeds.')
 
 
 def _recorder(f: Figures) -> str:

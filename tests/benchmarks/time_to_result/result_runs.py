@@ -27,8 +27,8 @@ from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
-LANDERS = 128
-"""number of landers, for which the preset is made; each flies once in an evaluation"""
+LANDERS = 64
+"""number of landers, for which the preset is made; each flies twice in an evaluation"""
 SIMULATORS = 1
 """number of simulators; two are not faster, because the agent is the bottleneck"""
 ROCKETS, ROCKET_SIMULATORS = 256, 2
