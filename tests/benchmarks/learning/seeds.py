@@ -154,7 +154,8 @@ def main() -> None:
     parser.add_argument('--world', default='rocket', choices=worlds.names(), help='world')
     parser.add_argument('--preset', default='default', help='preset')
     parser.add_argument(
-        '--seeds', type=int, nargs='+', default=[1, 2, 3, 4, 5], help='training seeds')
+        '--seeds', type=int, nargs='*', default=[1, 2, 3, 4, 5],
+        help='training seeds; none: only the pilots fly')
     parser.add_argument('--tasks', nargs='+', default=['nominal:7', 'nominal:8'],
                         help='conditions and level, such as mix:7; for the lander: nominal')
     parser.add_argument(
