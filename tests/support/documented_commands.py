@@ -139,7 +139,7 @@ KINDS = (
     Kind(r'\./launch_scripts/(failures|report) .*'),
     Kind(r'\./launch_scripts/screenshot .*',
          tested='tests/unit/rocket_sim_node/recording/test_recording_settling.py::test_picture'),
-    Kind(r'\./launch_scripts/pictures',
+    Kind(r'\./launch_scripts/pictures( only:=\w+ run_dir:=\S+)?',
          tested='tests/unit/ppo_agent_node/commands/test_pictures.py::'
          'test_the_command_makes_a_picture'),
     Kind(r'\./launch_scripts/secure .*',
