@@ -8,8 +8,12 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
+
+from support.forking import ForkedNode
 
 TESTS = str(Path(__file__).parents[1])
 """folder in which our programs find the package `support`"""
@@ -18,12 +22,21 @@ _DOMAINS = 80
 
 
 class Process:
-    """A child process in its own process group, with its output in a file."""
+    """A process in its own process group, with its output in a file."""
 
-    def __init__(self, command: list[str], log: Path, env: dict[str, str]) -> None:
-        """Start the process."""
+    def __init__(
+        self, command: list[str], log: Path, env: dict[str, str], forked: bool = False,
+    ) -> None:
+        """Start the process.
+
+        :param forked: whether the command is `ros2 run` of a node that is to be forked.
+        """
         self.log = log
         self.command = command
+        self._child: subprocess.Popen[bytes] | ForkedNode
+        if forked:
+            self._child = ForkedNode(command[2], command[3], command[4:], log, env)
+            return
         with log.open('ab') as file:
             self._child = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT,
@@ -156,8 +169,13 @@ class Processes:
 
     def start(self, *command: str, **variables: str) -> Process:
         """Start a process of this test, with additional environment variables."""
+        return self._start(command, variables)
+
+    def _start(
+        self, command: tuple[str, ...], variables: dict[str, str], forked: bool = False,
+    ) -> Process:
         log = self.folder / f'process_{len(self._started)}.log'
-        process = Process(list(command), log, {**self.env, **variables})
+        process = Process(list(command), log, {**self.env, **variables}, forked)
         self._started.append(process)
         return process
 
@@ -166,6 +184,15 @@ class Processes:
     ) -> Process:
         """Start a node with `ros2 run`."""
         return self.start('ros2', 'run', package, executable, *ros_args(remap, **parameters))
+
+    def fork_node(
+        self, package: str, executable: str, remap: tuple[str, ...] = (),
+        variables: Mapping[str, str] = MappingProxyType({}), **parameters: object,
+    ) -> Process:
+        """Start a node as `run_node` does, but with PyTorch imported (see `support.forking`)."""
+        return self._start(
+            ('ros2', 'run', package, executable, *ros_args(remap, **parameters)),
+            {**variables}, forked=True)
 
     def logs(self) -> str:
         """Return the output of all processes."""

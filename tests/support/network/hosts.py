@@ -145,3 +145,5 @@ class _Host(Processes):
     def start(self, *command: str) -> Process:
         """Start a process on this host."""
         return self._hosts.start(*self._prefix, *command)
+
+    fork_node = Processes.run_node  # a fork would be on the host of the tests

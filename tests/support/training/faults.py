@@ -15,7 +15,7 @@ from rocket_sim_node.recording.reader import trajectories
 from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
-from support.training.training_runs import agent
+from support.training.training_runs import fresh_agent
 from support.training.training_runs import simulator
 
 LONGEST_STOP = 2.5
@@ -63,7 +63,7 @@ class Training:
 
     def _start_agent(self, **settings: object) -> Process:
         self._learnt_before = self._learnt()
-        return agent(self.processes, self.run, **self._settings, **settings)
+        return fresh_agent(self.processes, self.run, **self._settings, **settings)
 
     def _learnt(self) -> int:
         log = self.run / 'train.jsonl'

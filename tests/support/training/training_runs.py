@@ -67,7 +67,13 @@ def _start(world: str) -> dict[str, float]:
 
 
 def agent(processes: Processes, run: Path, **parameters: object) -> Process:
-    """Start a small training run."""
+    """Start a small training run, forked (see `support.forking`)."""
+    return processes.fork_node(
+        'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
+
+
+def fresh_agent(processes: Processes, run: Path, **parameters: object) -> Process:
+    """Start the same as a user does, for tests of starts and of their interruption."""
     return processes.run_node(
         'ppo_agent_node', 'ppo_agent', run_dir=run, **{**SMALL, **parameters})
 

@@ -12,6 +12,7 @@ from support.processes import Processes
 from support.training.faults import END
 from support.training.faults import Moments
 from support.training.training_runs import agent
+from support.training.training_runs import fresh_agent
 from support.training.training_runs import simulator
 
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
@@ -26,7 +27,7 @@ def start(processes: Processes, node: str, folder: Path) -> Process:
     if node == 'simulator':
         return simulator(processes)
     if node == 'agent':
-        return agent(processes, folder / 'run')
+        return fresh_agent(processes, folder / 'run')
     return processes.run_node('rocket_sim_node', 'rerun_recorder', output=folder / 'flights.rrd')
 
 

@@ -112,7 +112,7 @@ def test_evaluation_and_recording_on_a_full_disk(
     simulator(processes)
     output = disk.path / 'evaluation'
     # One flight after the other, so that some end before the disk is full.
-    evaluation = held(processes.run_node(
+    evaluation = held(processes.fork_node(
         'ppo_agent_node', 'evaluate', pilot='expert', episodes=40, level=1, output=output),
         ' 32/40')
     partial = partial_path(recording)

@@ -16,6 +16,7 @@ from support.training.training_runs import SMALL
 from support.training.training_runs import agent
 from support.training.training_runs import assert_same_run
 from support.training.training_runs import evaluate_in_process
+from support.training.training_runs import fresh_agent
 from support.training.training_runs import log_without_times
 from support.training.training_runs import simulator
 from support.training.training_runs import train_in_process
@@ -78,7 +79,8 @@ def test_training_among_forgeries_equals_training_in_process(
     processes.start(
         'python', '-m', 'support.invalid_data.forger', '--ros-args',
         '-p', f'kinds:={",".join(KINDS)}', '-p', 'every:=10').wait_for('forging', 30.0)
-    trainer = agent(processes, run)
+    # Not forked: it discovers who publishes what during its imports, as a user's agent does.
+    trainer = fresh_agent(processes, run)
     assert trainer.wait(240.0) == 0, processes.logs()
     lines = [json.loads(line) for line in (run / 'train.jsonl').read_text().splitlines()]
     assert sum(line['messages_dropped'] for line in lines) > 0
@@ -115,7 +117,7 @@ def test_damaged_policy_is_refused(processes: Processes, tmp_path: Path) -> None
     for name, content in (('empty', b''), ('noise', bytes(range(256)) * 8)):
         path = tmp_path / f'{name}.safetensors'
         path.write_bytes(content)
-        node = processes.run_node('ppo_agent_node', 'ppo_agent', mode='infer', policy=path)
+        node = processes.fork_node('ppo_agent_node', 'ppo_agent', mode='infer', policy=path)
         assert node.wait(30.0) == 2, node.output()
         assert str(path) in node.output()
         assert 'Traceback' not in node.output()
@@ -125,7 +127,7 @@ def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> No
     simulator(processes)
     first = processes.run_node('ppo_agent_node', 'expert_pilot', level=7)
     first.wait_for('episodes:', 60.0)
-    second = agent(processes, tmp_path / 'run', patience=5.0)
+    second = agent(processes, tmp_path / 'run', patience=2.0)
     assert second.wait(60.0) == 2, processes.logs()
     assert 'controls this simulator' in second.output()
     assert first.running
@@ -136,11 +138,13 @@ def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> N
     run = tmp_path / 'run'
     first = agent(processes, run, iterations=2000)
     first.wait_for('PPO 1/', 90.0)
+    first.signal(signal.SIGSTOP)  # it trains here all the same
     second = agent(processes, run, iterations=2000, resume=True)
     assert second.wait(30.0) == 2, processes.logs()
     assert 'another process is training here' in second.output()
     assert first.running
     assert agent(processes, run).wait(30.0) == 2, processes.logs()
+    first.signal(signal.SIGKILL)  # stopped, it cannot end by itself
 
 
 def test_simulators_that_join_and_leave_do_not_change_the_result(

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from support.processes import Process
 from support.processes import Processes
-from support.processes import ros_args
 from support.training.rank_program import free_port
 from support.training.rank_program import train
 from support.training.rank_program import variables
@@ -25,11 +24,9 @@ SHORT = {**SMALL, 'iterations': 2, 'num_groups': 2}
 def agents(processes: Processes, run: Path, **parameters: object) -> list[Process]:
     """Start both ranks of a run; rank 1 names another folder, which it does not make."""
     port = free_port()
-    return [processes.start(
-        'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *ros_args(
-            (f'__ns:=/rank_{rank}',), run_dir=run.with_name(f'run_{rank}') if rank else run,
-            **{**SHORT, **parameters}),
-        **variables(rank, 2, port))
+    return [processes.fork_node(
+        'ppo_agent_node', 'ppo_agent', (f'__ns:=/rank_{rank}',), variables(rank, 2, port),
+        run_dir=run.with_name(f'run_{rank}') if rank else run, **{**SHORT, **parameters})
         for rank in range(2)]
 
 
