@@ -17,6 +17,7 @@ from support.processes import Processes
 from support.processes import wait_until
 from support.users.pseudo_terminal import PseudoTerminal
 
+from rocket_sim_node.wire.client.client import Client
 from rocket_sim_node.wire.dds import security
 
 SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
@@ -79,21 +80,27 @@ def terminals() -> Iterator[list[PseudoTerminal]]:
 
 @pytest.mark.parametrize('namespace', ['', '/sim_7'])
 def test_policy_allows_what_nodes_do_and_nothing_else(
-        processes: Processes, make_node: Callable[..., Any], terminals: list[PseudoTerminal],
-        tmp_path: Path, namespace: str) -> None:
+        processes: Processes, make_node: Callable[..., Any], make_client: Callable[..., Client],
+        terminals: list[PseudoTerminal], tmp_path: Path, request: pytest.FixtureRequest,
+        namespace: str) -> None:
+    """A client keeps control: the others have all that they need, and wait."""
+    if namespace:  # a unit test compares these rules with the others
+        request.getfixturevalue('nightly_only')
     at = ('--ros-args', '-r', f'__ns:={namespace}') if namespace else ('--ros-args',)
     remap = (f'__ns:={namespace}',) if namespace else ()
-    processes.run_node('rocket_sim_node', 'simulator', remap, num_envs=1)
+    processes.run_node('rocket_sim_node', 'simulator', remap, num_envs=1, agent_lease=600.0)
+    make_client(namespace=namespace).reset(1)
     processes.run_node('rocket_sim_node', 'rerun_recorder', remap)
     processes.run_node('rocket_sim_node', 'bag_recorder', remap, output=tmp_path / 'bag')
     processes.run_node('rocket_sim_node', 'ros_bridge', remap, clock=True)
-    for name in ('expert_pilot', 'random_pilot', 'evaluate'):
+    for name in ('expert_pilot', 'random_pilot'):
         processes.run_node('ppo_agent_node', name, remap, patience=100.0)
+    processes.fork_node('ppo_agent_node', 'evaluate', remap, patience=100.0)
     processes.run_node('ppo_agent_node', 'action_server', remap)
     env = processes.env
     terminals[0].start(
         'ros2', 'run', 'ppo_agent_node', 'ppo_agent', *at, '-p', f'run_dir:={tmp_path}/run',
-        env=env)
+        '-p', 'patience:=100.0', env=env)
     terminals[1].start('ros2', 'run', 'ppo_agent_node', 'watch', *at, env=env)
     terminals[2].start('ros2', 'run', 'ppo_agent_node', 'keyboard_pilot', *at, env=env)
     looker, _ = make_node('/looker')
@@ -130,7 +137,7 @@ def test_policy_allows_what_nodes_do_and_nothing_else(
 def test_policy_lets_an_agent_fly_simulators_elsewhere(
         processes: Processes, make_node: Callable[..., Any], tmp_path: Path) -> None:
     processes.run_node('rocket_sim_node', 'simulator', ('__ns:=/sim_0',), num_envs=1)
-    processes.run_node(
+    processes.fork_node(
         'ppo_agent_node', 'ppo_agent', run_dir=tmp_path / 'run', simulators='/sim_*')
     looker, _ = make_node('/looker')
     wanted = ('publish', '/sim_0/action')

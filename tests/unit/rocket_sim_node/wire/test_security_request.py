@@ -121,6 +121,22 @@ def test_policy_is_of_the_form_that_sros2_reads() -> None:
                 assert all(rule.text for rule in rules)
 
 
+def test_policy_allows_the_same_in_each_namespace() -> None:
+    """Rules of full names hold anywhere and need not be repeated."""
+    def rules(profile: ElementTree.Element) -> set[tuple[str, str]]:
+        return {(does, str(rule.text)) for group in profile for does in group.attrib
+                for rule in group}
+
+    for enclave in ElementTree.parse(POLICY).iter('enclave'):
+        root, other = enclave.iter('profile')
+        assert (root.attrib['ns'], other.attrib['ns']) == ('/', '/*')
+        everywhere, elsewhere = rules(root), rules(other)
+        assert {rule for rule in everywhere if not rule[1].startswith('/')} <= elsewhere
+        # In the root namespace, a relative name is the full one after its slash.
+        assert elsewhere <= everywhere | {
+            (does, name.removeprefix('/')) for does, name in everywhere}
+
+
 @pytest.mark.parametrize(('attempt', 'has_it'), [
     ('pass', False),  # pays no heed to security: made a node from empty keys
     ('raise SystemExit("keys are empty")', True),
