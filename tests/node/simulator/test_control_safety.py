@@ -376,7 +376,9 @@ def test_no_parameter_can_be_changed_after_start(
         'bag_recorder': {'output': tmp_path / 'bag', 'topics': 'world'}}
     for name, (package, _) in NODES.items():
         if name != 'simulator':
-            processes.run_node(package, name, **given.get(name, {}))
+            torch = name in ('ppo_agent', 'evaluate')
+            start = processes.fork_node if torch else processes.run_node
+            start(package, name, **given.get(name, {}))
 
     def names(node: str) -> set[str]:
         return set(call(client, ListParameters, f'/{node}/list_parameters').result.names)
