@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from support.training.training_runs import fresh_agent
 from support.training.training_runs import log_without_times
 from support.training.training_runs import simulator
 from support.training.training_runs import train_in_process
+
+from rocket_sim_node.wire.client.client import Client
 
 RESULTS = (
     'config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json',
@@ -123,14 +126,15 @@ def test_damaged_policy_is_refused(processes: Processes, tmp_path: Path) -> None
         assert 'Traceback' not in node.output()
 
 
-def test_two_agents_at_one_simulator(processes: Processes, tmp_path: Path) -> None:
-    simulator(processes)
-    first = processes.run_node('ppo_agent_node', 'expert_pilot', level=7)
-    first.wait_for('episodes:', 60.0)
+def test_two_agents_at_one_simulator(
+        processes: Processes, make_client: Callable[..., Client], tmp_path: Path) -> None:
+    processes.run_node('rocket_sim_node', 'simulator', num_envs=8, agent_lease=600.0)
+    first = make_client()
+    first.reset(1)
     second = agent(processes, tmp_path / 'run', patience=2.0)
     assert second.wait(60.0) == 2, processes.logs()
     assert 'controls this simulator' in second.output()
-    assert first.running
+    first.step(np.zeros((8, 3), np.float32))  # as before
 
 
 def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> None:
