@@ -72,14 +72,14 @@ def test_a_run_keeps_its_conditions_and_they_are_recorded(
     settings = [one for one in SMALL if not one.startswith('demonstration_episodes')]
     first = command(
         processes, 'train', f'run_dir:={run}', 'conditions:=mix', 'observation:=extended',
-        'max_thrust:=500000', 'demonstration_episodes:=0', *settings, *LOW)
+        'max_thrust:=500000', 'demonstration_episodes:=0', 'record:=false', *settings, *LOW)
     assert first.wait(120.0) == 0, processes.logs()
     config = yaml.safe_load((run / 'config.yaml').read_text())
     assert (config['conditions'], config['observation']) == ('mix', 'extended')
     assert config['training']['conditions'] == 'mix'
     assert config['world_settings']['engine_lag_high'] == 0.2
     assert config['world_settings']['max_thrust'] == 500_000.0
-    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
+    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'record:=false')
     assert again.wait(120.0) == 0, processes.logs()
     landed = command(
         processes, 'land', f'policy:={run / "policy.safetensors"}', 'conditions:=mix',
