@@ -274,6 +274,33 @@ def test_world_descriptions_of_other_nodes_change_nothing(
     assert_same_flights(result, in_process(seeds))
 
 
+def test_a_participant_that_described_itself_first_is_not_the_simulator(
+    processes: Processes, make_fleet: MakeFleet, make_node: Callable[..., Any],
+) -> None:
+    """It describes the world and publishes observations, as a simulator does, without end."""
+    node, _ = make_node()
+    publisher = node.create_publisher(msg.World, 'world', qos.WORLD)
+    observations = node.create_publisher(msg.Observation, 'observation', qos.STREAM)
+    forged = conversion.world_to_message(
+        make('rocket', num_envs=N).spec, 1, 0, msg.World.LOCKSTEP)
+    polls = 0
+
+    def poll() -> None:
+        nonlocal polls
+        polls += 1
+        if polls % 20 == 0:
+            publisher.publish(forged)
+
+    publisher.publish(forged)
+    seeds = range(4)
+    with make_fleet('') as fleet:
+        fleet.connect()
+        wait_until(lambda: observations.get_subscription_count() > 0, 10.0)
+        processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+        result = flown(fleet, seeds, poll)
+    assert_same_flights(result, in_process(seeds))
+
+
 def test_a_real_time_simulator_is_not_used(
     processes: Processes, make_fleet: MakeFleet, capfd: pytest.CaptureFixture[str],
 ) -> None:

@@ -3,7 +3,8 @@
 
 Any participant may publish there. The first one that describes a world and publishes observations
 is the simulator, until it has left, or falls silent while something is asked of it and another one
-describes a world: a simulator that was killed and started again.
+describes a world: a simulator that was killed and started again. As long as it has not announced
+an answer that arrived, another one that has is the simulator instead.
 """
 from __future__ import annotations
 
@@ -33,6 +34,9 @@ class _Described:
     gid: bytes = b''
     world: msg.World | None = None
     answers: list[bytes] = field(default_factory=list)
+    """Digests of the answers of services that it announced."""
+    proven: bool = False
+    """Whether an answer that it announced has arrived."""
 
     def note(self, gid: bytes, world: msg.World) -> None:
         """Keep a description."""
@@ -133,5 +137,18 @@ class Descriptions:
 
     def announced(self, digest: bytes) -> bool:
         """Return whether the simulator has announced an answer, or announces none at all."""
+        if not self._now.proven and digest not in self._now.answers:
+            self._believe(digest)
+        if digest in self._now.answers:
+            self._now.proven = True
+            return True
         world = self._now.world
-        return world is None or not len(world.answer) or digest in self._now.answers
+        return world is None or not len(world.answer)
+
+    def _believe(self, digest: bytes) -> None:
+        """Take the participant that announced an answer for the simulator."""
+        for participant, other in self._others.items():
+            if digest in other.answers and other.world is not None and self._accept(other.world):
+                self._peer.participant, self._now = participant, other
+                del self._others[participant]
+                return
