@@ -5,11 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 
 from matplotlib.figure import Figure
 
 from benchmarks.time_to_result.result_records import TimedRun
 from ppo_agent_node.reporting.pictures import style
+
+
+def headline(runs: Sequence[TimedRun], names: Mapping[str, str]) -> str:
+    """Return the median time of each contestant all of whose runs passed."""
+    found = []
+    for contestant in dict.fromkeys(run.contestant for run in runs):
+        own = [run for run in runs if run.contestant == contestant]
+        if all(run.passed for run in own):
+            found.append(f'{names[contestant]} {median(run.seconds for run in own):.0f} s')
+    return f'Median time to a result: {"; ".join(found) or "not all runs passed"}'
 
 
 def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path: Path) -> Path:
@@ -40,6 +51,6 @@ def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path
             style.plain_logarithm(axes.xaxis)
         axes.set_xlabel('s from the start of the processes')
         axes.set_ylabel('mean return of a deterministic evaluation')
-        axes.set_title('Time to a result')
+        axes.set_title(headline(runs, names))
         axes.legend()
         return style.save(figure, path)
