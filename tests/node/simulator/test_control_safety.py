@@ -265,9 +265,7 @@ def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
         for key in ('step', 'refused on action'))
     assert refused > 5 * steps, 'no flood'
     rate = steps * client.spec.dt / (moment(last) - moment(first))
-    # A flood that was read to its end before each step would leave no time for steps. On a busy
-    # machine the simulator shares its core with the flood and with others.
-    assert 0.2 < rate < 1.5, f'{rate:.2f} simulated seconds a second'
+    assert 0.5 < rate < 1.5, f'{rate:.2f} simulated seconds a second'
 
 
 def test_slow_motion_alone_does_not_cut_the_engine(
