@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import median
 
 from matplotlib.figure import Figure
 
@@ -13,17 +12,9 @@ from benchmarks.time_to_result.result_records import TimedRun
 from ppo_agent_node.reporting.pictures import style
 
 
-def headline(runs: Sequence[TimedRun], names: Mapping[str, str]) -> str:
-    """Return the median time of each contestant all of whose runs passed."""
-    found = []
-    for contestant in dict.fromkeys(run.contestant for run in runs):
-        own = [run for run in runs if run.contestant == contestant]
-        if all(run.passed for run in own):
-            found.append(f'{names[contestant]} {median(run.seconds for run in own):.0f} s')
-    return f'Median time to a result: {"; ".join(found) or "not all runs passed"}'
-
-
-def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path: Path) -> Path:
+def draw(
+    runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path: Path, title: str,
+) -> Path:
     """Draw one line per run, coloured by contestant, with a star where it passed.
 
     :param names: names of the contestants, for the legend.
@@ -51,6 +42,6 @@ def draw(runs: Sequence[TimedRun], names: Mapping[str, str], target: float, path
             style.plain_logarithm(axes.xaxis)
         axes.set_xlabel('s from the start of the processes')
         axes.set_ylabel('mean return of a deterministic evaluation')
-        axes.set_title(headline(runs, names))
+        axes.set_title(title)
         axes.legend()
         return style.save(figure, path)

@@ -21,13 +21,14 @@ from benchmarks.time_to_result.result_lines import VERIFICATION_SEED
 from benchmarks.time_to_result.result_records import Options
 from benchmarks.time_to_result.result_records import Point
 from benchmarks.time_to_result.result_records import TimedRun
+from ppo_agent_node.config.presets import preset_num_envs
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.ppo.policies.file import POLICY
 from ppo_agent_node.runs import sealed_file
 from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
-LANDERS = 64
+LANDERS = preset_num_envs('quick', 'lunar_lander')
 """number of landers, for which the preset is made; each flies twice in an evaluation"""
 SIMULATORS = 1
 """number of simulators; two are not faster, because the agent is the bottleneck"""
