@@ -25,7 +25,7 @@ from ppo_agent_node.exporting.policy_export import world_of
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.pilots.search import shipped_names
 from ppo_agent_node.ppo.policies.file import POLICY
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.source_commit import source_commit
 from rocket_sim_node import worlds
 from rocket_sim_node.gym import IDS
@@ -92,7 +92,7 @@ def fly(name: str, episodes: int = EPISODES) -> dict[str, Any]:
 
 def content(name: str) -> dict[str, Any]:
     """Return the description in a policy's file."""
-    return sealed_file.read(path_of(name), POLICY).content
+    return tensor_file.read(path_of(name), POLICY).content
 
 
 def results() -> dict[str, Any]:

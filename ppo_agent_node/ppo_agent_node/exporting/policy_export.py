@@ -18,7 +18,7 @@ from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.file import POLICY
 from ppo_agent_node.ppo.policies.file import load_policy
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from rocket_sim_node import worlds
 from rocket_sim_node.gym.spaces import observation_bounds
 from rocket_sim_node.worlds import WorldSpec
@@ -58,7 +58,7 @@ def export(path: Path, output: Path) -> Exported:
         message names file and reason.
     :raises OSError: if a file cannot be read or written.
     """
-    content = sealed_file.read(path, POLICY).content
+    content = tensor_file.read(path, POLICY).content
     spec = world_of(path, content)
     policy, content = load_policy(path, spec)
     try:

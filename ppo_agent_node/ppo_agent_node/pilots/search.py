@@ -73,13 +73,13 @@ def whole(policy: Path) -> bool:
     """
     require_torch(policy)
     from ppo_agent_node.ppo.policies.file import POLICY
-    from ppo_agent_node.runs import sealed_file
+    from ppo_agent_node.runs import tensor_file
     from ppo_agent_node.runs.folder import UNFINISHED
 
     if (policy.parent / UNFINISHED).exists():
         return False
     try:
-        sealed_file.read(policy, POLICY)
+        tensor_file.read(policy, POLICY)
     except (ValueError, OSError):
         return False
     return True

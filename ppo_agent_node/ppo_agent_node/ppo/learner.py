@@ -26,8 +26,8 @@ from ppo_agent_node.ppo.policies.factory import make_policy
 from ppo_agent_node.ppo.policies.factory import symmetry_of
 from ppo_agent_node.ppo.rollout_buffer import Batch
 from ppo_agent_node.ppo.update import Diagnostics
-from ppo_agent_node.runs import sealed_file
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs import tensor_file
+from ppo_agent_node.runs.tensor_file import Tensors
 from rocket_sim_node.worlds import WorldSpec
 
 _VALUED_AT_ONCE = 4096
@@ -230,7 +230,7 @@ class Learner:
         :param path: of the source file, for messages.
         :raises ValueError: when the tensors do not fit; nothing changes.
         """
-        sealed_file.expect_tensors(path, tensors, self._state())
+        tensor_file.expect_tensors(path, tensors, self._state())
         self._restore(tensors)
 
     def _restore(self, tensors: Tensors) -> None:

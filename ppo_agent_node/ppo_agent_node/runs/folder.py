@@ -21,11 +21,11 @@ import yaml
 from ppo_agent_node.atomic_file import remove_leftovers
 from ppo_agent_node.atomic_file import write_atomically
 from ppo_agent_node.runs import run_lock
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs import train_log
 from ppo_agent_node.runs.config_file import read_config
-from ppo_agent_node.runs.sealed_file import Sealed
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.tensor_file import TensorFile
+from ppo_agent_node.runs.tensor_file import Tensors
 from rocket_sim_node import input_file
 
 CHECKPOINT = 'checkpoint'
@@ -190,7 +190,7 @@ class RunFolder:
             # power cut.
             with self._writing_log(os.O_WRONLY | os.O_APPEND) as file:
                 os.fsync(file.fileno())
-        sealed_file.write(path, CHECKPOINT, tensors, content)
+        tensor_file.write(path, CHECKPOINT, tensors, content)
         for old in self._saved()[_KEPT:]:
             old.unlink(missing_ok=True)
         return path
@@ -200,9 +200,9 @@ class RunFolder:
 
         :raises OSError: naming the path.
         """
-        sealed_file.write(self.best, CHECKPOINT, tensors, content)
+        tensor_file.write(self.best, CHECKPOINT, tensors, content)
 
-    def newest(self, warn: Callable[[str], None]) -> tuple[Path, Sealed] | None:
+    def newest(self, warn: Callable[[str], None]) -> tuple[Path, TensorFile] | None:
         """Return the newest valid checkpoint; None if none was ever written.
 
         :param warn: called with a text for each damaged one.
@@ -211,7 +211,7 @@ class RunFolder:
         saved = self._saved()
         for path in saved:
             try:
-                return path, sealed_file.read(path, CHECKPOINT)
+                return path, tensor_file.read(path, CHECKPOINT)
             except (ValueError, OSError) as error:
                 warn(f'checkpoint ignored: {error}')
         if saved:

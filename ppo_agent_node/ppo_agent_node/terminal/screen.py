@@ -13,7 +13,7 @@ from typing import TextIO
 from rich.console import Console
 from rich.text import Text
 
-from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal import formatting
 from ppo_agent_node.terminal.live_display import LiveDisplay
 from ppo_agent_node.terminal.status_lines import StatusLines
 from rocket_sim_node.printable import printable
@@ -81,7 +81,7 @@ class Terminal:
         self._picture.take(status)
         if self._live_display is None:
             if self._due(status):
-                self.say(wording.line(status))
+                self.say(formatting.line(status))
         elif status.message:
             self._stay(_event(status))
         else:
@@ -96,7 +96,7 @@ class Terminal:
         """Return whether a report is worth a plain line."""
         if not status.message and not status.is_iteration:
             return False
-        done, goal, _ = wording.counted(status)
+        done, goal, _ = formatting.counted(status)
         now = time.monotonic()
         due = (
             status.message or status.iterations <= _MANY or status.iteration <= 1 or done >= goal
@@ -125,10 +125,10 @@ class Terminal:
 
 def _event(status: Status) -> Text:
     """Return an event as a line."""
-    where = wording.stage_name(status.stage)
+    where = formatting.stage_name(status.stage)
     if status.stage == 'finetune' and status.iteration:
         where += f' {status.iteration}'
-    when = f'{wording.duration(status.elapsed):>7}  '
+    when = f'{formatting.duration(status.elapsed):>7}  '
     return Text.assemble((when, 'dim'), (where, 'cyan'), f'  {status.message}', no_wrap=True)
 
 

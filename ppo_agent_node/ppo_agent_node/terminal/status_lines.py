@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from rich.text import Text
 
-from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal import formatting
 from ppo_agent_node.terminal.sparkline import sparkline
 from rocket_sim_node.telemetry.training_status import Status
 
@@ -77,10 +77,10 @@ class StatusLines:
 
     def _narrow(self, status: Status, width: int) -> list[Text]:
         parts = [_name(status)]
-        if count := wording.count_text(status):
+        if count := formatting.count_text(status):
             parts.append(count.removesuffix(' episodes'))
         if 0 < status.remaining < math.inf:
-            parts.append(f'{wording.duration(status.remaining)} left')
+            parts.append(f'{formatting.duration(status.remaining)} left')
         more = [f'level {status.level}'] if status.level and status.stage == 'finetune' else []
         if math.isfinite(status.landing_rate):
             more.append(f'landed {status.landing_rate:.0%}')
@@ -96,11 +96,11 @@ class StatusLines:
 
     def _broad(self, status: Status, width: int) -> list[Text]:
         lines = [self._stages(status, width), self._bar(status, width)]
-        facts = wording.figures(status)
+        facts = formatting.figures(status)
         if status.steps:
-            facts.append(f'{wording.amount(status.steps)} steps')
+            facts.append(f'{formatting.amount(status.steps)} steps')
         lines += _flowing(facts, width)
-        quiet = [text for text in (wording.without_noise(status), wording.best(status)) if text]
+        quiet = [text for text in (formatting.without_noise(status), formatting.best(status)) if text]
         lines += _flowing(quiet, width, 'dim')
         lines += self._curves(status, width)
         if status.saved:
@@ -122,7 +122,7 @@ class StatusLines:
             mark, style = (
                 (done, 'green') if number < present else
                 (now, 'bold cyan') if number == present else (later, 'dim'))
-            text.append(f'{mark} {wording.stage_name(stage)}', style).append(_GAP)
+            text.append(f'{mark} {formatting.stage_name(stage)}', style).append(_GAP)
         if status.run and len(text) + len(status.run) <= width:
             text.append(status.run, 'dim')
         text.rstrip()
@@ -130,10 +130,10 @@ class StatusLines:
 
     def _bar(self, status: Status, width: int) -> Text:
         """Return the progress bar of the stage."""
-        done, goal, unit = wording.counted(status)
-        clock = [f'{wording.duration(status.elapsed)} gone']
+        done, goal, unit = formatting.counted(status)
+        clock = [f'{formatting.duration(status.elapsed)} gone']
         if math.isfinite(status.remaining):
-            clock.append(f'{wording.duration(status.remaining)} left')
+            clock.append(f'{formatting.duration(status.remaining)} left')
         if not goal:
             return Text(_GAP.join(clock))
         part = min(1.0, done / goal)
@@ -169,7 +169,7 @@ def _unknown(value: object) -> bool:
 
 
 def _name(status: Status) -> str:
-    return wording.stage_name(status.stage)
+    return formatting.stage_name(status.stage)
 
 
 def _fitting(parts: Sequence[str], width: int, gap: str) -> str:

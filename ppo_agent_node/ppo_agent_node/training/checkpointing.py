@@ -11,8 +11,8 @@ from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.file import save_policy
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import MetricsLogger
-from ppo_agent_node.runs.sealed_file import Tensors
 from ppo_agent_node.runs.source_commit import source_commit
+from ppo_agent_node.runs.tensor_file import Tensors
 from ppo_agent_node.training import run_state
 from ppo_agent_node.training.run_state import RunState
 from ppo_agent_node.training.selection import Score

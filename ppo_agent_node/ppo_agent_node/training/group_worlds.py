@@ -18,7 +18,7 @@ from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.ppo.rollout_buffer import Ended
 from ppo_agent_node.ppo.rollout_buffer import Rollout
 from ppo_agent_node.ppo.rollout_buffer import in_order
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.tensor_file import Tensors
 from ppo_agent_node.training.preflight import Fly
 from ppo_agent_node.training.run_state import RunState
 from rocket_sim_node.worlds import Episodes

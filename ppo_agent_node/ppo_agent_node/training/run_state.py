@@ -14,7 +14,7 @@ from typing import Any
 from ppo_agent_node import __version__
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import describe
-from ppo_agent_node.runs.sealed_file import Sealed
+from ppo_agent_node.runs.tensor_file import TensorFile
 from ppo_agent_node.training.curriculum import Curriculum
 from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.training.selection import Score
@@ -130,12 +130,12 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
     }
 
 
-def from_content(path: Path, sealed: Sealed, spec: WorldSpec, config: Config) -> RunState:
+def from_content(path: Path, checkpoint: TensorFile, spec: WorldSpec, config: Config) -> RunState:
     """Return the state in a checkpoint.
 
     :raises ValueError: when it is of a run with other settings; names the file and the setting.
     """
-    found = sealed.content
+    found = checkpoint.content
     _same(path, found.get('description'), description(spec, config))
     try:
         return RunState(

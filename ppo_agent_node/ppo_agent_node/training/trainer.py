@@ -31,8 +31,8 @@ from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.loggers import MakeLogger
 from ppo_agent_node.runs.metrics_logger import MetricsLogger
 from ppo_agent_node.runs.metrics_logger import Progress
-from ppo_agent_node.runs.sealed_file import Sealed
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.tensor_file import TensorFile
+from ppo_agent_node.runs.tensor_file import Tensors
 from ppo_agent_node.threads import tensor_threads
 from ppo_agent_node.training import preflight
 from ppo_agent_node.training import run_state
@@ -150,9 +150,9 @@ class Trainer:
         run_state.check_alike(self._ranks.main.gather(
             run_state.description(self._spec, self._config), self._fleet.poll))
 
-    def _take_up(self, path: Path, sealed: Sealed) -> None:
-        tensors = dict(sealed.tensors)
-        self._state = run_state.from_content(path, sealed, self._spec, self._config)
+    def _take_up(self, path: Path, checkpoint: TensorFile) -> None:
+        tensors = dict(checkpoint.tensors)
+        self._state = run_state.from_content(path, checkpoint, self._spec, self._config)
         self._worlds.take(path, tensors)
         self._learner.load(path, tensors)
         self._folder.go_on_from(path)

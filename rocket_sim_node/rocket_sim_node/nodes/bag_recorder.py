@@ -30,10 +30,10 @@ from rocket_sim_node.bags.metadata import Quality
 from rocket_sim_node.bags.metadata import Topic
 from rocket_sim_node.bags.missed_messages import counter_of
 from rocket_sim_node.bags.monotonic_clock import MonotonicClock
-from rocket_sim_node.nodes.listening import NICENESS
-from rocket_sim_node.nodes.listening import SPIN_PERIOD
-from rocket_sim_node.nodes.listening import drain
-from rocket_sim_node.nodes.listening import notes_of
+from rocket_sim_node.nodes.listeners import NICENESS
+from rocket_sim_node.nodes.listeners import SPIN_PERIOD
+from rocket_sim_node.nodes.listeners import drain
+from rocket_sim_node.nodes.listeners import notes_of
 from rocket_sim_node.printable import printable
 from rocket_sim_node.settings import setting
 from rocket_sim_node.wire.messages.definitions import hashes

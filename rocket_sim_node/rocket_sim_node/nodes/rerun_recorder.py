@@ -16,10 +16,10 @@ from rclpy.node import Node
 from rocket_msgs import msg
 
 from rocket_sim_node import free_memory
-from rocket_sim_node.nodes.listening import NICENESS
-from rocket_sim_node.nodes.listening import SPIN_PERIOD
-from rocket_sim_node.nodes.listening import drain
-from rocket_sim_node.nodes.listening import notes_of
+from rocket_sim_node.nodes.listeners import NICENESS
+from rocket_sim_node.nodes.listeners import SPIN_PERIOD
+from rocket_sim_node.nodes.listeners import drain
+from rocket_sim_node.nodes.listeners import notes_of
 from rocket_sim_node.recording.drawing.training_plots import training_of
 from rocket_sim_node.recording.recorder import Recorder
 from rocket_sim_node.recording.sinks.base import Sink

@@ -16,8 +16,8 @@ from rocket_msgs import msg
 
 from rocket_sim_node.nodes.bridge.publishers import BridgePublishers
 from rocket_sim_node.nodes.bridge.topics import Topics
-from rocket_sim_node.nodes.listening import NICENESS
-from rocket_sim_node.nodes.listening import SPIN_PERIOD
+from rocket_sim_node.nodes.listeners import NICENESS
+from rocket_sim_node.nodes.listeners import SPIN_PERIOD
 from rocket_sim_node.recording.trajectories.world_info import WorldInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.standard_views.motion import MotionViews

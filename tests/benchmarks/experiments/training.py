@@ -19,7 +19,7 @@ from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.ppo.policies.file import POLICY
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
@@ -70,8 +70,8 @@ class Trained:
         if stage == 'last' and not path.exists():
             checkpoint = self.folder.newest(lambda message: None)
             assert checkpoint is not None
-            best = sealed_file.read(self.folder.policy, POLICY)
-            sealed_file.write(path, POLICY, {
+            best = tensor_file.read(self.folder.policy, POLICY)
+            tensor_file.write(path, POLICY, {
                 name: checkpoint[1].tensors[f'policy.{name}'] for name in best.tensors},
                 best.content)
         return path

@@ -24,7 +24,7 @@ from benchmarks.time_to_result.result_records import TimedRun
 from ppo_agent_node.config.presets import preset_num_envs
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.ppo.policies.file import POLICY
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
@@ -186,7 +186,7 @@ def saved_iteration(path: Path) -> int:
     """Return the iteration of a saved policy; -1 if there is none."""
     if not path.exists():
         return -1
-    return int(sealed_file.read(path, POLICY).content['training']['iteration'])
+    return int(tensor_file.read(path, POLICY).content['training']['iteration'])
 
 
 CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {

@@ -15,7 +15,7 @@ from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.pilots.policy import PolicyPilot
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.metrics_logger import TIMES
 from ppo_agent_node.training.trainer import Trainer
@@ -96,11 +96,11 @@ def left_by(run: Path) -> dict[str, Any]:
     newest = folder.newest(pytest.fail)
     assert newest is not None
     left: dict[str, Any] = {'log': log_without_times(run)}
-    for kind, sealed in (
-            ('checkpoint', newest[1]), ('policy', sealed_file.read(folder.policy, 'policy'))):
-        left[kind] = sealed.content
+    for kind, saved in (
+            ('checkpoint', newest[1]), ('policy', tensor_file.read(folder.policy, 'policy'))):
+        left[kind] = saved.content
         left |= {f'{kind}.{name}': each.numpy().tobytes()
-                 for name, each in sealed.tensors.items()}
+                 for name, each in saved.tensors.items()}
     return left
 
 

@@ -34,7 +34,7 @@ from ppo_agent_node.config.imitation_config import CloneConfig
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.evaluation.conditions_files import aligned
 from ppo_agent_node.ppo.policies.file import POLICY
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.training.trainer import Trainer
 
 TINY: dict[str, object] = {
@@ -87,7 +87,7 @@ def test_a_clone_does_not_depend_on_ppo(tiny: Trained, tmp_path: Path) -> None:
     other = training.train(
         Recipe('other', 'default', {**TINY, **changed}, 4), 101, tmp_path)
     first, second = (
-        sealed_file.read(run.folder.cloned, POLICY).tensors for run in (tiny, other))
+        tensor_file.read(run.folder.cloned, POLICY).tensors for run in (tiny, other))
     weights = [name for name in first if 'std' not in name]
     assert weights
     assert all(bool((first[name] == second[name]).all()) for name in weights)
@@ -116,7 +116,7 @@ def test_a_run_that_is_there_is_taken_and_one_that_was_interrupted_goes_on(
     again = training.train(recipe, 101, tmp_path / 'sweep')
     assert any('clone' in line['stage'] for line in again.folder.lines())
     first, second = (
-        sealed_file.read(run.folder.policy, POLICY).tensors for run in (tiny, again))
+        tensor_file.read(run.folder.policy, POLICY).tensors for run in (tiny, again))
     assert all(bool((tensor == second[name]).all()) for name, tensor in first.items())
 
     monkeypatch.setattr(Trainer, 'run', None)  # from here on nothing may be trained
@@ -145,7 +145,7 @@ def test_the_last_policy_is_that_of_the_last_checkpoint(tiny: Trained) -> None:
     newest = tiny.folder.newest(lambda message: None)
     assert newest is not None
     assert newest[1].content['iteration'] == TINY['iterations']
-    last = sealed_file.read(tiny.policy('last'), POLICY)
+    last = tensor_file.read(tiny.policy('last'), POLICY)
     assert last.tensors
     for name, tensor in last.tensors.items():
         assert bool((tensor == newest[1].tensors[f'policy.{name}']).all())

@@ -11,7 +11,7 @@ from rocket_msgs.msg import Episodes
 from rocket_msgs.msg import FlightFigures
 
 from ppo_agent_node.statistics import wilson
-from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal import formatting
 from rocket_sim_node.telemetry.training_status import Status
 
 LANDED = 0
@@ -52,7 +52,7 @@ class EpisodeStatistics:
         found = self.figures()
         elapsed = time.monotonic() - self._began
         left = elapsed * (self._planned / self._count - 1) if self._count else math.inf
-        return wording.line(Status(
+        return formatting.line(Status(
             stage=self._command, iteration=min(self._count, self._planned or self._count),
             iterations=self._planned, unit='episodes', level=self._level, elapsed=elapsed,
             remaining=max(0.0, left) if self._planned else math.inf,

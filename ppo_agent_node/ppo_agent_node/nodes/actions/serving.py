@@ -19,7 +19,7 @@ from ppo_agent_node.nodes.actions.execution import KINDS
 from ppo_agent_node.nodes.actions.execution import Execution
 from ppo_agent_node.nodes.actions.flight_figures import no_figures
 from ppo_agent_node.nodes.agent.status_message import status_from_message
-from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal import formatting
 from rocket_sim_node.scratch_folder import scratch_folder
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import stopping
@@ -125,7 +125,7 @@ class Actions:
     def _on_training(self, message: TrainingStatus) -> None:
         if self._execution is not None and self._execution.command == 'train':
             self._handle.publish_feedback(KINDS['train'].Feedback(
-                status=message, text=wording.line(status_from_message(message))))
+                status=message, text=formatting.line(status_from_message(message))))
 
     def _on_episodes(self, name: str, message: Episodes) -> None:
         if self._execution is None or self._execution.command != name:

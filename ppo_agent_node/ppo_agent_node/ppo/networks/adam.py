@@ -18,7 +18,7 @@ from torch import Tensor
 from torch import nn
 
 from ppo_agent_node.ppo.networks.symmetry import Representation
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs.tensor_file import Tensors
 
 GradientOf = Callable[[Tensor], Tensor]
 """Returns the tensor for a parameter's gradient, of the same shape."""

@@ -12,8 +12,8 @@ from ppo_agent_node.ppo.policies.compatibility import fitted
 from ppo_agent_node.ppo.policies.compatibility import short
 from ppo_agent_node.ppo.policies.factory import Policy
 from ppo_agent_node.ppo.policies.factory import make_policy
-from ppo_agent_node.runs import sealed_file
-from ppo_agent_node.runs.sealed_file import Tensors
+from ppo_agent_node.runs import tensor_file
+from ppo_agent_node.runs.tensor_file import Tensors
 from rocket_sim_node import settings
 from rocket_sim_node.worlds import WorldSpec
 
@@ -33,7 +33,7 @@ def save_policy(
     :param training: a JSON-serialisable summary of its training.
     :raises OSError: naming the path.
     """
-    sealed_file.write(path, POLICY, policy.state_dict(), {
+    tensor_file.write(path, POLICY, policy.state_dict(), {
         'world': spec.name, 'observation_names': spec.observation_names,
         'action_names': spec.action_names, 'continuous': spec.continuous,
         'action_count': spec.action_count, 'hidden_sizes': network.hidden_sizes,
@@ -54,12 +54,12 @@ def load_policy(path: Path, spec: WorldSpec) -> tuple[Policy, dict[str, Any]]:
     :raises ValueError: when it is damaged or does not fit; the message names the file, and the
         actual and expected values.
     """
-    tensors, content = sealed_file.read(path, POLICY)
+    tensors, content = tensor_file.read(path, POLICY)
     spec = fitted(path, content, spec, ('hidden_sizes',))
     network = _network(path, content)
     _expect_room(path, tensors, network, spec)
     policy = make_policy(spec, network, torch.Generator())
-    sealed_file.expect_tensors(path, tensors, policy.state_dict())
+    tensor_file.expect_tensors(path, tensors, policy.state_dict())
     policy.load_state_dict(tensors)
     return policy.eval(), content
 

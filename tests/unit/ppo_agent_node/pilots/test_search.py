@@ -9,7 +9,7 @@ import pytest
 
 from ppo_agent_node.pilots.search import find_policy
 from ppo_agent_node.pilots.search import shipped_names
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 
 
 def run(runs: Path, name: str, world: str, time: int) -> Path:
@@ -18,7 +18,7 @@ def run(runs: Path, name: str, world: str, time: int) -> Path:
     folder.mkdir(parents=True)
     (folder / 'config.yaml').write_text(f'world: {world}\n')
     policy = folder / 'policy.safetensors'
-    sealed_file.write(policy, 'policy', {}, {})
+    tensor_file.write(policy, 'policy', {}, {})
     os.utime(policy, (time, time))
     return policy
 

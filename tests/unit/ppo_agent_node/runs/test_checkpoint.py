@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sealed files: contents are read back unchanged, and damaged files are refused by name."""
+"""Tensor files: contents are read back unchanged, and damaged files are refused by name."""
 from __future__ import annotations
 
 import dataclasses
@@ -24,7 +24,7 @@ from ppo_agent_node.ppo.policies.factory import GaussianPolicy
 from ppo_agent_node.ppo.policies.factory import make_policy
 from ppo_agent_node.ppo.policies.file import load_policy
 from ppo_agent_node.ppo.policies.file import save_policy
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from rocket_sim_node import worlds
 
 TENSORS = {
@@ -38,12 +38,12 @@ CONTENT = {'iteration': 3, 'best': None, 'settings': {'gamma': 0.99, 'name': 'ü
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     file = tmp_path / 'one.safetensors'
-    sealed_file.write(file, 'checkpoint', TENSORS, CONTENT)
+    tensor_file.write(file, 'checkpoint', TENSORS, CONTENT)
     return file
 
 
 def test_contents_are_read_back_unchanged(path: Path) -> None:
-    tensors, content = sealed_file.read(path, 'checkpoint')
+    tensors, content = tensor_file.read(path, 'checkpoint')
     assert content == CONTENT
     assert set(tensors) == set(TENSORS)
     for name, tensor in TENSORS.items():
@@ -63,7 +63,7 @@ def test_truncated(path: Path, keep: float) -> None:
     data = path.read_bytes()
     path.write_bytes(data[:int(keep * len(data)) if isinstance(keep, float) else keep])
     with pytest.raises(ValueError, match=r'one\.safetensors: damaged'):
-        sealed_file.read(path, 'checkpoint')
+        tensor_file.read(path, 'checkpoint')
 
 
 def test_every_flipped_byte_is_noticed(path: Path) -> None:
@@ -71,27 +71,27 @@ def test_every_flipped_byte_is_noticed(path: Path) -> None:
     for place in range(0, len(data), 7):
         path.write_bytes(data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1:])
         with pytest.raises(ValueError, match=r'one\.safetensors'):
-            sealed_file.read(path, 'checkpoint')
+            tensor_file.read(path, 'checkpoint')
 
 
 def test_foreign_files(tmp_path: Path) -> None:
     path = tmp_path / 'foreign.bin'
     safetensors.torch.save_file({'a': torch.zeros(2)}, path)
     with pytest.raises(ValueError, match=r"foreign\.bin: holds 'something foreign', expected"):
-        sealed_file.read(path, 'checkpoint')
+        tensor_file.read(path, 'checkpoint')
     headers = (b'\x08' + b'\0' * 7 + b'[]      ', b'\x02' + b'\0' * 7 + b'{}')
     for data in (b'hello, world, this is no such file', os.urandom(300), *headers):
         path.write_bytes(data)
         with pytest.raises(ValueError, match=r'foreign\.bin'):
-            sealed_file.read(path, 'checkpoint')
+            tensor_file.read(path, 'checkpoint')
 
 
 def test_another_kind_or_version_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ValueError, match="holds 'checkpoint', expected 'policy'"):
-        sealed_file.read(path, 'policy')
-    monkeypatch.setattr(sealed_file, 'FORMAT_VERSION', '2')
+        tensor_file.read(path, 'policy')
+    monkeypatch.setattr(tensor_file, 'FORMAT_VERSION', '2')
     with pytest.raises(ValueError, match="format version '1', expected '2'"):
-        sealed_file.read(path, 'checkpoint')
+        tensor_file.read(path, 'checkpoint')
 
 
 def test_reading_executes_nothing(tmp_path: Path) -> None:
@@ -102,10 +102,10 @@ def test_reading_executes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'bomb.safetensors'
     path.write_bytes(pickle.dumps(Bomb()))
     with pytest.raises(ValueError, match='bomb'):
-        sealed_file.read(path, 'checkpoint')
+        tensor_file.read(path, 'checkpoint')
     torch.save({'x': Bomb()}, path)
     with pytest.raises(ValueError, match='bomb'):
-        sealed_file.read(path, 'checkpoint')
+        tensor_file.read(path, 'checkpoint')
     assert not (tmp_path / 'boom').exists()
 
 
@@ -118,7 +118,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
     before = path.read_bytes()
     monkeypatch.setattr(os, 'fsync', full)
     with pytest.raises(OSError, match=r'No space left on device.*one\.safetensors') as caught:
-        sealed_file.write(path, 'checkpoint', {}, {})
+        tensor_file.write(path, 'checkpoint', {}, {})
     assert caught.value.errno == errno.ENOSPC
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == [path.name]
@@ -164,15 +164,15 @@ def test_activations_are_kept_and_those_of_old_files_are_tanh(tmp_path: Path) ->
     loaded, content = load_policy(path, spec)
     assert content['activation'] == 'relu'
     assert torch.equal(loaded.mode(observation), made.mode(observation))
-    tensors, content = sealed_file.read(path, 'policy')
+    tensors, content = tensor_file.read(path, 'policy')
     del content['activation']
-    sealed_file.write(path, 'policy', tensors, content)
+    tensor_file.write(path, 'policy', tensors, content)
     tanh = make_policy(spec, NetworkConfig((8, 4)), random_streams.generator(1, 'policy'))
     old = load_policy(path, spec)[0].mode(observation)
     assert torch.equal(old, tanh.mode(observation))
     assert not torch.equal(old, made.mode(observation))
     for wrong in ('gelu', 5):
-        sealed_file.write(path, 'policy', tensors, {**content, 'activation': wrong})
+        tensor_file.write(path, 'policy', tensors, {**content, 'activation': wrong})
         with pytest.raises(ValueError, match=r'one\.safetensors: activation: got'):
             load_policy(path, spec)
 
@@ -207,9 +207,9 @@ def test_discrete_policies(tmp_path: Path) -> None:
     assert torch.equal(load_policy(path, spec)[0].mode(observation), made.mode(observation))
     with pytest.raises(ValueError, match=r'action_count.* got 4 .*expected 5 '):
         load_policy(path, dataclasses.replace(spec, action_count=5))
-    tensors, content = sealed_file.read(path, 'policy')
+    tensors, content = tensor_file.read(path, 'policy')
     tensors['logits.0.bias'][1] = float('nan')
-    sealed_file.write(path, 'policy', tensors, content)
+    tensor_file.write(path, 'policy', tensors, content)
     with pytest.raises(ValueError, match=r"'logits\.0\.bias' has a value that is not finite"):
         load_policy(path, spec)
 
@@ -225,24 +225,24 @@ def test_policies_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"action_names.*'left'"):
         load_policy(path, spec)
     tensors, content = _contents(path, policy(path))
-    sealed_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': [8, 5]})
+    tensor_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': [8, 5]})
     with pytest.raises(ValueError, match=r'of shape \(4, 8\), expected .* \(5, 8\)'):
         load_policy(path, spec)
-    sealed_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': 'many'})
+    tensor_file.write(path, 'policy', tensors, {**content, 'hidden_sizes': 'many'})
     with pytest.raises(ValueError, match='hidden_sizes'):
         load_policy(path, spec)
     tensors['log_std'][1] = float('nan')
-    sealed_file.write(path, 'policy', tensors, content)
+    tensor_file.write(path, 'policy', tensors, content)
     with pytest.raises(ValueError, match="tensor 'log_std' has a value that is not finite"):
         load_policy(path, spec)
     del tensors['log_std']
-    sealed_file.write(path, 'policy', tensors, content)
+    tensor_file.write(path, 'policy', tensors, content)
     with pytest.raises(ValueError, match='holds tensors'):
         load_policy(path, spec)
 
 
 def _contents(path: Path, made: GaussianPolicy) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    content = sealed_file.read(path, 'policy').content
+    content = tensor_file.read(path, 'policy').content
     return {name: tensor.clone() for name, tensor in made.state_dict().items()}, content
 
 
@@ -253,9 +253,9 @@ def test_a_policy_without_a_required_entry_is_refused(tmp_path: Path, name: str)
     network = NetworkConfig(hidden_sizes=(4,))
     policy = make_policy(spec, network, torch.Generator())
     save_policy(path, policy, spec, network, 1, {})
-    tensors, found = sealed_file.read(path, 'policy')
+    tensors, found = tensor_file.read(path, 'policy')
     del found[name]
-    sealed_file.write(path, 'policy', tensors, found)
+    tensor_file.write(path, 'policy', tensors, found)
     with pytest.raises(ValueError, match=(
             rf'policy\.safetensors: the policy has no {name}, expected observation_')):
         load_policy(path, spec)

@@ -29,7 +29,7 @@ from ppo_agent_node.ppo.policies.factory import make_policy
 from ppo_agent_node.ppo.policies.file import load_policy
 from ppo_agent_node.ppo.policies.file import save_policy
 from ppo_agent_node.reporting import run_files
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.config_file import read_config
 from ppo_agent_node.runs.train_log import read_log
 from ppo_agent_node.training.curriculum import Curriculum
@@ -78,7 +78,7 @@ def write_checkpoint(path: Path) -> None:
     """Write a good checkpoint."""
     config = Config()
     state = begun(config)
-    sealed_file.write(path, 'checkpoint', {'x': torch.arange(5.0)}, content(state, SPEC, config))
+    tensor_file.write(path, 'checkpoint', {'x': torch.arange(5.0)}, content(state, SPEC, config))
 
 
 def write_config(path: Path) -> None:
@@ -103,8 +103,8 @@ def write_episodes(path: Path) -> None:
 
 def read_checkpoint(path: Path) -> Any:
     """Read a checkpoint as a run that is resumed does."""
-    sealed = sealed_file.read(path, 'checkpoint')
-    return from_content(path, sealed, SPEC, Config()), sealed.tensors['x'].tolist()
+    saved = tensor_file.read(path, 'checkpoint')
+    return from_content(path, saved, SPEC, Config()), saved.tensors['x'].tolist()
 
 
 def read_policy(path: Path) -> Any:
@@ -159,7 +159,7 @@ def _no_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize('name', FILES)
 def test_damaged_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
-    """A sealed file is never taken for one of another kind."""
+    """A tensor file is never taken for one of another kind."""
     path = tmp_path / name
     FILES[name][0](path)
     good, whole = path.read_bytes(), FILES[name][1](path)
@@ -280,8 +280,8 @@ def test_a_policy_of_forged_size_is_refused_before_it_is_made(
     """Its digest is correct, as anyone can compute it."""
     path = tmp_path / 'policy.safetensors'
     write_policy(path)
-    tensors, found = sealed_file.read(path, 'policy')
-    sealed_file.write(path, 'policy', tensors, {**found, 'hidden_sizes': sizes})
+    tensors, found = tensor_file.read(path, 'policy')
+    tensor_file.write(path, 'policy', tensors, {**found, 'hidden_sizes': sizes})
     assert read_or_refusal(path, tmp_path / 'boom') is None
 
 
@@ -298,7 +298,7 @@ def test_a_checkpoint_of_any_content_is_a_state_or_refused(
         tmp_path: Path, value: Any, name: str | None) -> None:
     path, config = tmp_path / 'iteration_000003.safetensors', Config()
     good = content(begun(config), SPEC, config)
-    sealed_file.write(
+    tensor_file.write(
         path, 'checkpoint', {'x': torch.zeros(5)}, value if name is None else {
             **good, name: value})
     taken = read_or_refusal(path, tmp_path / 'boom', measured=False)

@@ -21,7 +21,7 @@ from support.processes import wait_until
 from support.training.training_runs import log_without_times
 
 from ppo_agent_node.config.training_config import make_config
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.runs.new_paths import new_folder
 from rocket_sim_node.telemetry.training_status import Status
@@ -52,7 +52,7 @@ def learnt(run: Path) -> dict[str, Any]:
     """Return all that a run leaves, but for times."""
     files = {}
     for path in run.rglob('*.safetensors'):
-        tensors, content = sealed_file.read(
+        tensors, content = tensor_file.read(
             path, 'checkpoint' if path.parent.name == 'checkpoints' else 'policy')
         files[path.name] = content, {name: t.numpy().tobytes() for name, t in tensors.items()}
     return {**files, 'log': log_without_times(run)}
@@ -88,7 +88,7 @@ def test_a_writer_killed_at_any_moment_leaves_whole_checkpoints(
             assert saved > newest, f'seed {SEED}, kill {number}'
             assert found[0].stem == f'iteration_{saved:06d}'
             assert (found[1].tensors['a'] == saved).all()
-            best = sealed_file.read(folder.best, 'checkpoint').content['iteration']
+            best = tensor_file.read(folder.best, 'checkpoint').content['iteration']
             assert best in (saved, saved + 1), f'seed {SEED}, kill {number}'
             folder.cut_log(saved + 1)
             assert [line['iteration'] for line in folder.lines()] == list(range(saved + 1))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ppo_agent_node.terminal import Terminal
-from ppo_agent_node.terminal import wording
+from ppo_agent_node.terminal import formatting
 from ppo_agent_node.terminal.live_display import LiveDisplay
 from ppo_agent_node.terminal.sparkline import sparkline
 from ppo_agent_node.terminal.status_lines import NARROW
@@ -43,9 +43,9 @@ def text(shown: StatusLines, width: int) -> str:
 
 
 def test_unknown_figures_are_left_out() -> None:
-    assert wording.figures(Status(stage='finetune')) == []
-    assert wording.without_noise(Status()) == wording.best(Status()) == ''
-    assert wording.figures(STATUS) == [
+    assert formatting.figures(Status(stage='finetune')) == []
+    assert formatting.without_noise(Status()) == formatting.best(Status()) == ''
+    assert formatting.figures(STATUS) == [
         'level 4', 'landed 98.8% [95.0, 99.9]', 'return 281.3', '123,457 steps/s']
 
 
@@ -53,13 +53,13 @@ def test_unknown_figures_are_left_out() -> None:
     (999, '999'), (1000, '1 k'), (12_345, '12.3 k'), (999_499, '999 k'), (999_600, '1 M'),
     (3_210_000_000, '3.21 G')])
 def test_amounts(count: int, expected: str) -> None:
-    assert wording.amount(count) == expected
+    assert formatting.amount(count) == expected
 
 
 @pytest.mark.parametrize(('seconds', 'expected'), [
     (0.9, '0:00'), (61.0, '1:01'), (3599.9, '59:59'), (3661.0, '1:01:01'), (-5.0, '0:00')])
 def test_durations(seconds: float, expected: str) -> None:
-    assert wording.duration(seconds) == expected
+    assert formatting.duration(seconds) == expected
 
 
 def test_a_log_gets_one_plain_line_a_report() -> None:
@@ -80,7 +80,7 @@ def test_a_log_gets_one_plain_line_a_report() -> None:
 
 def test_time_left_is_shown_once_it_can_be_estimated() -> None:
     unknown = replace(STATUS, iteration=0, progress=0, remaining=math.inf)
-    assert wording.line(unknown).endswith('return 281.3, 123,457 steps/s')
+    assert formatting.line(unknown).endswith('return 281.3, 123,457 steps/s')
     for width in (NARROW - 1, 100):
         assert 'left' not in text(picture([0.0], unknown), width)
         assert '2:05 left' in text(picture([0.0], STATUS), width)
@@ -170,7 +170,7 @@ def test_fine_tuning_counts_the_unit_that_ends_it() -> None:
     assert not ending.reached(9999, 999)
     assert StopCriterion(70, 0).progress(7, 400) == (7, 70, 'iterations')
     status = replace(STATUS, progress=400, goal=1000, unit='episodes')
-    assert wording.line(status).startswith('[1:01] PPO 400/1000 episodes: ')
+    assert formatting.line(status).startswith('[1:01] PPO 400/1000 episodes: ')
 
 
 def test_sparklines() -> None:

@@ -29,7 +29,7 @@ from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.rollout_buffer import Rollout
 from ppo_agent_node.reporting.pictures.catalogue import draw
 from ppo_agent_node.reporting.run_files import load
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.episode_scores import ScoreLines
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training.stop_criterion import Result
@@ -89,7 +89,7 @@ def test_training_learns_to_walk(straight: tuple[Path, list[str]]) -> None:
     pilot = PolicyPilot(straight[0] / 'policy.safetensors', LineWorld().spec)
     action = pilot(np.array([[1.0, 0.0], [-1.0, 0.0]], np.float32))
     assert (action.dtype, action.tolist()) == (np.int64, [LEFT, RIGHT])
-    content = sealed_file.read(straight[0] / 'policy.safetensors', 'policy').content
+    content = tensor_file.read(straight[0] / 'policy.safetensors', 'policy').content
     assert content['activation'] == 'relu'
     result = evaluate(LineWorld(), pilot, 100, 5)
     assert summarise(result)['outcomes'] == {

@@ -21,7 +21,7 @@ from ppo_agent_node.config.training_config import describe
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.pilots.policy import PolicyPilot
 from ppo_agent_node.ppo.rollout_buffer import in_order
-from ppo_agent_node.runs import sealed_file
+from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training import run_state
 from ppo_agent_node.training.interruptible_fleet import InterruptibleFleet
@@ -132,8 +132,8 @@ def test_the_earlier_state_of_the_world_does_not_change_a_run(
 
 def test_another_seed_differs(straight: Path, tmp_path: Path) -> None:
     train(copy_name(tmp_path), small(seed=2, iterations=1))
-    policy = sealed_file.read(straight / 'policy.safetensors', 'policy').tensors
-    other = sealed_file.read(copy_name(tmp_path) / 'policy.safetensors', 'policy').tensors
+    policy = tensor_file.read(straight / 'policy.safetensors', 'policy').tensors
+    other = tensor_file.read(copy_name(tmp_path) / 'policy.safetensors', 'policy').tensors
     assert not torch.equal(policy['mean.0.weight'], other['mean.0.weight'])
 
 
@@ -329,14 +329,14 @@ def test_checkpoints_with_other_shapes_are_refused(straight: Path, tmp_path: Pat
     path = copy_name(tmp_path)
     shutil.copytree(straight, path)
     newest = path / 'checkpoints' / 'iteration_000006.safetensors'
-    tensors, content = sealed_file.read(newest, 'checkpoint')
+    tensors, content = tensor_file.read(newest, 'checkpoint')
     broken = {**tensors, 'critic.value.0.bias': torch.zeros(3)}
-    sealed_file.write(newest, 'checkpoint', broken, content)
+    tensor_file.write(newest, 'checkpoint', broken, content)
     with pytest.raises(ValueError, match=r"'critic\.value\.0\.bias' is .*\(3,\), expected .*16"):
         train(path, resume=True)
     for text, damage in (('its content is not', {'iteration': 'six'}), ('snapshot', {})):
         broken = {**tensors, 'world': tensors['world'][:50]}
-        sealed_file.write(newest, 'checkpoint', broken, {**content, **damage})
+        tensor_file.write(newest, 'checkpoint', broken, {**content, **damage})
         with pytest.raises(ValueError, match=f'iteration_000006.*{text}'):
             train(path, resume=True)
 

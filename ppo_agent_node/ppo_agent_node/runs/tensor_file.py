@@ -35,7 +35,7 @@ _UNREADABLE = (
 Tensors = dict[str, Tensor]
 
 
-class Sealed(NamedTuple):
+class TensorFile(NamedTuple):
     """Content of a file."""
 
     tensors: Tensors
@@ -43,7 +43,7 @@ class Sealed(NamedTuple):
 
 
 def write(path: Path, kind: str, tensors: Mapping[str, Tensor], content: object) -> None:
-    """Write a sealed file atomically.
+    """Write a tensor file atomically.
 
     :param kind: kind of content; reading requires the same.
     :param content: JSON-serialisable.
@@ -57,8 +57,8 @@ def write(path: Path, kind: str, tensors: Mapping[str, Tensor], content: object)
     }))
 
 
-def read(path: Path, kind: str) -> Sealed:
-    """Read and verify a sealed file.
+def read(path: Path, kind: str) -> TensorFile:
+    """Read and verify a tensor file.
 
     :raises FileNotFoundError: when there is none.
     :raises ValueError: when it is damaged, foreign, of another kind or version; the message
@@ -85,7 +85,7 @@ def read(path: Path, kind: str) -> Sealed:
         raise ValueError(
             f'{path}: damaged, its content has digest {digest[:12]}, '
             f'expected {str(metadata.get("digest"))[:12]}')
-    return Sealed(tensors, content)
+    return TensorFile(tensors, content)
 
 
 def _metadata(path: Path) -> dict[str, str]:
