@@ -100,7 +100,8 @@ class StatusLines:
         if status.steps:
             facts.append(f'{formatting.amount(status.steps)} steps')
         lines += _flowing(facts, width)
-        quiet = [text for text in (formatting.without_noise(status), formatting.best(status)) if text]
+        quiet = [
+            text for text in (formatting.without_noise(status), formatting.best(status)) if text]
         lines += _flowing(quiet, width, 'dim')
         lines += self._curves(status, width)
         if status.saved:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dense layers and matrix products without autograd, by the faster of two libraries.
 
-PyTorch uses MKL for float32 products, which takes twice as long as necessary on non-Intel
-processors, and computes a tanh separately, which takes half as long as a product of 256 units.
-oneDNN, included with PyTorch, supports all processors and fuses both; it is available through the
-operations that PyTorch's own compiler emits. All of it is float32; the last bits differ.
+PyTorch uses MKL for float32 products, which does not use AVX-512 on processors not made by Intel
+and takes twice as long as necessary there. oneDNN, included with PyTorch, does, and fuses the
+product with a tanh; it is available through the operations that PyTorch's own compiler emits.
+Without AVX-512, MKL is faster, because it does not copy transposed matrices first.
+All of it is float32; the last bits differ.
 """
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-_offered = torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, '_linear_pointwise')
+_offered = (
+    torch.backends.cpu.get_cpu_capability() == 'AVX512' and torch.backends.mkldnn.is_available()
+    and hasattr(torch.ops.mkldnn, '_linear_pointwise'))
 
 _LEAST = 32
 """Minimum rows and columns of a result for which oneDNN's fixed costs, 15 us, pay off."""

@@ -97,7 +97,9 @@ def mlp(
         # nn.Linear's own initialisation would draw from torch's global generator.
         with torch.random.fork_rng(devices=[]):
             linear = nn.Linear(inputs, outputs)
-        nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
+        # Two threads would round the decomposition differently.
+        with tensor_threads(1):
+            nn.init.orthogonal_(linear.weight, last_gain if last else math.sqrt(2), generator)
         nn.init.zeros_(linear.bias)
         layers += [linear] if last else [linear, between()]
     network = Perceptron(*layers)

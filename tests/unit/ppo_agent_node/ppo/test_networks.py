@@ -11,6 +11,7 @@ from torch.distributions import Normal
 from torch.nn import functional
 
 from ppo_agent_node import random_streams
+from ppo_agent_node.ppo.networks import dense as dense_module
 from ppo_agent_node.ppo.networks.dense import add_product
 from ppo_agent_node.ppo.networks.dense import dense
 from ppo_agent_node.ppo.networks.dense import product
@@ -19,6 +20,7 @@ from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import mlp
 from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.threads import tensor_threads
 
 
 def policy(seed: int = 1, hidden: tuple[int, ...] = (32, 16), **options: float) -> GaussianPolicy:
@@ -64,6 +66,14 @@ def test_the_global_generator_is_left_alone() -> None:
     one.sample(torch.zeros(2, 15), random_streams.generator(1, 'noise'))
     Critic(15, (8,), random_streams.generator(1, 'critic'))
     assert torch.equal(before, torch.get_rng_state())
+
+
+def test_initial_weights_do_not_depend_on_the_number_of_threads() -> None:
+    found = []
+    for threads in (1, 2):
+        with tensor_threads(threads):
+            found.append(mlp((53, 128, 3), 1.0, random_streams.generator(1, 'x'))[0].weight)
+    assert torch.equal(*found)
 
 
 def test_weights_begin_orthogonal_and_actions_near_zero() -> None:
@@ -187,12 +197,30 @@ def test_large_layers_and_products_are_left_to_one_dnn(monkeypatch: pytest.Monke
     def refuse(*arguments: object) -> None:
         raise AssertionError(arguments)
 
+    monkeypatch.setattr(dense_module, '_offered', True)
     monkeypatch.setattr(functional, 'linear', refuse)
     dense(torch.zeros(64, 3), torch.zeros(40, 3), torch.zeros(40), 'tanh')
     dense(torch.zeros(8, 8, 3), torch.zeros(40, 3), torch.zeros(40), 'relu')
     for rows, units in ((31, 40), (64, 31)):
         with pytest.raises(AssertionError):
             dense(torch.zeros(rows, 3), torch.zeros(units, 3), torch.zeros(units), 'tanh')
+
+
+@pytest.mark.parametrize('activation', ['tanh', 'relu'])
+def test_both_libraries_compute_the_same_layer(
+    monkeypatch: pytest.MonkeyPatch, activation: str,
+) -> None:
+    generator = random_streams.generator(1, 'x')
+    x, weight, bias = (
+        torch.randn(*size, generator=generator) for size in ((64, 9), (40, 9), (40,)))
+    found = []
+    for offered in (True, False):
+        monkeypatch.setattr(dense_module, '_offered', offered)
+        total = torch.ones(40, 64)
+        add_product(total, weight, x.T)
+        found.append((dense(x, weight, bias, activation), product(x, weight.T), total))
+    for one_dnn, mkl in zip(*found, strict=True):
+        torch.testing.assert_close(one_dnn, mkl, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize('rows', [1, 20, 200])
