@@ -142,7 +142,25 @@ def _stepping(f: Figures) -> str:
         'included, at the best batch size of each side. Our `lunar_lander` simulates the same '
         f"task as the peers and makes {lander[peer]:.1f} times as many steps as {peer}'s "
         'LunarLander. `rocket` has other physics, without joints or contacts, so its factor '
-        f'({rocket[peer]:.0f}) compares two different tasks.')
+        f'({rocket[peer]:.0f}) compares two different tasks.' + _stepping_limits(f))
+
+
+def _stepping_limits(f: Figures) -> str:
+    limits = f.get('limits')
+    if limits is None or limits['sizes'][:1] != [1]:
+        return ''
+    step, operation = limits['step'], limits['operation']
+    own = step['lunar_lander'][0] * (1 - limits['pymunk_share'][0])
+    return (
+        f' A step of one lander takes {step["lunar_lander"][0]:.0f} us, of which pymunk\'s own '
+        f'calls take {step["lunar_lander"][0] - own:.0f} us'
+        + (f", while EnvPool's whole step takes {step['EnvPool'][0]:.0f} us"
+           if 'EnvPool' in step else '')
+        + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
+        'are the overhead of calls into NumPy, which hardly depends on the batch: the smallest '
+        f'operation takes {operation:.2f} us, so they are worth {own / operation:.0f} and '
+        f'{step["rocket"][0] / operation:.0f} of them. Only fewer calls, such as a compiled step, '
+        'would make small batches faster.')
 
 
 def _threads(f: Figures) -> str:

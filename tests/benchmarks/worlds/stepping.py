@@ -3,6 +3,10 @@
 
 Random actions, episodes and resets are included. The peers and this project are measured
 alternately in several rounds, so that disturbances affect all of them. Medians are reported.
+
+A second table shows what limits small batches: the time of a step, the part of it that pymunk's
+own calls take (set forces, step, read bodies and contacts), and the time of the smallest operation
+of NumPy, of which a step makes the same number for any batch.
 """
 from __future__ import annotations
 
@@ -22,12 +26,15 @@ from numpy.typing import NDArray
 
 from ppo_agent_node.evaluation.metrics import write_json
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 
 SIZES = (1, 4, 16, 64, 256, 1024, 4096, 16_384)
 _LARGEST = {'lunar_lander': 4096, 'EnvPool': 4096, 'Gymnasium': 64}
 """maximum number of environments; more are not faster (Gymnasium's vector is a loop)"""
 
 OUR_WORLDS = ('lunar_lander', 'rocket')
+_FEW = 64
+"""largest batch of the table of limits"""
 Stepper = Callable[[NDArray[Any]], Any]
 
 
@@ -79,6 +86,59 @@ def rate(step: Stepper, actions: NDArray[Any], seconds: float) -> float:
     return count * actions.shape[1] / elapsed
 
 
+def pymunk_share(num_envs: int, seconds: float) -> float:
+    """Return the part of a lander's step that pymunk's own calls take."""
+    world = LunarLanderWorld(num_envs, seed=1)
+    share = world._lanes._shares[0]
+    spent, step = 0.0, share.step
+
+    def timed(dt: float) -> None:
+        nonlocal spent
+        start = time.perf_counter()
+        step(dt)
+        spent += time.perf_counter() - start
+
+    share.step = timed  # type: ignore[method-assign]
+    actions = random_actions('lunar_lander', num_envs)
+    rate(world.step, actions, 0.2 * seconds)
+    spent, start = 0.0, time.perf_counter()
+    rate(world.step, actions, seconds)
+    return spent / (time.perf_counter() - start)
+
+
+def smallest_operation(seconds: float) -> float:
+    """Return the seconds that NumPy takes to add two arrays of one number."""
+    one, other, total = np.ones(1), np.ones(1), np.ones(1)
+    count, start = 0, time.perf_counter()
+    while (elapsed := time.perf_counter() - start) < seconds:
+        for _ in range(1000):
+            np.add(one, other, out=total)
+        count += 1000
+    return elapsed / count
+
+
+def limits(
+    table: dict[str, dict[int, float]], rounds: int, seconds: float,
+) -> dict[str, Any]:
+    """Return and print what limits small batches: microseconds of a step, and of its parts."""
+    sizes = [size for size in table['lunar_lander'] if size <= _FEW]
+    names = [name for name in ('lunar_lander', 'rocket', 'EnvPool') if name in table]
+    found: dict[str, Any] = {
+        'sizes': sizes,
+        'step': {name: [1e6 * n / table[name][n] for n in sizes] for name in names},
+        'pymunk_share': [
+            statistics.median(pymunk_share(n, seconds) for _ in range(rounds)) for n in sizes],
+        'operation': 1e6 * statistics.median(smallest_operation(seconds) for _ in range(rounds))}
+    print('\nus of a step of a small batch; pymunk: its own calls in a step of lunar_lander')
+    print(f'{"batch":>6}' + ''.join(f'{name:>13}' for name in (*names, 'pymunk')))
+    for k, size in enumerate(sizes):
+        step = [found['step'][name][k] for name in names]
+        print(f'{size:>6}' + ''.join(
+            f'{value:>13,.1f}' for value in (*step, step[0] * found['pymunk_share'][k])))
+    print(f'the smallest operation of NumPy takes {found["operation"]:.2f} us')
+    return found
+
+
 def main() -> None:
     """Print the table and write the figures."""
     parser = argparse.ArgumentParser(prog='bench stepping', description=__doc__.split('\n')[0])
@@ -119,9 +179,10 @@ def main() -> None:
         for world in OUR_WORLDS}
     for world, found in ratios.items():
         print(f'{world} is ' + ', '.join(f'{r:.1f} x {name}' for name, r in found.items()))
+    small = limits(table, options.rounds, options.seconds)
     if options.output:
-        write_json(
-            options.output, {'steps_per_second': table, 'best': best, 'ratios': ratios})
+        write_json(options.output, {
+            'steps_per_second': table, 'best': best, 'ratios': ratios, 'limits': small})
 
 
 if __name__ == '__main__':

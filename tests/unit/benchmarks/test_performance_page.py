@@ -118,6 +118,19 @@ def test_titles_state_the_finding(part: str, figures: dict, title: str) -> None:
     assert title in performance_plots.FINDINGS[part](figures)
 
 
+def test_the_text_says_what_limits_small_batches() -> None:
+    figures: dict = {
+        'ratios': {name: {'EnvPool': 3.9} for name in ('rocket', 'lunar_lander')}, 'limits': {
+            'sizes': [1, 4], 'pymunk_share': [0.25, 0.3], 'operation': 0.5,
+            'step': {'lunar_lander': [100.0, 120.0], 'rocket': [60.0, 61.0],
+                     'EnvPool': [40.0, 95.0]}}}
+    text = SECTIONS['stepping'][1](figures)
+    assert "pymunk's own calls take 25 us, while EnvPool's whole step takes 40 us" in text
+    assert 'so they are worth 150 and 120 of them' in text
+    assert 'pymunk' not in SECTIONS['stepping'][1](
+        {'ratios': figures['ratios']})
+
+
 def test_text_and_pictures_of_the_other_parts(tmp_path: Path) -> None:
     lossy = {'p50': 0.6, 'p99': 4.3, 'typical_p99': 4.0, 'p999': 9.0, 'equal': True}
     kind = {'action': 'discrete', 'difference': -13.4, 'difference_interval': [-32.9, 6.2],
