@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import math
 import statistics
 import subprocess
 import sys
@@ -51,6 +52,7 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
     """Train an example, or return the existing run.
 
     :raises CalledProcessError: if the training failed.
+    :raises SystemExit: if no episode ended.
     """
     steps = options.steps or budget(world, example)
     path: Path = options.runs / f'{example}-{world}-{seed}.json'
@@ -67,6 +69,8 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
         env=machine.child_environment())
     last = done.stdout.splitlines()[-1]  # TorchRL logs to the same stream
     found = {**json.loads(last), 'budget': steps, 'machine': machine.describe()}
+    if math.isnan(found['curve'][-1]['mean_return']):
+        sys.exit(f'bench examples: steps: got {steps}, expected enough for an episode to end')
     options.runs.mkdir(parents=True, exist_ok=True)
     write_json(path, found)
     return found
