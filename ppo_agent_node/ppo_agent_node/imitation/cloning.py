@@ -111,7 +111,7 @@ def clone(
     seed: int,
     report: Callable[[CloneEpoch], None],
     poll: Callable[[], None] = lambda: None,
-    refit: bool = True,
+    normalised: bool = False,
 ) -> float:
     """Train the policy and leave it with the weights of its best epoch.
 
@@ -122,8 +122,8 @@ def clone(
 
     :param report: called after each epoch.
     :param poll: called before each minibatch; may raise to abort, leaving the policy unchanged.
-    :param refit: whether to fit the policy's normaliser to these demonstrations, which would
-        invalidate earlier training.
+    :param normalised: whether the observations are those of the policy's normaliser already. If
+        not, it is fitted to them first, which would invalidate earlier training.
     :return: the lowest validation loss.
     :raises NothingLanded: when there are no demonstrations.
     """
@@ -134,12 +134,13 @@ def clone(
         random_streams.generator(seed, 'clone split'))
     # The optimiser stores its network's parameters in its own memory.
     student = copy.deepcopy(policy)
-    if refit:
-        student.normaliser.fit(demonstrations.observation[training])
+    seen = demonstrations.observation
+    if not normalised:
+        student.normaliser.fit(seen[training])
+        seen = student.normaliser.of_many(seen)
     optimiser = FlatAdam(
         [list(student.network.parameters())], epsilon=1e-8, ties=student.network.ties())
     other_half, other_gradient_of = optimiser.partial_gradient()
-    seen = student.normaliser.of_many(demonstrations.observation)
     gradient, other_gradient = (
         CloneGradient(student, config, gradient_of, seen, demonstrations.action)
         for gradient_of in (optimiser.gradient_of, other_gradient_of))

@@ -79,8 +79,10 @@ class Imitation:
             figures: dict[str, Any] = {}
             if number:
                 samples, figures = self._fly_clone(policy, number)
-                parts.append(samples)
+                parts.append(samples.normalised(policy.normaliser))
             done = self._clone(policy, Demonstrations.join(parts), number, count, done, figures)
+            if not number:  # the normaliser is fitted now, and does not change any more
+                parts = [part.normalised(policy.normaliser) for part in parts]
 
     def _demonstrate(self) -> list[Demonstrations]:
         """Fly demonstrations by the expert; return the samples of each wave."""
@@ -138,7 +140,7 @@ class Imitation:
             config.run.seed, 'dagger clone', number)
         with tensor_threads(config.run.threads):
             clone(policy, samples, replace(config.clone, clone_epochs=epochs), seed, report,
-                  self._poll, refit=not number)
+                  self._poll, normalised=number > 0)
         return done + epochs
 
     def _waves(self) -> int:

@@ -24,6 +24,7 @@ from ppo_agent_node.flying.episodes import Step
 from ppo_agent_node.flying.episodes import fly_once
 from ppo_agent_node.flying.pilot import tell_begun
 from ppo_agent_node.flying.pilot import tell_flown
+from ppo_agent_node.ppo.networks.mlp import Normaliser
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.base import F32
@@ -56,6 +57,10 @@ class Demonstrations(NamedTuple):
         return cls(
             torch.cat([part.observation for part in parts]),
             torch.cat([part.action for part in parts]), torch.cat(episodes))
+
+    def normalised(self, normaliser: Normaliser) -> Demonstrations:
+        """Return them with normalised observations and features, `(S, D + F)`."""
+        return self._replace(observation=normaliser.of_many(self.observation))
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
