@@ -33,9 +33,10 @@ changes.
 """
 
 
-def newest(runs: Path, part: str) -> Path | None:
-    """Return the newest file with figures of a part, or None."""
-    found = sorted(runs.glob(f'bench-*/{part}.json'))
+def newest(runs: Path, part: str, world: str = '') -> Path | None:
+    """Return the newest file with figures of a part, and of a world if one is named, or None."""
+    found = [path for path in sorted(runs.glob(f'bench-*/{part}.json'))
+             if not world or world in json.loads(path.read_text('utf-8'))]
     return found[-1] if found else None
 
 
@@ -51,11 +52,16 @@ def machine_line(folder: Path) -> str:
             f"{m['memory_gib']} GiB, {m['system']}; {versions}.")
 
 
-def plots(path: Path, figures: dict[str, Any], images: Path) -> list[Path]:
-    """Write the plots of a part to a folder: its own plots if it drew any, otherwise ours."""
+def plots(
+    path: Path, figures: dict[str, Any], images: Path, world: str = '',
+) -> list[Path]:
+    """Write the plots of a part to a folder: its own plots if it drew any, otherwise ours.
+
+    :param world: only its own plots for this world.
+    """
     part = path.stem
     drawn = []
-    for own in sorted(path.parent.glob(f'{part}_*.png')):
+    for own in sorted(path.parent.glob(f'{part}_{world}*.png')):
         drawn.append(images / f'performance_{own.name}')
         write_atomically(drawn[-1], own.read_bytes())
     if not drawn and performance_plots.draw(
@@ -72,8 +78,9 @@ def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
     there = {
         section.partition('\n')[0]: f'## {section.rstrip()}\n'
         for section in re.split('^## ', page, flags=re.MULTILINE)[1:]}
-    for part, (title, text) in SECTIONS.items():
-        path = newest(runs, part)
+    for name, (title, text) in SECTIONS.items():
+        part, _, world = name.partition(' of ')
+        path = newest(runs, part, world)
         if path is None:
             yield there.get(
                 title, f'## {title}\n\nNot measured: `./launch_scripts/bench {part}`.\n')
@@ -82,7 +89,7 @@ def sections(runs: Path, images: Path, page: str) -> Iterator[str]:
         table = path.with_suffix('.txt').read_text('utf-8').rstrip()
         command = path.with_suffix('.command').read_text('utf-8').strip()
         try:
-            said, drawn = text(figures), plots(path, figures, images)
+            said, drawn = text(figures), plots(path, figures, images, world)
         except (KeyError, TypeError) as error:
             print(f'{part}: left as it is: {path} is of an older benchmark: {error!r}')
             yield there.get(

@@ -44,12 +44,25 @@ def test_the_newest_figures_are_taken_and_drawn(tmp_path: Path) -> None:
     assert page.count('Not measured') == len(SECTIONS) - 1
 
 
-def test_plots_that_a_part_drew_itself_are_kept(tmp_path: Path) -> None:
-    folder = write(tmp_path / 'runs', 'bench-1', 'result', {}, 'table')
-    (folder / 'result_rocket.png').write_bytes(b'picture')
+def test_each_world_has_its_newest_figures_and_the_plots_that_the_part_drew(
+    tmp_path: Path,
+) -> None:
+    for name, world, table in (
+            ('bench-1', 'lunar_lander', 'old lander'), ('bench-2', 'lunar_lander', 'new lander'),
+            ('bench-3', 'rocket', 'rocket')):
+        folder = write(tmp_path / 'runs', name, 'result', {world: {'cap': 180.0}}, table)
+        (folder / f'result_{world}.png').write_bytes(name.encode())
     page = '\n'.join(performance.sections(tmp_path / 'runs', tmp_path, ''))
-    assert 'images/performance_result_rocket.png' in page
-    assert (tmp_path / 'performance_result_rocket.png').read_bytes() == b'picture'
+    lander, rocket = (
+        page.split(f'## {title}\n')[1].split('\n## ')[0]
+        for title in ('Time to a result', 'Time to a result: the rocket'))
+    assert 'new lander' in lander
+    assert 'images/performance_result_lunar_lander.png' in lander
+    assert 'old lander' not in page
+    assert 'rocket.png' not in lander
+    assert 'images/performance_result_rocket.png' in rocket
+    assert 'two simulators' in rocket
+    assert (tmp_path / 'performance_result_lunar_lander.png').read_bytes() == b'bench-2'
 
 
 def test_a_part_without_figures_stays_as_it_is(tmp_path: Path) -> None:
