@@ -32,15 +32,15 @@ PURPOSE = {
 """Purpose of each command."""
 _WHOSE = {'train': 'agent', 'fly': 'pilot'}
 _FILES = ('agent_parameters', 'agent_overrides', 'agent_settings')
-"""launch arguments that name parameter files of the agent, each on top of those before it"""
+"""launch arguments that name parameter files of the agent; each overrides those before it"""
 
 
 def help_text(script: str, found: Arguments, decided: Mapping[str, str]) -> str:
     """Return how to call a command.
 
     :param script: the command, as it was called.
-    :param found: arguments given beside `--help`, on which the defaults depend.
-    :param decided: arguments of the launch that the command decides.
+    :param found: arguments given in addition to `--help`, on which the defaults depend.
+    :param decided: arguments of the launch that the command sets itself.
     """
     values = found.values({**decided, **found.launch})
     root = f'{found.file.parents[2]}/'
@@ -111,7 +111,7 @@ def _shown(value: Any) -> str:
 def _groups(
     found: Arguments, values: Mapping[str, str],
 ) -> Iterable[tuple[str, list[SettingInfo], Mapping[str, Any]]]:
-    """Yield the settings that are no arguments of the launch: title, settings, values given."""
+    """Yield the settings that are not arguments of the launch: title, settings, given values."""
     given: dict[str, Any] = {}
     if found.command == 'train':
         given.update(presets.preset_values(found.preset, found.world))

@@ -19,10 +19,10 @@ from ppo_agent_node.atomic_file import write_atomically
 
 _HEAD = """# Performance
 
-This page shows the cost of each part, compared with a lower bound (its floor) and with peers.
-`./launch_scripts/bench performance` writes it from the newest figures of each part, which were
-measured with `./launch_scripts/bench` (all parts) or `./launch_scripts/bench PART`. The figures
-are in `runs/bench-DATE/PART.json`.
+This page shows the cost of each part, compared with a lower bound (its floor) and with peers
+(comparable libraries). `./launch_scripts/bench performance` writes it from the newest figures of
+each part, which were measured with `./launch_scripts/bench` (all of this page) or
+`./launch_scripts/bench PART`. The figures are in `runs/bench-DATE/PART.json`.
 
 Messages go over UDP since 1eb9344 (2026-11-25). Sections with an earlier date were measured with
 shared memory ([a comparison](../explanation/fast-dds.md#why-not-shared-memory)).
