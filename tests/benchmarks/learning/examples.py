@@ -48,6 +48,12 @@ def budget(world: str, example: str) -> int:
     return steps.get(example, steps['default'])
 
 
+def place(options: argparse.Namespace, example: str, world: str, seed: int) -> Path:
+    """Return the file of a run."""
+    runs: Path = options.runs
+    return runs / f'{example}-{world}-{seed}.json'
+
+
 def train(options: argparse.Namespace, example: str, world: str, seed: int) -> dict[str, Any]:
     """Train an example, or return the existing run.
 
@@ -55,7 +61,7 @@ def train(options: argparse.Namespace, example: str, world: str, seed: int) -> d
     :raises SystemExit: if no episode ended.
     """
     steps = options.steps or budget(world, example)
-    path: Path = options.runs / f'{example}-{world}-{seed}.json'
+    path = place(options, example, world, seed)
     if path.exists():
         found: dict[str, Any] = json.loads(path.read_text('utf-8'))
         if found['budget'] != steps:
@@ -88,8 +94,11 @@ def tell(run: dict[str, Any]) -> None:
 
 
 def spread(values: Sequence[float], form: str) -> str:
-    """Return median and range."""
-    return f'{statistics.median(values):{form}} ({min(values):{form}} to {max(values):{form}})'
+    """Return median and range, or the only value."""
+    median = f'{statistics.median(values):{form}}'
+    if len(values) == 1:
+        return median
+    return f'{median} ({min(values):{form}} to {max(values):{form}})'
 
 
 def table(world: str, runs: Sequence[dict[str, Any]]) -> str:
@@ -147,6 +156,8 @@ def main() -> None:
     parser.add_argument(
         '--runs', type=Path, default=ROOT / 'runs' / 'examples', help='folder of the runs')
     parser.add_argument(
+        '--existing', action='store_true', help='only show the runs that exist, without training')
+    parser.add_argument(
         '--page', action='store_true', help='put the results into docs/results/libraries.md')
     parser.add_argument('--output', type=Path, help='JSON file for the figures; pictures beside')
     options = parser.parse_args()
@@ -162,6 +173,8 @@ def main() -> None:
         runs = []
         for seed in options.seeds or SEEDS[world]:
             for example in examples:
+                if options.existing and not place(options, example, world, seed).exists():
+                    continue
                 runs.append(train(options, example, world, seed))
                 tell(runs[-1])
         runs.sort(key=lambda run: list(NAMES).index(run['example']))
