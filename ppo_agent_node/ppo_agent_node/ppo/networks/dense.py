@@ -30,12 +30,12 @@ def dense(x: Tensor, weight: Tensor, bias: Tensor, activation: str) -> Tensor:
     """
     if not _swift(x, len(weight)):
         y = functional.linear(x, weight, bias)
-        # tanh x = 2 sigmoid(2 x) - 1 takes half as long as PyTorch's tanh.
-        return y.mul_(2).sigmoid_().mul_(2).sub_(1) if activation == 'tanh' else y.relu_()
-    if activation == 'tanh':
+    elif activation == 'tanh':
         return _one_dnn(x, weight, bias, 'tanh')
-    # oneDNN's relu would turn NaN into 0, and hide an invalid policy.
-    return _one_dnn(x, weight, bias).relu_()
+    else:
+        # Its relu would turn NaN into 0, and hide an invalid policy.
+        y = _one_dnn(x, weight, bias)
+    return y.tanh_() if activation == 'tanh' else y.relu_()
 
 
 def product(left: Tensor, right: Tensor) -> Tensor:
