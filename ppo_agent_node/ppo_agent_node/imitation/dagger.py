@@ -71,18 +71,16 @@ class Imitation:
         """
         config = self._config
         rounds = config.demonstration.dagger_rounds
-        parts = self._demonstrate()
+        samples = Demonstrations.join(self._demonstrate())
         epochs = [config.clone.dagger_epochs] * rounds + [config.clone.clone_epochs]
         self._metrics.begin('clone', sum(epochs), unit='epochs')
-        done = 0
-        for number, count in enumerate(epochs):
-            figures: dict[str, Any] = {}
-            if number:
-                samples, figures = self._fly_clone(policy, number)
-                parts.append(samples.normalised(policy.normaliser))
-            done = self._clone(policy, Demonstrations.join(parts), number, count, done, figures)
-            if not number:  # the normaliser is fitted now, and does not change any more
-                parts = [part.normalised(policy.normaliser) for part in parts]
+        done = self._clone(policy, samples, 0, epochs[0], 0, {})
+        if rounds:  # the first clone has fitted the normaliser, which does not change any more
+            samples = samples.normalised(policy.normaliser)
+        for number, count in enumerate(epochs[1:], start=1):
+            added, figures = self._fly_clone(policy, number)
+            samples = Demonstrations.join([samples, added.normalised(policy.normaliser)])
+            done = self._clone(policy, samples, number, count, done, figures)
 
     def _demonstrate(self) -> list[Demonstrations]:
         """Fly demonstrations by the expert; return the samples of each wave."""
