@@ -49,13 +49,15 @@ def _places(draws: int) -> NDArray[np.uint64]:
     return places
 
 
-def check_seed(seed: object) -> None:
-    """Check a seed for `reset`.
+def check_seed(seed: object) -> int:
+    """Return a seed for `reset` as an `int`; it may be an integer of NumPy.
 
     :raises ValueError: when it is not an integer from 0 to 2**63 - 1.
     """
-    if not (isinstance(seed, int | np.integer) and 0 <= seed < 2**63):
-        raise ValueError(f'seed is {seed}, expected 0 to 2**63 - 1, a whole number')
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if not whole or not 0 <= int(seed) < 2**63:  # type: ignore[call-overload]
+        raise ValueError(f'seed: got {seed!r:.80}, expected a whole number from 0 to 2**63 - 1')
+    return int(seed)  # type: ignore[call-overload,no-any-return]
 
 
 def keys(

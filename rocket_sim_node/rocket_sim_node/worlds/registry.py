@@ -9,8 +9,11 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
+from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.base import SimulatedWorld
 from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
@@ -129,12 +132,11 @@ def make(
     :raises ValueError: for an unknown world or setting, or a value out of range.
     """
     entry = _entry(name)
-    whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
+    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
     if not whole or not 1 <= num_envs <= _MOST_ENVS:
         raise ValueError(
             f'num_envs: got {num_envs!r}, expected a whole number from 1 to {_MOST_ENVS}')
-    if not isinstance(seed, int) or not 0 <= seed < 2**63:
-        raise ValueError(f'seed: got {seed!r}, expected a whole number from 0 to 2**63 - 1')
+    seed = random_streams.check_seed(seed)
     if not entry.threaded and step_threads != 1:
         raise ValueError(
             f'step_threads: got {step_threads!r}, expected 1, as world {name!r} is stepped by '
@@ -142,4 +144,4 @@ def make(
     settings_module.check(_STEP_THREADS, step_threads)
     if entry.threaded:
         values['step_threads'] = step_threads
-    return entry.world(num_envs=num_envs, seed=seed, **values)
+    return entry.world(num_envs=int(num_envs), seed=seed, **values)

@@ -173,7 +173,7 @@ def test_invalid_service_arguments_are_refused_as_in_process(
         np.testing.assert_array_equal(client.reset(seed), world.reset(seed))
     for bad in (-1, 1.5, 2**63, '5'):
         for reset in (client.reset, world.reset):
-            with pytest.raises(ValueError, match=r'seed is .* expected'):
+            with pytest.raises(ValueError, match=r'seed: got .* expected'):
                 reset(bad)
     still = [[-1.0, 0.0, 0.0]] * N
     assert_same(client.step(still), world.step(still))  # type: ignore[arg-type]

@@ -173,7 +173,7 @@ def test_client_refuses_bad_actions_itself(
 
 
 @pytest.mark.parametrize(('seed', 'settings', 'words'), [
-    (-5, {}, 'seed is -5, expected 0 to'),
+    (-5, {}, 'seed: got -5, expected a whole number from 0 to'),
     (0, {'level': 9}, 'level: got 9.0, expected 1 to 8'),
     (0, {'gravity': 1.0}, "unknown setting 'gravity'"),
     (0, {'spawn_speed': float('nan')}, 'spawn_speed: got nan'),

@@ -473,11 +473,10 @@ class Connection:
 
     def _request(self, command: Command) -> Any:
         if isinstance(command, Reset):
-            if command.seed is not None:
-                check_seed(command.seed)
+            seed = -1 if command.seed is None else check_seed(command.seed)
             return srv.Reset.Request(
                 agent=self.agent, writer=list(self._writer),
-                seed=-1 if command.seed is None else int(command.seed),
+                seed=seed,
                 settings=conversion.settings_to_message(self._flat(command.settings)))
         if isinstance(command, Restore):
             request = srv.Restore.Request(agent=self.agent, writer=list(self._writer))

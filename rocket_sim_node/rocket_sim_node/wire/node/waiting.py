@@ -154,11 +154,14 @@ class Silence:
         if now < self.due:
             return
         topic = self._topic or self._node.resolve_topic_name('world')
+        pattern = bool(set('*?[') & set(topic))
+        waited = now - self._start
         text = (
-            f'waited {now - self._start:.0f} s for {self._what} from the simulator of {topic}; '
+            f'waited {waited:.{0 if waited >= 1 else 1}f} s for {self._what} from the '
+            f'simulator{"s" if pattern else ""} of {topic}; '
             f'{ros_environment.advice(os.environ)}'
         )
-        if not set('*?[') & set(topic) and (simulators := self._node.count_publishers(topic)) > 1:
+        if not pattern and (simulators := self._node.count_publishers(topic)) > 1:
             text += f'; {simulators} publish there: give each simulator a namespace of its own'
         if hint := self._hint():
             text += f'; {hint}'

@@ -111,8 +111,7 @@ class LunarLanderWorld(StateCapture):
         if seed is None:
             self.episode += 1
         else:
-            random_streams.check_seed(seed)
-            self._seed = seed
+            self._seed = random_streams.check_seed(seed)
             self.episode[:] = 0
         self._starts = self._make_starts()
         self.reward[:] = 0

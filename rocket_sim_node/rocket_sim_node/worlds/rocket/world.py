@@ -77,7 +77,7 @@ class RocketWorld(RocketDynamics):
                 f'expected {", ".join(self.reset_settings)}'
             )
         if seed is not None:
-            random_streams.check_seed(seed)
+            seed = random_streams.check_seed(seed)
         checked = settings_module.build(
             self.settings_class, {**settings_module.as_dict(self._made_with), **settings})
         new_seed, episode = (

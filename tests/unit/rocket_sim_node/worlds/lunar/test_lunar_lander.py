@@ -385,7 +385,7 @@ def test_bad_actions_and_resets_are_refused() -> None:
             world.step(action)
     with pytest.raises(ValueError, match="unknown setting 'level', expected none"):
         world.reset(level=7)
-    with pytest.raises(ValueError, match='seed is -1'):
+    with pytest.raises(ValueError, match='seed: got -1'):
         world.reset(-1)
     with pytest.raises(ValueError, match='action'):
         make(continuous=True).step(np.full((5, 2), np.nan))
