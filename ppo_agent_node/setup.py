@@ -8,6 +8,7 @@ package_name = 'ppo_agent_node'
 setup(
     name=package_name,
     version='1.0.0',
+    python_requires='>=3.11',
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={package_name: ['py.typed', 'presets/*/*.yaml', 'policies/*']},
     data_files=[

@@ -8,6 +8,7 @@ package_name = 'rocket_sim_node'
 setup(
     name=package_name,
     version='1.0.0',
+    python_requires='>=3.11',
     packages=find_packages(include=[package_name, package_name + '.*']),
     package_data={package_name: ['py.typed', 'wire/dds/profiles/*/*.xml']},
     data_files=[
@@ -27,6 +28,7 @@ setup(
         'sb3': ['stable-baselines3'],
         'test': ['pytest'],  # for colcon test
         'torchrl': ['torchrl'],
+        'video': ['moviepy'],  # for gymnasium.wrappers.RecordVideo
     },
     zip_safe=False,
     maintainer='Hoverslam maintainers',

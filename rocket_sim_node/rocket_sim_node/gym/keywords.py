@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,8 @@ from rocket_sim_node.worlds.rocket import conditions
 OWN = (
     'num_envs', 'seed', 'autoreset_mode', 'render_mode', 'simulators', 'patience', 'step_threads')
 """Keywords of the vector environment; all others are settings of the world."""
+OWN_SINGLE = ('seed', 'render_mode', 'simulators', 'patience')
+"""The same, of the single environment."""
 RENDER_MODES = ('rgb_array',)
 
 
@@ -31,6 +34,11 @@ def check_names(world: str, given: Mapping[str, Any], own: tuple[str, ...] = OWN
     if has_conditions(world):
         known += ['conditions', *conditions.RANGES]
     unknown = sorted(set(given) - set(known))
+    for name in unknown:
+        if name in OWN:
+            raise ValueError(
+                f'{name}: got {given[name]!r:.80}, expected no such keyword of gymnasium.make, '
+                'which makes one environment; it is a keyword of gymnasium.make_vec')
     if unknown:
         alike = difflib.get_close_matches(unknown[0], [*own, *known], 1)
         meant = f' (did you mean {alike[0]!r}?)' if alike else ''
@@ -53,6 +61,43 @@ def autoreset_mode(value: object) -> AutoresetMode:
         if value in (mode, mode.name, mode.value):
             return mode
     raise ValueError(f'autoreset_mode: got {value!r}, expected SAME_STEP or NEXT_STEP')
+
+
+def check_connection(simulators: object, patience: object, step_threads: object) -> None:
+    """Check the keywords that concern simulators over DDS.
+
+    :raises TypeError: for a wrong type.
+    :raises ValueError: for a patience out of range, or threads together with simulators.
+    """
+    if not isinstance(simulators, str):
+        raise TypeError(
+            f"simulators: got {simulators!r:.80}, expected a string, such as '/sim_*'")
+    if isinstance(patience, bool) or not isinstance(patience, int | float):
+        raise TypeError(f'patience: got {patience!r:.80}, expected a number of seconds')
+    if not 0 < patience < math.inf:
+        raise ValueError(f'patience: got {patience!r}, expected more than 0 s')
+    if simulators and step_threads != 1:
+        raise ValueError(
+            f'step_threads: got {step_threads!r}, expected 1 with simulators {simulators!r}: '
+            'start them with this parameter instead')
+
+
+def reset_options(options: object) -> dict[str, Any]:
+    """Return a copy of the options of a reset.
+
+    :raises TypeError: when they are no dictionary.
+    :raises ValueError: for `reset_mask`, which these environments do not support.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping) or not all(isinstance(name, str) for name in options):
+        raise TypeError(
+            f"options: got {options!r:.80}, expected a dictionary, such as {{'level': 3}}")
+    if 'reset_mask' in options:
+        raise ValueError(
+            "options: got 'reset_mask', expected none: an ended episode is followed by the "
+            'next one at once, and a single environment cannot be reset')
+    return dict(options)
 
 
 def check_render_mode(value: str | None, simulators: str) -> None:

@@ -27,11 +27,14 @@ from rocket_sim_node.wire.node.running import make_executor
 from rocket_sim_node.wire.node.waiting import Waiter
 from rocket_sim_node.worlds import Episodes
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds.actions import commanded
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.jobs import Command
 from rocket_sim_node.worlds.jobs import Reset
+from rocket_sim_node.worlds.jobs import Restore
+from rocket_sim_node.worlds.jobs import Snapshot
 
 _NODE = 'gymnasium_agent'
 
@@ -81,7 +84,7 @@ class Simulators:
             members.look()
             return members.spec is not None
 
-        self._waiter.wait(found, f'a simulator of {pattern}', members.where)
+        self._waiter.wait(found, 'a description', members.where)
         first = members.spec
         assert first is not None
         if first.name != world:
@@ -97,7 +100,7 @@ class Simulators:
             members.look()
             return sum(member.fits for member in members) >= count
 
-        self._waiter.wait(complete, f'{count} simulators of {pattern}', members.where)
+        self._waiter.wait(complete, f'{count} descriptions', members.where)
         fitting = [member.connection for member in members if member.fits]
         self._connections = sorted(fitting, key=lambda connection: connection.name)[:count]
         self._each = first.num_envs
@@ -137,6 +140,29 @@ class Simulators:
                 for info, offset in zip(infos, offsets, strict=True)]),
             'final_observation': np.concatenate([info['final_observation'] for info in infos]),
             'episodes': _joined([info['episodes'] for info in infos], offsets)}
+
+    def snapshot(self) -> bytes:
+        """Return the exact state of all simulators; of one, that which it has in process."""
+        states: list[bytes] = self._ask([Snapshot() for _ in self._connections])
+        if len(states) == 1:
+            return states[0]
+        return snapshots.pack(self._spec, {
+            f'simulator_{number}': np.frombuffer(state, np.uint8)
+            for number, state in enumerate(states)})
+
+    def restore(self, state: bytes) -> F32:
+        """Restore all simulators; return the observation `(N, D)`.
+
+        :raises ValueError: when the snapshot is damaged or of other simulators.
+        """
+        states = [state]
+        if len(self._connections) > 1:
+            like = {f'simulator_{number}': np.zeros(0, np.uint8)
+                    for number in range(len(self._connections))}
+            arrays = snapshots.unpack(self._spec, state, like, tuple(like))
+            states = [arrays[name].tobytes() for name in like]
+        observations: list[F32] = self._ask([Restore(each) for each in states])
+        return np.concatenate(observations)
 
     def _ask(self, commands: Sequence[Command]) -> list[Any]:
         return ask_all(self._waiter, self._connections, commands)

@@ -2,6 +2,7 @@
 """One rocket as an environment of Gymnasium."""
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import gymnasium
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from rocket_sim_node.gym import keywords
 from rocket_sim_node.gym.vector_env import Frame
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
+from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds.base import F32
 
 METADATA: dict[str, Any] = {'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50}
@@ -34,9 +37,10 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         """Create the world, or connect to a simulator that has one rocket.
 
         :param world: name of the world; :class:`HoverslamVectorEnv` says what the others are.
+        :raises TypeError: for a value of a wrong type.
         :raises ValueError: for an unknown keyword, or a value that is out of range.
         """
-        keywords.check_names(world, settings, ('seed', 'render_mode', 'simulators', 'patience'))
+        keywords.check_names(world, settings, keywords.OWN_SINGLE)
         self._envs = HoverslamVectorEnv(
             world, 1, seed=seed, render_mode=render_mode, simulators=simulators,
             patience=patience, **settings)
@@ -48,19 +52,21 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         self.action_space = self._envs.single_action_space
         self._next: NDArray[np.float32] | None = None
         """First observation of the episode that follows the one that has just ended."""
-        self._options: dict[str, Any] = {}
+        self._options = _text({})
+        """Options of the current episode."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
         """Start an episode; see `HoverslamVectorEnv.reset`."""
+        seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
-        options = dict(options or {})
+        options = keywords.reset_options(options)
         first = self._next
-        if first is None or seed is not None or options != self._options:
+        if first is None or seed is not None or _text(options) != self._options:
             observation, _ = self._envs.reset(seed=seed, options=options)
             first = observation[0]
-        self._next, self._options = None, options  # not when the reset has been refused
+        self._next, self._options = None, _text(options)  # not when the reset has been refused
         return first, {}
 
     def step(self, action: Any) -> tuple[F32, float, bool, bool, dict[str, Any]]:
@@ -78,6 +84,31 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
                 if not name.startswith('_')}
         return last, float(reward[0]), bool(terminated[0]), bool(truncated[0]), found
 
+    def snapshot(self) -> bytes:
+        """Return the exact state of the environment; see `HoverslamVectorEnv.snapshot`."""
+        following = np.zeros(0, np.float32) if self._next is None else self._next
+        return snapshots.pack(self.world_spec, {
+            'state': np.frombuffer(self._envs.snapshot(), np.uint8), 'next': following,
+            'options': np.frombuffer(self._options.encode(), np.uint8)})
+
+    def restore(self, state: bytes) -> F32:
+        """Continue from a snapshot; see `HoverslamVectorEnv.restore`.
+
+        :return: the observation `(D,)`; of the next episode, if the snapshot was taken at the end
+            of one, in which case a reset must follow.
+        """
+        like: snapshots.Arrays = {
+            'state': np.zeros(0, np.uint8), 'next': np.zeros(0, np.float32),
+            'options': np.zeros(0, np.uint8)}
+        arrays = snapshots.unpack(self.world_spec, state, like, tuple(like))
+        following = arrays['next']
+        if len(following) not in (0, self.world_spec.observation_size):
+            raise ValueError(f'snapshot: next is of length {len(following)}')
+        observation: F32 = self._envs.restore(arrays['state'].tobytes())[0]
+        self._next = following if len(following) else None
+        self._options = arrays['options'].tobytes().decode(errors='replace')
+        return observation
+
     def render(self) -> Frame | None:
         """Return a picture `(height, width, 3)` uint8; None without `render_mode`."""
         if self._next is not None:
@@ -88,3 +119,8 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
     def close(self) -> None:
         """Free the world, or release the simulator; may be called again."""
         self._envs.close()
+
+
+def _text(options: dict[str, Any]) -> str:
+    """Return options as a text that is equal for equal options, and that a snapshot can hold."""
+    return json.dumps(options, sort_keys=True, default=repr)

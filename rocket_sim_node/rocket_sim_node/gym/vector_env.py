@@ -19,6 +19,8 @@ from rocket_sim_node.gym import keywords
 from rocket_sim_node.gym import spaces
 from rocket_sim_node.gym.rendering import Camera
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import snapshots
 from rocket_sim_node.worlds.actions import idle_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
@@ -32,6 +34,10 @@ METADATA: dict[str, Any] = {
 """Metadata of the class; each instance has its own frames per second and mode."""
 
 
+_STATE = 'world_state'
+"""Name of the world's own snapshot in that of the environment."""
+
+
 class _World(Protocol):
     """Interface that a world and simulators share; see `worlds.VectorEnv`."""
 
@@ -41,6 +47,10 @@ class _World(Protocol):
     def reset(self, seed: int | None = None, **settings: Any) -> F32: ...
 
     def step(self, action: NDArray[Any]) -> Step: ...
+
+    def snapshot(self) -> bytes: ...
+
+    def restore(self, state: bytes) -> F32: ...
 
 
 class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[Any]]):
@@ -86,20 +96,18 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
             only, as simulators have a parameter of that name.
         :param settings: of the world, as `worlds.make` takes them. Over DDS, those that a reset
             can change are sent with each reset; start the simulators with the others.
+        :raises TypeError: for a value of a wrong type.
         :raises ValueError: for an unknown keyword, or a value that is out of range.
         :raises ImportError: when `simulators` is given and ROS 2 is missing.
         :raises TimeoutError: when there are not enough simulators.
         """
         keywords.check_names(world, settings)
+        keywords.check_connection(simulators, patience, step_threads)
         keywords.check_render_mode(render_mode, simulators)
         mode = keywords.autoreset_mode(autoreset_mode)
         self._world: _World | None = None
         self._simulated: SimulatedWorld | None = None
         self._reset_settings: dict[str, Any] = {}
-        if simulators and step_threads != 1:
-            raise ValueError(
-                f'step_threads: got {step_threads!r}, expected 1 with simulators '
-                f'{simulators!r}: start them with this parameter instead')
         if simulators:
             self._world = _over_dds(world, num_envs, simulators, patience)
             try:
@@ -145,13 +153,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :raises ValueError: for an unknown option or a value that is out of range.
         """
         world = self._open()
-        options = dict(options or {})
-        if 'reset_mask' in options:
-            raise ValueError(
-                "options: got 'reset_mask', expected none: an ended episode is followed by the "
-                'next one at once, and a single environment cannot be reset')
-        if isinstance(seed, list | tuple | np.ndarray):
-            raise ValueError(f'seed: got {seed!r:.80}, expected one whole number or None')
+        options = keywords.reset_options(options)
+        seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
         if seed is None and not self._begun:
             seed = self._seed
@@ -211,6 +214,45 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
             self._ended[row] = True
             self._skipped_reward[row] = self._skipped[row] = 0
         return observation, reward, terminated, truncated, found
+
+    def snapshot(self) -> bytes:
+        """Return the exact state of all environments, for `restore`.
+
+        Wrappers, such as `ReverseCurriculum`, have a state of their own, which is not in it.
+
+        :raises ResetNeeded: before the first reset.
+        """
+        world = self._open()
+        if not self._begun:
+            raise gymnasium.error.ResetNeeded('snapshot: got no reset before it, expected one')
+        state = np.frombuffer(world.snapshot(), np.uint8)
+        return snapshots.pack(self.world_spec, {_STATE: state, **self._own_state()})
+
+    def restore(self, state: bytes) -> F32:
+        """Continue from a snapshot; return the observation `(N, D)`.
+
+        The same actions then give the same bits as after the snapshot. It may have been taken in
+        another process, in process or over one simulator, if the world was created with the same
+        settings.
+
+        :raises ValueError: when it is damaged, or of another world, settings or number of
+            environments.
+        """
+        world = self._open()
+        own = self._own_state()
+        arrays = snapshots.unpack(
+            self.world_spec, state, {_STATE: np.zeros(0, np.uint8), **own}, (_STATE,))
+        observation = world.restore(arrays[_STATE].tobytes())
+        for name, array in own.items():
+            array[...] = arrays[name]
+        self._begun = True
+        return observation
+
+    def _own_state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays of the autoreset mode NEXT_STEP; they are not copies."""
+        return {
+            'ended': self._ended, 'skipped_reward': self._skipped_reward,
+            'skipped_steps': self._skipped}
 
     def render(self) -> tuple[Frame, ...] | None:
         """Return a picture of each environment, `(height, width, 3)` uint8; None without a mode.

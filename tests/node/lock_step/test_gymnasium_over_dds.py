@@ -68,10 +68,22 @@ def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
     ended = _compare([ours], [theirs], [7])
     assert ended
 
+    copy = gymnasium.make_vec(NAME, num_envs=N)  # as the simulators were started
+    copy.restore(ours.snapshot())
+    action = ours.action_space.sample()
+    np.testing.assert_array_equal(ours.step(action)[0], copy.step(action)[0])
+
     # Two simulators as one batch: the second is reset with the next seed.
     ours.close()
     both = over_dds(2 * N, '/sim_*', **LOW)
     assert _compare([both], [in_process(), in_process()], [7, 8])
+    state = both.snapshot()
+    action = both.action_space.sample()
+    expected = both.step(action)[0]
+    both.restore(state)
+    np.testing.assert_array_equal(both.step(action)[0], expected)
+    with pytest.raises(ValueError, match='snapshot: not readable, 5 bytes'):
+        both.restore(b'wrong')
 
     with pytest.raises(ValueError, match=r'max_thrust: got 5\.0, expected 470880, the value'):
         over_dds(simulators='/sim_0', max_thrust=5.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -197,8 +198,6 @@ def test_a_refused_reset_of_a_single_environment_does_not_begin_the_next_episode
         env.reset(options={'leevl': 3})
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(env.action_space.sample())
-    with pytest.raises(ValueError, match=r"'num_envs', expected seed, render_mode"):
-        gymnasium.make('hoverslam/Rocket-v1', num_envs=4)
 
 
 def test_pictures_show_the_end_of_an_episode() -> None:
@@ -213,6 +212,66 @@ def test_pictures_show_the_end_of_an_episode() -> None:
         done, last = terminated or truncated, env.render()
     # The next episode has begun in the world: its start would look quite different.
     assert np.abs(last.astype(int) - before).mean() < np.abs(last.astype(int) - first).mean()
+
+
+@pytest.mark.parametrize('mode', ['SAME_STEP', 'NEXT_STEP'])
+@pytest.mark.parametrize('name', IDS.values())
+def test_a_snapshot_continues_with_the_same_flights(name: str, mode: str) -> None:
+    low = {} if 'Lander' in name else LOW
+    envs = gymnasium.make_vec(name, num_envs=N, autoreset_mode=mode, **low)
+    envs.reset(seed=7)
+    ended = False
+    while not ended:  # so that NEXT_STEP has a state of its own
+        _, _, terminated, truncated, _ = envs.step(envs.action_space.sample())
+        ended = bool((terminated | truncated).any())
+    state = envs.snapshot()
+    expected = fly(envs)
+    copy = gymnasium.make_vec(name, num_envs=N, autoreset_mode=mode, **low)
+    copy.restore(state)
+    for one, other in zip(fly(copy), expected, strict=True):
+        for index in range(4):
+            np.testing.assert_array_equal(one[index], other[index])
+        assert_equal(one[4], other[4])
+
+
+@pytest.mark.parametrize('at_end', [False, True])
+def test_a_snapshot_of_a_single_environment(at_end: bool) -> None:
+    env, copy = (
+        gymnasium.make('hoverslam/Rocket-v1', seed=seed, **LOW).unwrapped for seed in (1, 2))
+    env.reset(options={'level': 3})
+    idle = np.array([-1.0, 0.0, 0.0], np.float32)
+    ended = any(env.step(idle)[2:4])
+    while at_end and not ended:
+        ended = any(env.step(idle)[2:4])
+    state = env.snapshot()
+    copy.restore(state)
+    for one in env, copy:
+        if at_end:
+            with pytest.raises(gymnasium.error.ResetNeeded):
+                one.step(idle)
+        else:
+            while not any(one.step(idle)[2:4]):
+                pass
+    starts = [one.reset(options={'level': 3})[0] for one in (env, copy)]
+    np.testing.assert_array_equal(*starts)
+    np.testing.assert_array_equal(env.step(idle)[0], copy.step(idle)[0])
+
+
+def test_snapshots_of_another_kind_are_refused() -> None:
+    envs = make()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.snapshot()
+    envs.reset()
+    state = envs.snapshot()
+    with pytest.raises(ValueError, match='snapshot: ended is bool of shape'):
+        make(num_envs=N + 1).restore(state)
+    with pytest.raises(ValueError, match="snapshot: of world 'rocket', expected 'rocket_planar'"):
+        make('hoverslam/RocketPlanar-v1').restore(state)
+    with pytest.raises(ValueError, match='snapshot: not readable'):
+        envs.restore(state[:100])
+    single = gymnasium.make('hoverslam/Rocket-v1').unwrapped
+    with pytest.raises(ValueError, match='snapshot: holds'):
+        single.restore(state)
 
 
 def test_closing_is_final_and_may_be_repeated() -> None:
@@ -231,20 +290,40 @@ def test_closing_is_final_and_may_be_repeated() -> None:
     ({'simulators': '/sim', 'render_mode': 'rgb_array'}, 'watch them with the node'),
     ({'level': 9}, 'level: got 9, expected 1 to 8'),
     ({'num_envs': 0}, 'num_envs: got 0'),
+    ({'num_envs': True}, 'num_envs: got True'),
+    ({'seed': True}, 'seed: got True, expected a whole number from 0'),
+    ({'simulators': 3}, "simulators: got 3, expected a string, such as '/sim_*'"),
+    ({'patience': 'a'}, "patience: got 'a', expected a number of seconds"),
+    ({'patience': -3}, 'patience: got -3, expected more than 0 s'),
 ])
 def test_bad_keywords_are_named(keywords: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         make(**keywords)
+
+
+@pytest.mark.parametrize('name', ['autoreset_mode', 'num_envs', 'step_threads'])
+def test_keywords_of_vector_environments_are_refused_by_single_ones(name: str) -> None:
+    message = f'{name}: got 4, expected no such keyword of gymnasium.make, which makes one'
+    with pytest.raises(ValueError, match=message):
+        gymnasium.make('hoverslam/Rocket-v1', **{name: 4})
+
+
+def test_integers_of_numpy_are_numbers() -> None:
+    first = make(num_envs=np.int64(N), seed=np.uint8(1), level=np.int32(3)).reset()[0]
+    np.testing.assert_array_equal(first, make(level=3).reset(seed=np.int64(1))[0])
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
     ({'options': {'levle': 7}}, "unknown setting 'levle', expected level"),
     ({'options': {'reset_mask': np.ones(N, bool)}}, "got 'reset_mask', expected none"),
-    ({'seed': [1, 2, 3]}, 'seed: got [1, 2, 3], expected one whole number or None'),
+    ({'seed': [1, 2, 3]}, 'seed: got [1, 2, 3], expected a whole number from 0 to'),
+    ({'options': 5}, "options: got 5, expected a dictionary, such as {'level': 3}"),
+    ({'options': {3: 5}}, 'options: got {3: 5}, expected a dictionary'),
 ])
 def test_bad_resets_are_named(arguments: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(message)):
-        make().reset(**arguments)
+    for env in make(), gymnasium.make('hoverslam/Rocket-v1').unwrapped:
+        with pytest.raises((TypeError, ValueError), match=re.escape(message)):
+            env.reset(**arguments)
 
 
 def test_the_entry_point_registers() -> None:
@@ -255,3 +334,16 @@ def test_the_entry_point_registers() -> None:
         value = re.search(r"'gymnasium.envs': \['hoverslam = ([\w.:]+)'\]", file.read())[1]
     EntryPoint('hoverslam', value, 'gymnasium.envs').load()()
     assert set(IDS.values()) <= set(gymnasium.registry)
+
+
+def test_videos_are_recorded(tmp_path: Path) -> None:
+    pytest.importorskip('moviepy')
+    env = gymnasium.wrappers.RecordVideo(
+        gymnasium.make('hoverslam/Rocket-v1', render_mode='rgb_array', seed=1, **LOW),
+        str(tmp_path), disable_logger=True)
+    env.reset()
+    while not any(env.step(np.array([-1.0, 0.0, 0.0], np.float32))[2:4]):
+        pass
+    env.close()
+    video, = tmp_path.glob('*.mp4')
+    assert video.stat().st_size > 1000
