@@ -189,7 +189,7 @@ def main() -> None:
                 image = page.keep_picture(PAGE, picture, f'examples_{world}.png')
                 page.put(PAGE, world, '\n\n'.join((
                     facts(runs, command), text,
-                    f'![{examples_plot.TITLES[world]}](../images/{image})')))
+                    f'![{examples_plot.title(world, runs, NAMES)}](../images/{image})')))
     if options.output:
         write_json(options.output, figures)
 

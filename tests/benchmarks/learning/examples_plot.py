@@ -2,6 +2,7 @@
 """The plots of `bench examples`: learning curves over environment steps."""
 from __future__ import annotations
 
+import statistics
 from collections.abc import Mapping
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,9 +14,24 @@ from ppo_agent_node.reporting.pictures import style
 
 FULL_REACH = 194.8
 """m, from the spawn height down to touchdown"""
-TITLES = {
-    'lunar_lander': 'Learning curves of the examples with the lander: mean return over steps',
-    'rocket': 'Learning curves of the examples with the rocket: height of the highest starts'}
+
+
+def title(world: str, runs: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> str:
+    """Return the finding: the example that needs the fewest steps, or that gets the highest."""
+    def last(example: str, quantity: str) -> float:
+        return statistics.median(
+            (run['curve'][-1][quantity] or FULL_REACH) if quantity == 'reach'
+            else run['curve'][-1][quantity] for run in runs if run['example'] == example)
+
+    flown = {run['example'] for run in runs}
+    if world == 'lunar_lander':
+        passed = sum(bool(run['passed']) for run in runs)
+        best = min(flown, key=lambda example: last(example, 'steps'))
+        return (f'The lander: {passed} of {len(runs)} runs reach a return of 200, first '
+                f'{names[best]} after {last(best, "steps"):,.0f} steps')
+    best = max(flown, key=lambda example: last(example, 'reach'))
+    return (f'The rocket: {names[best]} lands from the highest starts, '
+            f'{last(best, "reach"):.0f} of {FULL_REACH:.0f} m')
 
 
 def draw(
@@ -47,6 +63,6 @@ def draw(
         else:
             axes.axhline(target, color=style.INK, lw=1, ls=':')
             axes.set(ylabel='mean return of the last 100 episodes')
-        axes.set(xscale='log', xlabel='environment steps', title=TITLES[world])
+        axes.set(xscale='log', xlabel='environment steps', title=title(world, runs, names))
         axes.legend()
         return style.save(figure, path)
