@@ -46,10 +46,12 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_two_ranks_train_the_same_after_one_was_killed(straight: Path, tmp_path: Path) -> None:
-    path = tmp_path / 'run'
-    first, _ = train(path, 2, SMALL, on_rank={1: {'die_at': 2}})
-    assert 'RankLost: rank 0 of 2 has lost another rank' in first, first
+@pytest.mark.parametrize('killed', [0, 1])
+def test_two_ranks_train_the_same_after_one_was_killed(
+        straight: Path, tmp_path: Path, killed: int) -> None:
+    path, other = tmp_path / 'run', 1 - killed
+    said = train(path, 2, SMALL, on_rank={killed: {'die_at': 2}})[other]
+    assert f'RankLost: rank {other} of 2 has lost another rank' in said, said
     for text in train(path, 2, SMALL, resume=True):
         assert text.endswith('finished\n'), text
     assert left_by(path) == left_by(straight)
