@@ -23,6 +23,7 @@ PUBLIC = {
     'rocket_sim_node.wire.client.fleet': ('SimulatorFleet',),
     'rocket_sim_node.gym': ('HoverslamVectorEnv', 'HoverslamEnv', 'ReverseCurriculum'),
     'rocket_sim_node.gym.sb3': ('HoverslamVecEnv',),
+    'rocket_sim_node.gym.record_rerun': ('RecordRerun',),
     'rocket_sim_node.bags.reader': ('read', 'messages', 'Recorded'),
     'rocket_sim_node.recording.reader': ('trajectories', 'RecordedTrajectory'),
     'ppo_agent_node.config.presets': ('load_preset', 'preset_names'),

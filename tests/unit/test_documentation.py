@@ -11,6 +11,7 @@ import pytest
 
 import make_reference
 from ppo_agent_node.config.presets import preset_names
+from rocket_sim_node.recording.reader import trajectories
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ('rocket_msgs', 'rocket_sim_node', 'ppo_agent_node')
@@ -103,13 +104,16 @@ def test_python_of_the_readme_runs() -> None:
     assert names['observation'].shape == (256, 15)
 
 
-def test_python_of_the_gymnasium_page_runs() -> None:
+def test_python_of_the_gymnasium_page_runs(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('stable_baselines3')
+    monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     for code in blocks(ROOT / 'docs' / 'tutorials' / 'gymnasium.md', 'python'):
         exec(compile(code, 'gymnasium.md', 'exec'), names)
     assert names['picture'].shape == (400, 600, 3)
     assert names['model'].num_timesteps == 2048
+    assert trajectories(tmp_path / 'flights.rrd')
 
 
 def test_the_readme_is_short_and_says_how_to_test() -> None:

@@ -106,7 +106,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         keywords.check_render_mode(render_mode, simulators)
         mode = keywords.autoreset_mode(autoreset_mode)
         self._world: _World | None = None
-        self._simulated: SimulatedWorld | None = None
+        self.simulated: SimulatedWorld | None = None
+        """The world in this process; None over DDS, and after `close`."""
         self._reset_settings: dict[str, Any] = {}
         if simulators:
             self._world = _over_dds(world, num_envs, simulators, patience)
@@ -117,7 +118,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
                 self.close_extras()
                 raise
         else:
-            self._world = self._simulated = worlds.make(
+            self._world = self.simulated = worlds.make(
                 world, num_envs, 0 if seed is None else seed, step_threads, **settings)
         spec = self._world.spec
         self.num_envs = spec.num_envs
@@ -134,7 +135,9 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._camera = None if render_mode is None else Camera(spec)
         self._same_step = mode is AutoresetMode.SAME_STEP
-        self._seed, self._begun = seed, False
+        self._seed = seed
+        self.resets = 0
+        """Number of resets and restores so far."""
         self._idle = idle_action(spec)
         self._ended = np.zeros(self.num_envs, np.bool_)
         """With NEXT_STEP, which environments begin an episode at the next step."""
@@ -156,12 +159,12 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         options = keywords.reset_options(options)
         seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
-        if seed is None and not self._begun:
+        if seed is None and not self.resets:
             seed = self._seed
             if seed is None:
                 seed = int(self.np_random.integers(2**62))
         observation = world.reset(seed, **{**self._reset_settings, **options})
-        self._begun = True
+        self.resets += 1
         self._ended[:] = False
         self._skipped_reward[:] = self._skipped[:] = 0
         return observation, {}
@@ -175,7 +178,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :raises EnvironmentRestarted: when a simulator is in another session; call `reset`.
         """
         world = self._open()
-        if not self._begun:
+        if not self.resets:
             raise gymnasium.error.ResetNeeded('step: got no reset before it, expected one')
         if not self._same_step:
             return self._step_next(world, np.asarray(actions))
@@ -223,7 +226,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         :raises ResetNeeded: before the first reset.
         """
         world = self._open()
-        if not self._begun:
+        if not self.resets:
             raise gymnasium.error.ResetNeeded('snapshot: got no reset before it, expected one')
         state = np.frombuffer(world.snapshot(), np.uint8)
         return snapshots.pack(self.world_spec, {_STATE: state, **self._own_state()})
@@ -245,7 +248,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         observation = world.restore(arrays[_STATE].tobytes())
         for name, array in own.items():
             array[...] = arrays[name]
-        self._begun = True
+        self.resets += 1
         return observation
 
     def _own_state(self) -> dict[str, NDArray[Any]]:
@@ -260,12 +263,12 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         With NEXT_STEP, an environment whose episode has ended is shown at its end.
         """
         self._open()
-        if self._camera is None or self._simulated is None:
+        if self._camera is None or self.simulated is None:
             return None
-        states = self._simulated.telemetry(slice(None))
+        states = self.simulated.telemetry(slice(None))
         frames = [self._camera.frame(states, index) for index in range(self.num_envs)]
         if self._ended.any():
-            ends = self._simulated.finished
+            ends = self.simulated.finished
             for index, row in enumerate(ends.row.tolist()):
                 if self._ended[row]:
                     frames[row] = self._camera.frame(ends, index)
@@ -277,13 +280,13 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         It must have ended at the last step.
         """
         self._open()
-        if self._camera is None or self._simulated is None:
+        if self._camera is None or self.simulated is None:
             return None
-        return self._camera.frame(self._simulated.finished, 0)
+        return self._camera.frame(self.simulated.finished, 0)
 
     def close_extras(self, **_: Any) -> None:
         """Free the world, or release the simulators; `close` calls this once."""
-        world, self._world, self._simulated = self._world, None, None
+        world, self._world, self.simulated = self._world, None, None
         close = getattr(world, 'close', None)
         if close is not None:
             close()

@@ -24,7 +24,7 @@ def make(**keywords: Any) -> ReverseCurriculum:
 def heights(envs: ReverseCurriculum) -> Any:
     """Return heights above touchdown."""
     settings = envs.unwrapped.world_spec.settings
-    return envs.unwrapped._simulated.position[1] - settings['touchdown_height']
+    return envs.unwrapped.simulated.position[1] - settings['touchdown_height']
 
 
 def test_the_reach_grows_with_landings_and_truncates_other_episodes() -> None:

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of vector environments for Rerun."""
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rocket_sim_node.gym import IDS
+from rocket_sim_node.gym import ReverseCurriculum
+from rocket_sim_node.gym.record_rerun import RecordRerun
+from rocket_sim_node.recording.reader import trajectories
+
+N = 4
+LOW = {'spawn_reach': 5.0}
+
+
+def make(name: str = 'hoverslam/Rocket-v1', **keywords: Any) -> Any:
+    low = {} if 'Lander' in name else LOW
+    return gymnasium.make_vec(name, **{'num_envs': N, 'seed': 1, **low, **keywords})
+
+
+@pytest.mark.parametrize('mode', ['SAME_STEP', 'NEXT_STEP'])
+@pytest.mark.parametrize('name', IDS.values())
+def test_the_flights_are_those_of_the_environment(name: str, mode: str, tmp_path: Path) -> None:
+    path = tmp_path / 'flights.rrd'
+    envs = RecordRerun(make(name, autoreset_mode=mode), path, rows=[1, 3])
+    envs.reset()
+    envs.action_space.seed(3)
+    ended = []
+    for _ in range(400):
+        _, _, terminated, truncated, info = envs.step(envs.action_space.sample())
+        figures = info.get('final_info', info)
+        ended += [(row, float(figures['episode_return'][row]))
+                  for row in (1, 3) if (terminated | truncated)[row]]
+    envs.close()
+    envs.close()
+    recorded = [(flight.row, flight.summary['return']) for flight in trajectories(path)]
+    assert ended and [row for row, _ in recorded] == [row for row, _ in ended]
+    if mode == 'SAME_STEP':  # with NEXT_STEP, the statistics leave out a step
+        np.testing.assert_allclose([x for _, x in recorded], [x for _, x in ended], rtol=1e-4)
+
+
+def test_resets_of_a_wrapper_end_the_flights_in_progress(tmp_path: Path) -> None:
+    inner = ReverseCurriculum(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, seed=1),
+                              window=N, landing_rate=0.9)
+    envs = RecordRerun(inner, tmp_path / 'flights.rrd', rows=range(N))
+    envs.reset()
+    idle = np.tile(np.float32([-1, 0, 0]), (N, 1))  # from so low, falling is landing
+    for _ in range(60):
+        envs.step(idle)
+    envs.close()
+    assert inner.reach > 0.4
+    heights = [flight.position[0, 2] for flight in trajectories(tmp_path / 'flights.rrd')]
+    assert max(heights) > min(heights)
+    for flight in trajectories(tmp_path / 'flights.rrd'):
+        assert (np.diff(flight.position[:, 2]) <= 0).all()  # none goes on after a reset
+
+
+@pytest.mark.parametrize(('keywords', 'message'), [
+    ({}, "output: got '', expected a file, or a URL in connect"),
+    ({'output': 'a.rrd', 'rows': [N]}, f'rows: got ({N},), expected numbers from 0 to {N - 1}'),
+    ({'output': 'a.rrd', 'rows': []}, 'rows: got (), expected numbers'),
+    ({'output': 'a.rrd', 'max_steps': -1}, 'max_steps: got -1, expected 0 to'),
+])
+def test_bad_keywords_are_named(
+    keywords: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        RecordRerun(make(), **keywords)
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_our_environments_in_this_process_are_recorded() -> None:
+    other = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make('CartPole-v1')])
+    with pytest.raises(ValueError, match='expected a HoverslamVectorEnv in this process'):
+        RecordRerun(other, 'flights.rrd')
