@@ -81,7 +81,11 @@ class Policy(nn.Module):
         return found.log_prob, found.entropy.expand_as(found.log_prob)
 
     def mode(self, observation: Tensor) -> Tensor:
-        """Return the most likely actions `(N, *action_shape)`."""
+        """Return the most likely actions `(N, *action_shape)`, as `most_likely` does."""
+        return self.most_likely(self.output(observation))
+
+    def most_likely(self, output: Tensor) -> Tensor:
+        """Return the most likely actions `(N, *action_shape)` given outputs `(N, K)`."""
         raise NotImplementedError
 
     def imitation(

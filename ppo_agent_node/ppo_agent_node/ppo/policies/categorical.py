@@ -91,12 +91,12 @@ class CategoricalPolicy(Policy):
         error = (log_p + found.entropy).mul_(-by_entropy).sub_(by_log_prob).mul_(log_p.exp())
         return error.scatter_add_(0, action[None], by_log_prob[None]), []
 
-    def mode(self, observation: Tensor) -> Tensor:
+    def most_likely(self, output: Tensor) -> Tensor:
         """Return the most likely actions `(N,)` int64; the first of equally likely ones.
 
         :raises ValueError: when the network's output is not finite.
         """
-        return _finite(self._log_p(observation)).argmax(-1)
+        return _finite(output.log_softmax(-1)).argmax(-1)
 
     def imitation(
         self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,
@@ -106,10 +106,6 @@ class CategoricalPolicy(Policy):
         chosen = action[None]
         loss = -log_p.gather(0, chosen).sum()
         return loss, log_p.exp().scatter_add(0, chosen, -torch.ones_like(log_p[:1]))
-
-    def _log_p(self, observation: Tensor) -> Tensor:
-        """Return the log-probabilities of all actions `(S, K)`."""
-        return self.output(observation).log_softmax(-1)
 
 
 def _finite(log_p: Tensor) -> Tensor:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.ppo.networks.features import feature_names
 from ppo_agent_node.ppo.networks.features import make_features
+from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.networks.symmetry import Symmetry
 from ppo_agent_node.ppo.networks.symmetry import make_symmetry
 from ppo_agent_node.ppo.policies.base import Policy as Policy
@@ -22,13 +23,18 @@ from rocket_sim_node.worlds import WorldSpec
 
 
 def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
-    """Return a deterministic pilot, in NumPy, that takes the policy's most likely action."""
+    """Return a deterministic pilot, in NumPy, that takes the policy's most likely action.
+
+    It uses the current values of the weights, but not parameters that replace them.
+    """
+    outputs = quick(policy.normaliser, policy.network)
 
     @torch.inference_mode()
     def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
         # A script that imports torch before this package has as many threads as cores.
         with tensor_threads(1):
-            action: NDArray[Any] = policy.mode(torch.tensor(observation)).numpy()
+            action: NDArray[Any] = policy.most_likely(
+                outputs(torch.tensor(observation))).numpy()
         return action
 
     return fly

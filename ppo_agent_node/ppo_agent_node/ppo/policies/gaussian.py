@@ -97,9 +97,9 @@ class GaussianPolicy(Policy):
         """Return the log-density `(...)` of actions `noise` `(A, ...)` deviations off the mean."""
         return -0.5 * noise.square().sum(0) - (self.log_std + _HALF_LOG_TAU).sum()
 
-    def mode(self, observation: Tensor) -> Tensor:
-        """Return the means `(N, A)`."""
-        return self.output(observation)
+    def most_likely(self, output: Tensor) -> Tensor:
+        """Return the means `(N, A)`, which are the outputs."""
+        return output
 
     def imitation(
         self, output: Tensor, action: Tensor, huber_delta: float = 0.0, margin: float = 0.0,

@@ -120,13 +120,13 @@ def test_a_policy_flies_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> None
     """With more, threads of a small network wait for each other longer than they compute."""
     policy = Learner(SPEC, load_preset('default', 'rocket')).policy
     threads: list[int] = []
-    mode = policy.mode
+    most_likely = policy.most_likely
 
-    def watched(observation: torch.Tensor) -> torch.Tensor:
+    def watched(output: torch.Tensor) -> torch.Tensor:
         threads.append(torch.get_num_threads())
-        return mode(observation)
+        return most_likely(output)
 
-    monkeypatch.setattr(policy, 'mode', watched)
+    monkeypatch.setattr(policy, 'most_likely', watched)
     with tensor_threads(2):
         without_noise(policy)(WORLD.reset(1))
         assert threads == [1]
