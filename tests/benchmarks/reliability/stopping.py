@@ -83,7 +83,8 @@ def main() -> None:
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     table: dict[str, list[float]] = {}
-    print(f'seconds from Ctrl-C to the end of the last process, {options.rounds} rounds')
+    rounds = '1 round' if options.rounds == 1 else f'{options.rounds} rounds'
+    print(f'seconds from Ctrl-C to the end of the last process, {rounds}')
     print(f'{"stage":<16}{"median":>8}{"most":>8}  saved, and said how to resume')
     for stage in options.stages:
         line, later = STAGES[stage]
