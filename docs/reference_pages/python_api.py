@@ -138,6 +138,7 @@ def _markdown(found: object) -> str:
     lines: list[str] = []
     for line in (inspect.getdoc(found) or '').splitlines():
         line = re.sub(r':(?:class|func):(`\w+`)', r'\1', line)
+        line = re.sub(r'^:return: *', '- returns: ', line)
         match = re.match(r':(param|raises) (\w+): *(.*)', line)
         if match and match[1] == 'param':
             lines.append(f'- `{match[2]}`: {match[3]}')

@@ -54,12 +54,16 @@ def check(environ: Mapping[str, str]) -> None:
             f'ROS_DOMAIN_ID: got {domain!r}, expected a whole number from 0 to {_HIGHEST_DOMAIN}')
 
 
-def advice(environ: Mapping[str, str]) -> str:
-    """Return what to compare in the environments of two nodes that do not find each other."""
+def advice(environ: Mapping[str, str], *, several: bool = False) -> str:
+    """Return what to compare in the environments of two nodes that do not find each other.
+
+    :param several: whether more than one node is missing.
+    """
     found = ', '.join(
         f'{name}={printable(environ[name]):.{_LONGEST}}'
         for name in _DISCOVERY if environ.get(name))
-    return ('is it running, with the same ROS_DOMAIN_ID and namespace?'
+    return (f'{"are they" if several else "is it"} running, '
+            'with the same ROS_DOMAIN_ID and namespace?'
             + (f' Here {found}, which also decides what is found' if found else ''))
 
 

@@ -35,18 +35,20 @@ class ReverseCurriculum(VectorWrapper):
     ) -> None:
         """Wrap a vector environment of rockets.
 
-        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP.
+        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP; `RecordRerun` around
+            it is allowed.
         :param reach: m, first maximum of the start height above touchdown.
         :param growth: factor by which the reach grows.
         :param landing_rate: fraction of the window's episodes that must land.
         :param window: number of episodes.
         :raises ValueError: for another environment, or a value out of range.
         """
-        if not isinstance(env, HoverslamVectorEnv) or (
+        unwrapped = getattr(env, 'unwrapped', None)
+        if not isinstance(unwrapped, HoverslamVectorEnv) or (
                 env.metadata['autoreset_mode'] is not AutoresetMode.SAME_STEP):
             raise ValueError(
                 f'env: got {env}, expected a HoverslamVectorEnv with autoreset_mode SAME_STEP')
-        spec = env.world_spec
+        spec = unwrapped.world_spec
         if 'spawn_reach' not in worlds.reset_settings(spec.name):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
         full = spec.settings['spawn_height'] - spec.settings['touchdown_height']
@@ -59,7 +61,7 @@ class ReverseCurriculum(VectorWrapper):
         if window < 1:
             raise ValueError(f'window: got {window}, expected 1 or more')
         super().__init__(env)
-        self.autoreset_mode = env.autoreset_mode
+        self.autoreset_mode = unwrapped.autoreset_mode
         self.reach = reach
         """m, maximum height of a start above touchdown."""
         self.over = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
@@ -72,10 +73,10 @@ def check_connection(simulators: object, patience: object, step_threads: object)
     if not isinstance(simulators, str):
         raise TypeError(
             f"simulators: got {simulators!r:.80}, expected a string, such as '/sim_*'")
-    if isinstance(patience, bool) or not isinstance(patience, int | float):
+    if isinstance(patience, bool) or not isinstance(patience, Real):
         raise TypeError(f'patience: got {patience!r:.80}, expected a number of seconds')
-    if not 0 < patience < math.inf:
-        raise ValueError(f'patience: got {patience!r}, expected more than 0 s')
+    if not 0 < float(patience) < math.inf:
+        raise ValueError(f'patience: got {patience!r}, expected a finite number above 0, s')
     if simulators and step_threads != 1:
         raise ValueError(
             f'step_threads: got {step_threads!r}, expected 1 with simulators {simulators!r}: '
@@ -86,13 +87,15 @@ def reset_options(options: object) -> dict[str, Any]:
     """Return a copy of the options of a reset.
 
     :raises TypeError: when they are no dictionary.
-    :raises ValueError: for `reset_mask`, which these environments do not support.
+    :raises ValueError: for `seed`, and for `reset_mask`, which is not supported.
     """
     if options is None:
         return {}
     if not isinstance(options, Mapping) or not all(isinstance(name, str) for name in options):
         raise TypeError(
             f"options: got {options!r:.80}, expected a dictionary, such as {{'level': 3}}")
+    if 'seed' in options:
+        raise ValueError("options: got 'seed', expected it as an argument of reset")
     if 'reset_mask' in options:
         raise ValueError(
             "options: got 'reset_mask', expected none: an ended episode is followed by the "

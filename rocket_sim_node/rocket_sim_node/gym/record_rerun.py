@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from gymnasium.vector import VectorWrapper
 from numpy.typing import NDArray
 
 from rocket_sim_node import settings
+from rocket_sim_node.gym.curriculum import ReverseCurriculum
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
 from rocket_sim_node.telemetry.capture import joined
@@ -36,8 +38,9 @@ class RecordRerun(VectorWrapper):
 
     >>> envs = RecordRerun(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=256), 'flights.rrd')
 
-    Call `close` at the end: until then the file has another name. A `reset` ends the flights in
-    progress, which are not recorded.
+    Call `close` at the end: until then the file has another name. A `reset` or a `restore` ends
+    the flights in progress, which are not recorded, and flights are recorded from their start
+    only. A `ReverseCurriculum` goes around it.
     """
 
     def __init__(
@@ -46,9 +49,10 @@ class RecordRerun(VectorWrapper):
     ) -> None:
         """Wrap a vector environment.
 
-        :param env: from `gymnasium.make_vec`, without `simulators`; wrappers are allowed.
+        :param env: from `gymnasium.make_vec`, without `simulators`; wrappers are allowed, except
+            `ReverseCurriculum`.
         :param output: file to write, .rrd; an existing file is never overwritten: the new one is
-            numbered.
+            numbered, `-2`.
         :param connect: URL of a running viewer, such as `rerun+http://127.0.0.1:9876/proxy`.
         :param rows: numbers of the environments to record.
         :param max_steps: maximum number of steps recorded; about 100 KiB per 1 000.
@@ -56,12 +60,20 @@ class RecordRerun(VectorWrapper):
         :raises ValueError: for another environment, no destination, or a value out of range.
         :raises OSError: when the file cannot be written.
         """
-        super().__init__(env)
-        unwrapped = env.unwrapped
+        unwrapped = getattr(env, 'unwrapped', None)
         if not isinstance(unwrapped, HoverslamVectorEnv) or unwrapped.simulated is None:
             raise ValueError(
                 f'env: got {env}, expected a HoverslamVectorEnv in this process; the node '
                 'rerun_recorder records simulators')
+        inner = env
+        while inner is not unwrapped:
+            if isinstance(inner, ReverseCurriculum):  # its resets would hide the last landings
+                raise ValueError(
+                    f'env: got {env}, expected no ReverseCurriculum inside, but around')
+            inner = inner.env
+        super().__init__(env)
+        if not isinstance(rows, Iterable):
+            raise TypeError(f'rows: got {rows!r}, expected a list of whole numbers')
         chosen = settings.build(
             RecordingFilter, {'rows': tuple(rows), 'max_steps': max_steps})
         if not chosen.rows or max(chosen.rows) >= env.num_envs:
@@ -69,24 +81,29 @@ class RecordRerun(VectorWrapper):
                 f'rows: got {chosen.rows}, expected numbers from 0 to {env.num_envs - 1}')
         if not output and not connect:
             raise ValueError("output: got '', expected a file, or a URL in connect")
-        sinks: list[Sink] = []
-        if output:
-            sinks.append(FileSink(Path(output).absolute(), _note))
-        if connect:
-            sinks.append(LiveSink(connect, _note))
+        if output and Path(output).suffix != '.rrd':
+            raise ValueError(f"output: got '{output}', expected a name that ends with .rrd")
+        with ExitStack() as opened:
+            sinks: list[Sink] = []
+            if connect:
+                sinks.append(LiveSink(connect, _note))
+                opened.callback(sinks[-1].close)
+            if output:
+                sinks.append(FileSink(Path(output).absolute(), _note))
+            opened.pop_all()  # the recorder closes them
         self._env, self._world = unwrapped, unwrapped.simulated
         self._rows = np.array(sorted(set(chosen.rows)))
         self._resets = self._step = 0
-        self._recorder: Recorder | None = Recorder(
-            chosen, sinks, _note, settle=touchdown.follow)
+        self._over = False
+        self._recorder = Recorder(chosen, sinks, _note, settle=touchdown.follow)
         spec = unwrapped.world_spec
         self._recorder.world(WorldInfo.build(
             spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
 
     @property
     def flights(self) -> int:
-        """Number of flights recorded so far; the last ones may still wait."""
-        return 0 if self._recorder is None else self._recorder.flights
+        """Number of flights recorded so far; until `close`, the last ones may still wait."""
+        return self._recorder.flights
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
@@ -103,9 +120,8 @@ class RecordRerun(VectorWrapper):
         return found
 
     def _record(self) -> None:
-        if self._recorder is None:
+        if self._over:
             return
-        # A wrapper inside may have reset the environment within a step.
         begun = self._resets != self._env.resets
         self._resets, self._step = self._env.resets, 0 if begun else self._step + 1
         ended = self._world.finished
@@ -116,10 +132,10 @@ class RecordRerun(VectorWrapper):
 
     def close(self, **kwargs: Any) -> None:
         """Complete the recording, and close the environment."""
-        recorder, self._recorder = self._recorder, None
+        over, self._over = self._over, True
         try:
-            if recorder is not None:
-                recorder.close()
+            if not over:
+                self._recorder.close()
         finally:
             super().close(**kwargs)
 

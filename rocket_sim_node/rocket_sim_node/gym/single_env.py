@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from numbers import Real
 from typing import Any
 
 import gymnasium
@@ -59,9 +60,9 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
         """Start an episode; see `HoverslamVectorEnv.reset`."""
+        options = keywords.reset_options(options)
         seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
-        options = keywords.reset_options(options)
         first = self._next
         if first is None or seed is not None or _text(options) != self._options:
             observation, _ = self._envs.reset(seed=seed, options=options)
@@ -123,4 +124,6 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
 
 def _text(options: dict[str, Any]) -> str:
     """Return options as a text that is equal for equal options, and that a snapshot can hold."""
-    return json.dumps(options, sort_keys=True, default=repr)
+    same = {name: float(value) if isinstance(value, Real) else value
+            for name, value in options.items()}
+    return json.dumps(same, sort_keys=True, default=repr)

@@ -25,6 +25,7 @@ from rocket_sim_node.worlds.actions import idle_action
 from rocket_sim_node.worlds.base import F32
 from rocket_sim_node.worlds.base import Bools
 from rocket_sim_node.worlds.base import SimulatedWorld
+from rocket_sim_node.worlds.registry import check_num_envs
 
 Step = tuple[F32, F32, Bools, Bools, dict[str, Any]]
 Frame = NDArray[np.uint8]
@@ -103,6 +104,8 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         """
         keywords.check_names(world, settings)
         keywords.check_connection(simulators, patience, step_threads)
+        num_envs = check_num_envs(num_envs)
+        seed = None if seed is None else random_streams.check_seed(seed)
         keywords.check_render_mode(render_mode, simulators)
         mode = keywords.autoreset_mode(autoreset_mode)
         self._world: _World | None = None
@@ -236,26 +239,32 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
 
         The same actions then give the same bits as after the snapshot. It may have been taken in
         another process, in process or over one simulator, if the world was created with the same
-        settings.
+        settings. `render` does not show episodes that had ended before the snapshot.
 
-        :raises ValueError: when it is damaged, or of another world, settings or number of
-            environments.
+        :raises ValueError: when it is damaged, or of another world, settings, autoreset mode or
+            number of environments.
         """
         world = self._open()
         own = self._own_state()
         arrays = snapshots.unpack(
             self.world_spec, state, {_STATE: np.zeros(0, np.uint8), **own}, (_STATE,))
+        snapshots.check_counts(arrays, 'skipped_steps')
+        if bool(arrays['same_step']) != self._same_step:
+            raise ValueError(
+                'snapshot: of the other autoreset mode, expected that of the environment, '
+                f'{self.autoreset_mode.name}')
         observation = world.restore(arrays[_STATE].tobytes())
+        del own['same_step']
         for name, array in own.items():
             array[...] = arrays[name]
         self.resets += 1
         return observation
 
     def _own_state(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays of the autoreset mode NEXT_STEP; they are not copies."""
+        """Return the autoreset mode, and the arrays of NEXT_STEP, which are not copies."""
         return {
-            'ended': self._ended, 'skipped_reward': self._skipped_reward,
-            'skipped_steps': self._skipped}
+            'same_step': np.array(self._same_step), 'ended': self._ended,
+            'skipped_reward': self._skipped_reward, 'skipped_steps': self._skipped}
 
     def render(self) -> tuple[Frame, ...] | None:
         """Return a picture of each environment, `(height, width, 3)` uint8; None without a mode.
@@ -277,12 +286,14 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
     def render_end(self) -> Frame | None:
         """Return a picture of the first environment at the end of its last episode.
 
-        It must have ended at the last step.
+        It must have ended at the last step; after a `restore`, the next one's start is shown.
         """
         self._open()
         if self._camera is None or self.simulated is None:
             return None
-        return self._camera.frame(self.simulated.finished, 0)
+        ends = self.simulated.finished
+        return self._camera.frame(
+            ends if len(ends.row) else self.simulated.telemetry(slice(None)), 0)
 
     def close_extras(self, **_: Any) -> None:
         """Free the world, or release the simulators; `close` calls this once."""

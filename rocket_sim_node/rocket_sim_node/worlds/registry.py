@@ -118,6 +118,18 @@ def reset_settings(name: str) -> tuple[str, ...]:
     return _entry(name).reset_settings
 
 
+def check_num_envs(num_envs: object) -> int:
+    """Return a number of environments as an `int`; it may be an integer of NumPy.
+
+    :raises ValueError: when it is not an integer from 1 to 1 000 000.
+    """
+    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
+    if not whole or not 1 <= int(num_envs) <= _MOST_ENVS:  # type: ignore[call-overload]
+        raise ValueError(
+            f'num_envs: got {num_envs!r:.80}, expected a whole number from 1 to {_MOST_ENVS}')
+    return int(num_envs)  # type: ignore[call-overload,no-any-return]
+
+
 def make(
     name: str, num_envs: int = 1, seed: int = 0, step_threads: int = 1, **values: Any,
 ) -> SimulatedWorld:
@@ -132,11 +144,7 @@ def make(
     :raises ValueError: for an unknown world or setting, or a value out of range.
     """
     entry = _entry(name)
-    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
-    if not whole or not 1 <= num_envs <= _MOST_ENVS:
-        raise ValueError(
-            f'num_envs: got {num_envs!r}, expected a whole number from 1 to {_MOST_ENVS}')
-    seed = random_streams.check_seed(seed)
+    num_envs, seed = check_num_envs(num_envs), random_streams.check_seed(seed)
     if not entry.threaded and step_threads != 1:
         raise ValueError(
             f'step_threads: got {step_threads!r}, expected 1, as world {name!r} is stepped by '
@@ -144,4 +152,4 @@ def make(
     settings_module.check(_STEP_THREADS, step_threads)
     if entry.threaded:
         values['step_threads'] = step_threads
-    return entry.world(num_envs=int(num_envs), seed=seed, **values)
+    return entry.world(num_envs=num_envs, seed=seed, **values)

@@ -45,6 +45,8 @@ def unpack(
     :param any_length: names of arrays whose length may differ.
     :raises ValueError: when the bytes are damaged, of another world or size, or not finite.
     """
+    if not hasattr(state, '__len__'):
+        raise ValueError(f'snapshot: got {state!r:.80}, expected bytes')
     try:
         arrays = _arrays(state)
     except _UNREADABLE as error:

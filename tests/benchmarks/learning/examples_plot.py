@@ -27,8 +27,8 @@ def title(world: str, runs: Sequence[Mapping[str, Any]], names: Mapping[str, str
     if world == 'lunar_lander':
         passed = sum(bool(run['passed']) for run in runs)
         best = min(flown, key=lambda example: last(example, 'steps'))
-        return (f'Lander: {passed} of {len(runs)} runs reach 200, '
-                f'{names[best]} after {last(best, "steps"):,.0f} steps')
+        return (f'{passed} of {len(runs)} runs reach 200; {names[best]} needs the fewest steps, '
+                f'{last(best, "steps"):,.0f}')
     best = max(flown, key=lambda example: last(example, 'reach'))
     return (f'Rocket: {names[best]} lands from the highest starts, '
             f'{last(best, "reach"):.0f} of {FULL_REACH:.0f} m')

@@ -157,9 +157,9 @@ def _stepping_limits(f: Figures) -> str:
         + (f", while EnvPool's whole step takes {step['EnvPool'][0]:.0f} us"
            if 'EnvPool' in step else '')
         + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
-        'are the overhead of calls into NumPy, which hardly depends on the batch: the smallest '
-        f'operation takes {operation:.2f} us, so they are worth {own / operation:.0f} and '
-        f'{step["rocket"][0] / operation:.0f} of them. Only fewer calls, such as a compiled step, '
+        'are mostly the overhead of calls into NumPy, which grows more slowly than the batch: '
+        f'the smallest operation takes {operation:.2f} us, so they are worth '
+        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} of them. Only fewer calls, such as a compiled step, '
         'would make small batches faster.')
 
 

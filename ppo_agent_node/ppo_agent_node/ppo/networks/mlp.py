@@ -201,7 +201,7 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
 
     In flight a batch is a few hundred observations, for which module calls take as long as the
     arithmetic. The function uses the current values of the weights, but not parameters that
-    replace them.
+    replace them. It takes from now which entries have a `width`.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features

@@ -25,7 +25,7 @@ from rocket_sim_node.worlds import WorldSpec
 def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
     """Return a deterministic pilot, in NumPy, that takes the policy's most likely action.
 
-    It uses the current values of the weights, but not parameters that replace them.
+    See `quick` for what it takes from the policy now, and what later.
     """
     outputs = quick(policy.normaliser, policy.network)
 

@@ -157,9 +157,9 @@ class Silence:
         pattern = bool(set('*?[') & set(topic))
         waited = now - self._start
         text = (
-            f'waited {waited:.{0 if waited >= 1 else 1}f} s for {self._what} from the '
-            f'simulator{"s" if pattern else ""} of {topic}; '
-            f'{ros_environment.advice(os.environ)}'
+            f'waited {waited:.{0 if waited >= 1 else 1}f} s for {self._what} from '
+            f'the simulator{"s" if pattern else ""} of {topic}; '
+            f'{ros_environment.advice(os.environ, several=pattern)}'
         )
         if not pattern and (simulators := self._node.count_publishers(topic)) > 1:
             text += f'; {simulators} publish there: give each simulator a namespace of its own'

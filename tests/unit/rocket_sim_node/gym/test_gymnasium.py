@@ -237,7 +237,8 @@ def test_a_snapshot_continues_with_the_same_flights(name: str, mode: str) -> Non
 @pytest.mark.parametrize('at_end', [False, True])
 def test_a_snapshot_of_a_single_environment(at_end: bool) -> None:
     env, copy = (
-        gymnasium.make('hoverslam/Rocket-v1', seed=seed, **LOW).unwrapped for seed in (1, 2))
+        gymnasium.make('hoverslam/Rocket-v1', seed=seed, render_mode='rgb_array', **LOW).unwrapped
+        for seed in (1, 2))
     env.reset(options={'level': 3})
     idle = np.array([-1.0, 0.0, 0.0], np.float32)
     ended = any(env.step(idle)[2:4])
@@ -252,7 +253,8 @@ def test_a_snapshot_of_a_single_environment(at_end: bool) -> None:
         else:
             while not any(one.step(idle)[2:4]):
                 pass
-    starts = [one.reset(options={'level': 3})[0] for one in (env, copy)]
+    assert copy.render().shape == (500, 400, 3)
+    starts = [one.reset(options={'level': np.float64(3)})[0] for one in (env, copy)]
     np.testing.assert_array_equal(*starts)
     np.testing.assert_array_equal(env.step(idle)[0], copy.step(idle)[0])
 
@@ -269,6 +271,10 @@ def test_snapshots_of_another_kind_are_refused() -> None:
         make('hoverslam/RocketPlanar-v1').restore(state)
     with pytest.raises(ValueError, match='snapshot: not readable'):
         envs.restore(state[:100])
+    with pytest.raises(ValueError, match='snapshot: got None, expected bytes'):
+        envs.restore(None)
+    with pytest.raises(ValueError, match='snapshot: of the other autoreset mode'):
+        make(autoreset_mode='NEXT_STEP').restore(state)
     single = gymnasium.make('hoverslam/Rocket-v1').unwrapped
     with pytest.raises(ValueError, match='snapshot: holds'):
         single.restore(state)
@@ -294,7 +300,9 @@ def test_closing_is_final_and_may_be_repeated() -> None:
     ({'seed': True}, 'seed: got True, expected a whole number from 0'),
     ({'simulators': 3}, "simulators: got 3, expected a string, such as '/sim_*'"),
     ({'patience': 'a'}, "patience: got 'a', expected a number of seconds"),
-    ({'patience': -3}, 'patience: got -3, expected more than 0 s'),
+    ({'patience': -3}, 'patience: got -3, expected a finite number above 0, s'),
+    ({'simulators': '/sim_*', 'num_envs': 0}, 'num_envs: got 0'),  # without waiting for any
+    ({'simulators': '/sim_*', 'seed': -1}, 'seed: got -1'),
 ])
 def test_bad_keywords_are_named(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
@@ -318,6 +326,7 @@ def test_integers_of_numpy_are_numbers() -> None:
     ({'options': {'reset_mask': np.ones(N, bool)}}, "got 'reset_mask', expected none"),
     ({'seed': [1, 2, 3]}, 'seed: got [1, 2, 3], expected a whole number from 0 to'),
     ({'options': 5}, "options: got 5, expected a dictionary, such as {'level': 3}"),
+    ({'options': {'seed': 5}}, "options: got 'seed', expected it as an argument of reset"),
     ({'options': {3: 5}}, 'options: got {3: 5}, expected a dictionary'),
 ])
 def test_bad_resets_are_named(arguments: dict[str, Any], message: str) -> None:

@@ -45,38 +45,51 @@ def test_the_flights_are_those_of_the_environment(name: str, mode: str, tmp_path
         np.testing.assert_allclose([x for _, x in recorded], [x for _, x in ended], rtol=1e-4)
 
 
-def test_resets_of_a_wrapper_end_the_flights_in_progress(tmp_path: Path) -> None:
-    inner = ReverseCurriculum(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, seed=1),
-                              window=N, landing_rate=0.9)
-    envs = RecordRerun(inner, tmp_path / 'flights.rrd', rows=range(N))
+def test_resets_of_a_curriculum_end_the_flights_in_progress(tmp_path: Path) -> None:
+    recorder = RecordRerun(
+        gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=N, seed=1), tmp_path / 'flights.rrd',
+        rows=range(N))
+    envs = ReverseCurriculum(recorder, window=N, landing_rate=0.9)
     envs.reset()
     idle = np.tile(np.float32([-1, 0, 0]), (N, 1))  # from so low, falling is landing
+    ended = 0
     for _ in range(60):
-        envs.step(idle)
+        info = envs.step(idle)[4]
+        ended += int(info['_final_info'].sum()) if info else 0
     envs.close()
-    assert inner.reach > 0.4
-    heights = [flight.position[0, 2] for flight in trajectories(tmp_path / 'flights.rrd')]
-    assert max(heights) > min(heights)
-    for flight in trajectories(tmp_path / 'flights.rrd'):
+    assert envs.reach > 0.4
+    flights = trajectories(tmp_path / 'flights.rrd')
+    assert len(flights) == recorder.flights == ended
+    for flight in flights:
         assert (np.diff(flight.position[:, 2]) <= 0).all()  # none goes on after a reset
+    with pytest.raises(ValueError, match='expected no ReverseCurriculum inside, but around'):
+        RecordRerun(ReverseCurriculum(make()), 'flights.rrd')
+
+
+def test_a_wrong_viewer_leaves_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="connect: got 'garbage'"):
+        RecordRerun(make(), tmp_path / 'flights.rrd', connect='garbage')
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(('keywords', 'message'), [
     ({}, "output: got '', expected a file, or a URL in connect"),
     ({'output': 'a.rrd', 'rows': [N]}, f'rows: got ({N},), expected numbers from 0 to {N - 1}'),
     ({'output': 'a.rrd', 'rows': []}, 'rows: got (), expected numbers'),
+    ({'output': 'a.html'}, "output: got 'a.html', expected a name that ends with .rrd"),
+    ({'output': 'a.rrd', 'rows': 0}, 'rows: got 0, expected a list of whole numbers'),
     ({'output': 'a.rrd', 'max_steps': -1}, 'max_steps: got -1, expected 0 to'),
 ])
 def test_bad_keywords_are_named(
     keywords: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         RecordRerun(make(), **keywords)
     assert not list(tmp_path.iterdir())
 
 
 def test_only_our_environments_in_this_process_are_recorded() -> None:
-    other = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make('CartPole-v1')])
-    with pytest.raises(ValueError, match='expected a HoverslamVectorEnv in this process'):
-        RecordRerun(other, 'flights.rrd')
+    for other in gymnasium.make('hoverslam/Rocket-v1'), None:
+        with pytest.raises(ValueError, match='expected a HoverslamVectorEnv in this process'):
+            RecordRerun(other, 'flights.rrd')
