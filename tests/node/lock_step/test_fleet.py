@@ -362,5 +362,5 @@ def test_a_pattern_without_its_slash_is_refused(make_fleet: MakeFleet) -> None:
 
 def test_a_missing_simulator_is_a_timeout(make_fleet: MakeFleet) -> None:
     fleet = make_fleet(patience=1.0)
-    with pytest.raises(WireTimeout, match=r'simulator of /sim_\*/world'):
+    with pytest.raises(WireTimeout, match=r'simulators of /sim_\*/world'):
         fleet.connect()
