@@ -9,6 +9,7 @@ from ppo_agent_node.commands import recorded_flights
 from rocket_sim_node import command_line
 from rocket_sim_node.printable import printable_path
 from rocket_sim_node.recording.comparison import comparison
+from rocket_sim_node.recording.sinks.destinations import check_suffix
 from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.settings import setting
 
@@ -35,8 +36,7 @@ def make(wanted: Comparison) -> str:
         raise ValueError('run_dir: got none, expected the folder of a run')
     run = recorded_flights.read_run(Path(wanted.run_dir))
     output = Path(wanted.output) if wanted.output else run.path / 'comparison.rrd'
-    if output.suffix != '.rrd':
-        raise ValueError(f'output: got {wanted.output!r}, expected a name that ends with .rrd')
+    check_suffix(wanted.output or output)
     level = wanted.level or run.level
     seed = wanted.seed if wanted.seed >= 0 else run.seed
     sides, stage, remarks = recorded_flights.compare(run, wanted.episodes, level, seed)

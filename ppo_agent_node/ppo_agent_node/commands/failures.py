@@ -21,6 +21,7 @@ from rocket_sim_node import input_file
 from rocket_sim_node import worlds
 from rocket_sim_node.printable import printable_path
 from rocket_sim_node.recording.recorder import Recorder
+from rocket_sim_node.recording.sinks.destinations import check_suffix
 from rocket_sim_node.recording.sinks.file_sink import FileSink
 from rocket_sim_node.recording.trajectories import touchdown
 from rocket_sim_node.recording.trajectories.filter import RecordingFilter
@@ -53,8 +54,7 @@ def make(wanted: Failures) -> str:
         raise ValueError('run_dir: got none, expected the folder of an evaluation')
     folder = Path(wanted.run_dir)
     output = Path(wanted.output) if wanted.output else folder / 'failures.rrd'
-    if output.suffix != '.rrd':
-        raise ValueError(f'output: got {wanted.output!r}, expected a name that ends with .rrd')
+    check_suffix(wanted.output or output)
     path = folder / 'evaluation.json'
     text = input_file.read_text(path, LARGEST)
     try:
@@ -137,8 +137,7 @@ def record(path: Path, world: SimulatedWorld, samples: Samples) -> None:
     recorder = Recorder(
         RecordingFilter(rows=tuple(np.unique(samples.row).tolist())),
         [FileSink(path, lambda *note: None)], lambda *note: None, settle=touchdown.follow)
-    recorder.world(WorldInfo.build(
-        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
+    recorder.world(WorldInfo.of(spec))
     recorder.states(1, samples)
     recorder.close()
 

@@ -40,6 +40,7 @@ from rocket_sim_node.printable import shell_command
 from rocket_sim_node.recording.sinks.destinations import check_name
 from rocket_sim_node.recording.sinks.destinations import check_page
 from rocket_sim_node.recording.sinks.destinations import check_space
+from rocket_sim_node.recording.sinks.destinations import check_suffix
 from rocket_sim_node.recording.sinks.destinations import page_address
 from rocket_sim_node.recording.sinks.destinations import viewer_address
 from rocket_sim_node.recording.sinks.rerun_program import LOCAL
@@ -164,8 +165,7 @@ def _check_room(recording: Path) -> None:
     :raises ValueError: when its name is not that of a recording, or too long.
     :raises OSError: when its folder is not writable or its disk is nearly full.
     """
-    if recording.suffix != '.rrd':
-        raise ValueError(f"output: got '{recording}', expected a name that ends with .rrd")
+    check_suffix(recording)
     folder = next(path for path in recording.parents if path.exists())
     check_name(recording.name, folder)
     if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):

@@ -67,8 +67,7 @@ def fly_and_record(world: str, path: Path) -> None:
     recorder = Recorder(
         RecordingFilter(), [FileSink(path, lambda *note: None)], lambda *note: None,
         settle=touchdown.follow)
-    recorder.world(WorldInfo.build(
-        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
+    recorder.world(WorldInfo.of(spec))
     recorder.states(1, recorded_flights.fly(simulated, pilot, SEED))
     recorder.close()
 
@@ -125,8 +124,7 @@ def standard_views(run: Path, scratch: Path) -> Image.Image:
     samples = recorded_flights.fly(
         world, PolicyPilot(Path(str(policies / 'robust.safetensors')), spec), SEED)
     views = MotionViews([0])
-    views.world = WorldInfo.build(
-        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
+    views.world = WorldInfo.of(spec)
     flown = [moment.rockets[0] for moment in views.add(1, samples)]
     with style.styled():
         path = style.save(

@@ -163,6 +163,4 @@ def compare(
     for key, name, title, pilot in who:
         flown = flights(fly(world, pilot, seed), spec.outcomes)
         sides.append(Side(key, name, title, flown))
-    stage = WorldInfo.build(
-        spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
-    return sides, stage, remarks
+    return sides, WorldInfo.of(spec), remarks

@@ -22,6 +22,7 @@ from rocket_sim_node.worlds.base import F32
 try:
     from rocket_sim_node.recording.recorder import Recorder
     from rocket_sim_node.recording.sinks.base import Sink
+    from rocket_sim_node.recording.sinks.destinations import check_suffix
     from rocket_sim_node.recording.sinks.file_sink import FileSink
     from rocket_sim_node.recording.sinks.live_sink import LiveSink
     from rocket_sim_node.recording.trajectories import touchdown
@@ -81,8 +82,8 @@ class RecordRerun(VectorWrapper):
                 f'rows: got {chosen.rows}, expected numbers from 0 to {env.num_envs - 1}')
         if not output and not connect:
             raise ValueError("output: got '', expected a file, or a URL in connect")
-        if output and Path(output).suffix != '.rrd':
-            raise ValueError(f"output: got '{output}', expected a name that ends with .rrd")
+        if output:
+            check_suffix(output)
         with ExitStack() as opened:
             sinks: list[Sink] = []
             if connect:
@@ -96,9 +97,7 @@ class RecordRerun(VectorWrapper):
         self._resets = self._step = 0
         self._over = False
         self._recorder = Recorder(chosen, sinks, _note, settle=touchdown.follow)
-        spec = unwrapped.world_spec
-        self._recorder.world(WorldInfo.build(
-            spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
+        self._recorder.world(WorldInfo.of(unwrapped.world_spec))
 
     @property
     def flights(self) -> int:

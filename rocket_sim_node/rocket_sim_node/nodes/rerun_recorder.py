@@ -85,9 +85,7 @@ class RecorderNode:
     def _on_world(self, message: msg.World) -> None:
         self.count += 1
         with ignore_invalid_input(self._node, 'world'):
-            spec = conversion.world_from_message(message)
-            self._recorder.world(WorldInfo.build(
-                spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names))
+            self._recorder.world(WorldInfo.of(conversion.world_from_message(message)))
 
     def _on_state(self, message: msg.RocketState) -> None:
         self.count += 1

@@ -79,6 +79,16 @@ def check_page(port: int, host: str, name: str = 'web') -> None:
             }.get(error.errno or 0, f'{name}_port: {port}: {error.strerror}')) from None
 
 
+def check_suffix(recording: Path | str) -> None:
+    """Check that a recording's name ends as one.
+
+    :raises ValueError: when it does not.
+    """
+    if Path(recording).suffix != '.rrd':
+        raise ValueError(
+            f'output: got {str(recording)!r}, expected a name that ends with .rrd')
+
+
 def check_name(name: str, folder: Path) -> None:
     """Check that the name of a recording is short enough for its temporary files.
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field
 
+from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.lunar import vehicle
 
 DRAWN_HEIGHT = 5.2
@@ -40,6 +41,12 @@ class WorldInfo:
     condition_names: tuple[str, ...] = ()
     settings: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
     """All settings in the world's description."""
+
+    @classmethod
+    def of(cls, spec: WorldSpec) -> WorldInfo:
+        """Take the properties from a world's description."""
+        return cls.build(
+            spec.name, spec.dt, spec.outcomes, spec.settings, spec.condition_names)
 
     @classmethod
     def build(
