@@ -79,6 +79,19 @@ def check(info: SettingInfo, value: object) -> Value:
     return int(number) if isinstance(info.default, int) else number
 
 
+def whole_number(name: str, value: object, low: int, high: int, shown_high: str = '') -> int:
+    """Return a whole number, also one of NumPy, as an `int`.
+
+    :param shown_high: how the message writes `high`, if not in digits.
+    :raises ValueError: when it is none, or out of range.
+    """
+    if not isinstance(value, Integral) or isinstance(value, bool) or not low <= int(value) <= high:
+        raise ValueError(
+            f'{name}: got {value!r:.80}, expected a whole number from {low} to '
+            f'{shown_high or high}')
+    return int(value)
+
+
 def _number(info: SettingInfo, value: object, *, whole: bool) -> float:
     if isinstance(value, bool | str) or not hasattr(value, '__float__'):
         raise TypeError(f'{info.name}: got {value!r}, expected a number')

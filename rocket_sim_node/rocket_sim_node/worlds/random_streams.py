@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rocket_sim_node.settings import whole_number
+
 # Increments and multipliers of SplitMix64: Steele, Lea, Flood, 'Fast splittable pseudorandom
 # number generators', OOPSLA 2014, figure 17 (variant 13 of Stafford's mixers).
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
@@ -54,10 +56,7 @@ def check_seed(seed: object) -> int:
 
     :raises ValueError: when it is not an integer from 0 to 2**63 - 1.
     """
-    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-    if not whole or not 0 <= int(seed) < 2**63:  # type: ignore[call-overload]
-        raise ValueError(f'seed: got {seed!r:.80}, expected a whole number from 0 to 2**63 - 1')
-    return int(seed)  # type: ignore[call-overload,no-any-return]
+    return whole_number('seed', seed, 0, 2**63 - 1, '2**63 - 1')
 
 
 def keys(

@@ -9,8 +9,6 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds import random_streams
@@ -123,11 +121,7 @@ def check_num_envs(num_envs: object) -> int:
 
     :raises ValueError: when it is not an integer from 1 to 1 000 000.
     """
-    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
-    if not whole or not 1 <= int(num_envs) <= _MOST_ENVS:  # type: ignore[call-overload]
-        raise ValueError(
-            f'num_envs: got {num_envs!r:.80}, expected a whole number from 1 to {_MOST_ENVS}')
-    return int(num_envs)  # type: ignore[call-overload,no-any-return]
+    return settings_module.whole_number('num_envs', num_envs, 1, _MOST_ENVS)
 
 
 def make(

@@ -475,8 +475,7 @@ class Connection:
         if isinstance(command, Reset):
             seed = -1 if command.seed is None else check_seed(command.seed)
             return srv.Reset.Request(
-                agent=self.agent, writer=list(self._writer),
-                seed=seed,
+                agent=self.agent, writer=list(self._writer), seed=seed,
                 settings=conversion.settings_to_message(self._flat(command.settings)))
         if isinstance(command, Restore):
             request = srv.Restore.Request(agent=self.agent, writer=list(self._writer))
