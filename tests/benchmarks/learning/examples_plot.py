@@ -18,20 +18,25 @@ FULL_REACH = 194.8
 
 def title(world: str, runs: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> str:
     """Return the finding: the example that needs the fewest steps, or that gets the highest."""
-    def last(example: str, quantity: str) -> float:
-        return statistics.median(
-            (run['curve'][-1][quantity] or FULL_REACH) if quantity == 'reach'
-            else run['curve'][-1][quantity] for run in runs if run['example'] == example)
-
-    flown = {run['example'] for run in runs}
-    if world == 'lunar_lander':
+    lander = world == 'lunar_lander'
+    ends: dict[str, list[float]] = {}
+    for run in runs:
+        last = run['curve'][-1]
+        ends.setdefault(run['example'], []).append(last['steps'] if lander else _reach(last))
+    medians = {example: statistics.median(values) for example, values in ends.items()}
+    if lander:
+        best = min(medians, key=medians.__getitem__)
         passed = sum(bool(run['passed']) for run in runs)
-        best = min(flown, key=lambda example: last(example, 'steps'))
         return (f'{passed} of {len(runs)} runs reach 200; {names[best]} needs the fewest steps, '
-                f'{last(best, "steps"):,.0f}')
-    best = max(flown, key=lambda example: last(example, 'reach'))
+                f'{medians[best]:,.0f}')
+    best = max(medians, key=medians.__getitem__)
     return (f'Rocket: {names[best]} lands from the highest starts, '
-            f'{last(best, "reach"):.0f} of {FULL_REACH:.0f} m')
+            f'{medians[best]:.0f} of {FULL_REACH:.0f} m')
+
+
+def _reach(point: Mapping[str, Any]) -> float:
+    """Return the height of the highest starts, m; after the curriculum it is not recorded."""
+    return float(point['reach'] or FULL_REACH)
 
 
 def draw(
@@ -48,7 +53,7 @@ def draw(
         for run in runs:
             example = run['example']
             x = [point['steps'] for point in run['curve']]
-            y = [(point['reach'] or FULL_REACH) if rockets else point['mean_return']
+            y = [_reach(point) if rockets else point['mean_return']
                  for point in run['curve']]
             axes.plot(
                 x, y, color=colours[example], alpha=0.75, lw=1.3,
