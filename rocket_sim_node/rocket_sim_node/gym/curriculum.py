@@ -35,8 +35,8 @@ class ReverseCurriculum(VectorWrapper):
     ) -> None:
         """Wrap a vector environment of rockets.
 
-        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP; `RecordRerun` around
-            it is allowed.
+        :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP; it may be
+            wrapped in a `RecordRerun`.
         :param reach: m, first maximum of the start height above touchdown.
         :param growth: factor by which the reach grows.
         :param landing_rate: fraction of the window's episodes that must land.

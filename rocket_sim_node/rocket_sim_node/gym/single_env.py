@@ -63,11 +63,11 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
         options = keywords.reset_options(options)
         seed = None if seed is None else random_streams.check_seed(seed)
         super().reset(seed=seed)
-        first = self._next
-        if first is None or seed is not None or _text(options) != self._options:
+        first, text = self._next, _text(options)
+        if first is None or seed is not None or text != self._options:
             observation, _ = self._envs.reset(seed=seed, options=options)
             first = observation[0]
-        self._next, self._options = None, _text(options)  # not when the reset has been refused
+        self._next, self._options = None, text  # not when the reset has been refused
         return first, {}
 
     def step(self, action: Any) -> tuple[F32, float, bool, bool, dict[str, Any]]:

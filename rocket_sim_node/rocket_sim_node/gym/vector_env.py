@@ -33,8 +33,6 @@ METADATA: dict[str, Any] = {
     'render_modes': list(keywords.RENDER_MODES), 'render_fps': 50,
     'autoreset_mode': AutoresetMode.SAME_STEP}
 """Metadata of the class; each instance has its own frames per second and mode."""
-
-
 _STATE = 'world_state'
 """Name of the world's own snapshot in that of the environment."""
 
@@ -254,7 +252,6 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
                 'snapshot: of the other autoreset mode, expected that of the environment, '
                 f'{self.autoreset_mode.name}')
         observation = world.restore(arrays[_STATE].tobytes())
-        del own['same_step']
         for name, array in own.items():
             array[...] = arrays[name]
         self.resets += 1
