@@ -2,6 +2,7 @@
 """Recordings for Rerun of a vector environment in this process; Rerun must be installed."""
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
@@ -39,9 +40,9 @@ class RecordRerun(VectorWrapper):
 
     >>> envs = RecordRerun(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=256), 'flights.rrd')
 
-    Call `close` at the end: until then the file has another name. A `reset` or a `restore` ends
-    the flights in progress, which are not recorded, and flights are recorded from their start
-    only. A `ReverseCurriculum` goes around it.
+    The file gets its name at `close`, or when the program ends without it. A `reset` or a
+    `restore` ends the flights in progress, which are not recorded, and flights are recorded from
+    their start only. A `ReverseCurriculum` goes around it.
     """
 
     def __init__(
@@ -98,6 +99,7 @@ class RecordRerun(VectorWrapper):
         self._over = False
         self._recorder = Recorder(chosen, sinks, _note, settle=touchdown.follow)
         self._recorder.world(WorldInfo.of(unwrapped.world_spec))
+        self._finish = weakref.finalize(self, self._recorder.close)
 
     @property
     def flights(self) -> int:
@@ -131,10 +133,9 @@ class RecordRerun(VectorWrapper):
 
     def close(self, **kwargs: Any) -> None:
         """Complete the recording, and close the environment."""
-        over, self._over = self._over, True
+        self._over = True
         try:
-            if not over:
-                self._recorder.close()
+            self._finish()  # does nothing the second time
         finally:
             super().close(**kwargs)
 

@@ -2,6 +2,7 @@
 """Recordings of vector environments for Rerun."""
 from __future__ import annotations
 
+import gc
 import re
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,18 @@ def test_resets_of_a_curriculum_end_the_flights_in_progress(tmp_path: Path) -> N
         assert (np.diff(flight.position[:, 2]) <= 0).all()  # none goes on after a reset
     with pytest.raises(ValueError, match='expected no ReverseCurriculum inside, but around'):
         RecordRerun(ReverseCurriculum(make()), 'flights.rrd')
+
+
+def test_without_close_the_file_is_completed_as_well(tmp_path: Path) -> None:
+    envs = RecordRerun(make(), tmp_path / 'flights.rrd')
+    envs.reset()
+    idle = np.tile(np.float32([-1, 0, 0]), (N, 1))
+    while not envs.flights:
+        envs.step(idle)
+    del envs
+    gc.collect()
+    assert [file.name for file in tmp_path.iterdir()] == ['flights.rrd']
+    assert trajectories(tmp_path / 'flights.rrd')
 
 
 def test_a_wrong_viewer_leaves_no_file(tmp_path: Path) -> None:
