@@ -2,9 +2,10 @@
 """Time until many nodes on one machine discover each other, with and without a discovery server.
 
 Without a server, nodes of this project probe the first 64 participants of their domain on this
-machine. With ROS_DISCOVERY_SERVER they use Fast DDS's own settings and that server. Each node has
-its own participant, as it would in a separate process; several nodes share a process here, to save
-memory.
+machine. With ROS_DISCOVERY_SERVER they use that server and, except for the number of ports, Fast
+DDS's own settings. Each node has its own participant, as it would in a separate process; several
+nodes share a process here, to save memory. `dropped` counts the messages that did not fit into the
+receive buffer of the server.
 """
 from __future__ import annotations
 
@@ -104,12 +105,20 @@ def measure(total: int, way: str, patience: float) -> dict[str, float]:
     if way == WAYS[0]:
         return _together(total, environment, patience)
     with server() as address:
-        return _together(total, {
+        found = _together(total, {
             **environment, 'ROS_DISCOVERY_SERVER': address, 'ROS_SUPER_CLIENT': 'TRUE'}, patience)
+        return {**found, 'dropped': _dropped(int(address.rpartition(':')[2]))}
+
+
+def _dropped(port: int) -> int:
+    """Return how many datagrams did not fit into the receive buffer of a UDP port."""
+    lines = Path('/proc/net/udp').read_text('ascii').splitlines()[1:]
+    return sum(int(line.split()[12]) for line in lines
+               if int(line.split()[1].rpartition(':')[2], 16) == port)
 
 
 def _together(total: int, environment: dict[str, str], patience: float) -> dict[str, float]:
-    share = total // _PROCESSES
+    share, before = total // _PROCESSES, set(_segments())
     processes = [subprocess.Popen(
         [sys.executable, '-m', 'benchmarks.wire.discovery', '--be', str(share),
          str(number * share), str(total), str(patience)],
@@ -128,6 +137,13 @@ def _together(total: int, environment: dict[str, str], patience: float) -> dict[
         for process in processes:
             process.kill()
             process.communicate()
+        for segment in set(_segments()) - before:  # the killed processes left it
+            segment.unlink(missing_ok=True)
+
+
+def _segments() -> Iterator[Path]:
+    """Yield the files of Fast DDS in shared memory."""
+    yield from Path('/dev/shm').glob('*fastdds_*')
 
 
 def main() -> None:
@@ -135,6 +151,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog='bench discovery', description=__doc__.split('\n')[0])
     parser.add_argument('--counts', type=int, nargs='+', default=list(COUNTS),
                         help=f'numbers of nodes, multiples of {_PROCESSES}')
+    parser.add_argument('--ways', nargs='+', default=list(WAYS), choices=WAYS)
     parser.add_argument('--patience', type=float, default=_PATIENCE, help='s to wait')
     parser.add_argument('--be', nargs=4, help=argparse.SUPPRESS)
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
@@ -144,14 +161,15 @@ def main() -> None:
         return
     if wrong := [count for count in options.counts if count < 1 or count % _PROCESSES]:
         parser.error(f'--counts: got {wrong[0]}, expected multiples of {_PROCESSES}')
-    print(f'{"nodes":>6}  {"way":<18}{"the last knows":>15}{"after, s":>10}{"CPU, s":>8}')
+    print(f'{"nodes":>6}  {"way":<18}{"the last knows":>15}{"after, s":>10}{"CPU, s":>8}'
+          f'{"dropped":>10}')
     rows: list[dict[str, Any]] = []
     for count in options.counts:
-        for way in WAYS:
+        for way in options.ways:
             one = measure(count, way, options.patience)
             rows.append({'nodes': count, 'way': way, **one})
             print(f'{count:>6}  {way:<18}{one["known"]:>15.0f}{one["s"]:>10.1f}'
-                  f'{one["cpu_s"]:>8.1f}', flush=True)
+                  f'{one["cpu_s"]:>8.1f}{one.get("dropped", ""):>10}', flush=True)
     if options.output:
         write_json(options.output, {'discovery': rows})
 

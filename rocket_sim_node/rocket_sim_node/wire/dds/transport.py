@@ -5,8 +5,9 @@ Some settings of Fast DDS can only be given by an XML profile, which it finds th
 environment variable while the first node is created. In `profiles/`, for each version of Fast
 DDS, `machine.xml` is for nodes that reach this machine only, `network.xml` for nodes that may have
 peers on others. With both, all messages go over UDP (docs/explanation/fast-dds.md gives the
-reasons). A user's own configuration (an XML profile, a discovery server) takes precedence: then
-none of ours is used, and the user's profile is validated before the node starts.
+reasons). With a discovery server, `server.xml` leaves all settings as they are, except that more
+nodes get ports. A user's own XML profile takes precedence: then none of ours is used, and the
+user's is validated before the node starts.
 """
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ from rocket_sim_node.wire.distributions import fast_dds
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 _SKIP_DEFAULT = 'SKIP_DEFAULT_XML_FILE'
-_OWN_SETUP = ('ROS_DISCOVERY_SERVER', 'ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
+_SERVER = 'ROS_DISCOVERY_SERVER'
+_OWN_SETUP = ('ROS2_EASY_MODE', 'FASTDDS_BUILTIN_TRANSPORTS')
 
 
 class TransportError(ValueError):
@@ -69,6 +71,11 @@ def receive_buffer() -> int | None:
 
 def set_up_by_user() -> bool:
     """Return whether the user configured where Fast DDS finds its peers, or how to reach them."""
+    return bool(os.environ.get(_SERVER)) or _replaces_profiles()
+
+
+def _replaces_profiles() -> bool:
+    """Return whether the user has settings that one of our profiles would replace."""
     return bool(_user_profiles()) or any(os.environ.get(name) for name in _OWN_SETUP)
 
 
@@ -101,10 +108,13 @@ def prepared(rmw: str) -> Iterator[None]:
     closed, profile = False, None
     is_fast_dds = rmw.startswith('rmw_fastrtps')
     version, schema = fast_dds()
-    own = is_fast_dds and _own_setup(schema)
-    if is_fast_dds and schema is not None and not own:
-        closed = not beyond_machine()
-        profile = version.profiles / ('machine.xml' if closed else 'network.xml')
+    if is_fast_dds:
+        _check_profiles(schema)
+    if is_fast_dds and schema is not None and not _replaces_profiles():
+        server = bool(os.environ.get(_SERVER))
+        closed = not server and not beyond_machine()
+        profile = version.profiles / (
+            'server.xml' if server else 'machine.xml' if closed else 'network.xml')
         settings |= {version.variables[0]: str(profile), _SKIP_DEFAULT: '1'}
         if closed and discovery_range() == 'LOCALHOST':
             # With LOCALHOST, ROS 2 would add sockets that listen on the network.
@@ -126,15 +136,14 @@ def prepared(rmw: str) -> Iterator[None]:
             f'machines, although {RANGE} is {discovery_range()}')
 
 
-def _own_setup(schema: Path | None) -> bool:
-    """Return whether the user configured Fast DDS; validate the user's profiles if possible."""
+def _check_profiles(schema: Path | None) -> None:
+    """Validate the user's profiles if possible."""
     for path in _user_profiles():
         if schema is not None:
             check_profile(path, schema)
         else:
             get_logger('transport').warning(
                 f'{path} is not checked: this Fast DDS installation has no schema of profiles')
-    return set_up_by_user()
 
 
 def open_ports() -> list[str]:

@@ -81,12 +81,12 @@ def inside(rmw: str = RMW) -> dict[str, str]:
     return found
 
 
-@pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
+@pytest.mark.parametrize('name', ['machine.xml', 'network.xml', 'server.xml'])
 def test_our_profiles_are_right(name: str, schema: Path) -> None:
     check_profile(VERSION.profiles / name, schema)
 
 
-@pytest.mark.parametrize('name', ['machine.xml', 'network.xml'])
+@pytest.mark.parametrize('name', ['machine.xml', 'network.xml', 'server.xml'])
 def test_both_versions_of_fast_dds_get_the_same_profile(name: str) -> None:
     def content(version: FastDds) -> list[tuple[str, dict[str, str], str]]:
         root = ElementTree.parse(version.profiles / name).getroot()
@@ -242,19 +242,29 @@ def test_user_settings_of_fast_dds_take_precedence(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = tmp_path / 'mine.xml'
     mine.write_text(GOOD)
-    for name, value in (
-            *((name, str(mine)) for name in VERSION.variables),
-            ('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')):
+    for name in VERSION.variables:
         with monkeypatch.context() as patch:
-            patch.setenv(name, value)
+            patch.setenv(name, str(mine))
+            patch.setenv('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')
             found = inside()
-        assert found[name] == value
+        assert found[name] == str(mine)
         assert found[transport.RANGE] == 'LOCALHOST'
         assert OURS not in Path(found.get(PROFILE, '/')).parents
     mine.rename(tmp_path / VERSION.default)
     assert PROFILE not in inside()
     monkeypatch.setenv('SKIP_DEFAULT_XML_FILE', '1')
     assert OURS in Path(inside()[PROFILE]).parents
+
+
+@pytest.mark.parametrize('wider', ['', 'SUBNET'])
+def test_with_a_discovery_server_only_the_number_of_nodes_is_ours(
+        wider: str, schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_DISCOVERY_SERVER', '192.0.2.7:11811')
+    monkeypatch.setenv(transport.RANGE, wider)
+    found = inside()
+    assert found[PROFILE] == str(VERSION.profiles / 'server.xml')
+    assert found[transport.RANGE] == (wider or 'LOCALHOST')
+    assert transport.set_up_by_user()
 
 
 @pytest.mark.parametrize('name', [PROFILE, None])
