@@ -21,21 +21,28 @@ class PolicyPilot:
 
     name = 'policy'
 
-    def __init__(self, path: Path | str, spec: WorldSpec) -> None:
+    def __init__(self, path: Path | str, spec: WorldSpec, device: str = 'cpu') -> None:
         """Load the policy; an ONNX file needs onnxruntime, and no PyTorch.
 
         If the world has more observations than the policy uses, the policy receives its own
         columns of them.
 
+        :param device: where the actions of a policy file are computed: `cpu`, `cuda`, or `auto`
+            for the GPU if there is one. An ONNX file uses the CPU.
         :raises FileNotFoundError: when there is no such file.
         :raises ValueError: when it is damaged, has weights that are not finite, or was trained for
             other observations or actions than those of `spec`; the message names file and
-            difference.
+            difference. For a device that is not available.
         """
-        load = onnx_file.load if Path(path).suffix == onnx_file.SUFFIX else _load
-        self._fly, self.description = load(Path(path), spec)
+        path = Path(path)
+        if path.suffix != onnx_file.SUFFIX:
+            self._fly, self.description = _load(path, spec, device)
+        elif device == 'cuda':
+            raise ValueError(f"device: got 'cuda', expected 'cpu' or 'auto' for {path}")
+        else:
+            self._fly, self.description = onnx_file.load(path, spec)
         self._columns = columns(self.description['observation_names'], spec.observation_names)
-        self.unfamiliar = _unfamiliar(Path(path), self.description, spec)
+        self.unfamiliar = _unfamiliar(path, self.description, spec)
         """Differences between this world and that of the training; empty if there are none."""
 
     def __call__(self, observation: F32) -> NDArray[Any]:
@@ -49,15 +56,16 @@ class PolicyPilot:
         return self._fly(observation)
 
 
-def _load(path: Path, spec: WorldSpec) -> tuple[onnx_file.Fly, dict[str, Any]]:
+def _load(path: Path, spec: WorldSpec, device: str) -> tuple[onnx_file.Fly, dict[str, Any]]:
     """Return a pilot of the policy in a safetensors file, and its description."""
     require_torch(path)
     # Imported here: a machine that flies ONNX files may lack PyTorch.
+    from ppo_agent_node.devices import find_device
     from ppo_agent_node.ppo.policies.factory import without_noise
     from ppo_agent_node.ppo.policies.file import load_policy
 
     policy, description = load_policy(path, spec)
-    mean = without_noise(policy)
+    mean = without_noise(policy.to(find_device(device)))
     if not spec.continuous:
         return mean, description
     # The world would clip them as well, and report each of them in real time. NaN stays NaN.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
@@ -16,6 +15,7 @@ from torch import nn
 
 from ppo_agent_node import random_streams
 from ppo_agent_node.config.training_config import Config
+from ppo_agent_node.devices import find_device
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.ppo import update
@@ -48,24 +48,6 @@ class Samples(Protocol):
     ) -> Batch:
         """Return all samples, flattened, with their advantages."""
         ...
-
-
-def find_device(name: str) -> torch.device:
-    """Return the device that a setting names: `auto`, `cpu` or `cuda`.
-
-    :raises ValueError: when it is not available.
-    """
-    there = torch.cuda.is_available()
-    if name == 'cuda' and not there:
-        raise ValueError(
-            "device: got 'cuda', but torch finds no GPU here, expected 'auto' or 'cpu'")
-    if not there or name == 'cpu':
-        return torch.device('cpu')
-    # torchrun numbers the ranks of a machine, which share its GPUs.
-    rank = os.environ.get('LOCAL_RANK', '')
-    if not rank.isdigit():
-        return torch.device('cuda')
-    return torch.device('cuda', int(rank) % max(torch.cuda.device_count(), 1))
 
 
 class Learner:

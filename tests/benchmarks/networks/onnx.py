@@ -2,7 +2,8 @@
 """Time of an ONNX file in onnxruntime and of its policy in PyTorch, by batch size, on one core.
 
 The pilots are the ones that the nodes use, from NumPy observations to NumPy actions. All cases are
-measured alternately in several rounds; medians are reported.
+measured alternately in several rounds; medians are reported. If there is a GPU, PyTorch on it is a
+third case.
 """
 from __future__ import annotations
 
@@ -56,7 +57,9 @@ def main() -> None:
     torch.set_num_threads(1)
     figures = []
     print(f'µs a call on one core, median of {options.rounds} rounds')
-    print(f'{"policy":14s}{"batch":>6}{"torch":>10}{"onnx":>10}{"torch / onnx":>14}')
+    gpu = torch.cuda.is_available()
+    print(f'{"policy":14s}{"batch":>6}{"torch":>10}{"onnx":>10}{"torch / onnx":>14}'
+          + (f'{"GPU":>10}{"torch / GPU":>14}' if gpu else ''))
     for name in options.policies:
         path = find_policy(name, _POLICIES[name])
         seen = {'observation': 'extended'} if name == 'robust' else {}
@@ -65,6 +68,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             done = export(path, Path(folder) / f'{name}.onnx')
             pilots = {'torch': PolicyPilot(path, spec), 'onnx': PolicyPilot(done.path, spec)}
+        if gpu:
+            pilots['GPU'] = PolicyPilot(path, spec, 'cuda')
         for size in options.sizes:
             rows = observation[:size]
             times: dict[str, list[float]] = {kind: [] for kind in pilots}
@@ -74,7 +79,9 @@ def main() -> None:
             found = {kind: statistics.median(values) for kind, values in times.items()}
             ratio = found['torch'] / found['onnx']
             print(f'{name:14s}{len(rows):>6}{found["torch"]:>10.1f}{found["onnx"]:>10.1f}'
-                  f'{ratio:>14.2f}', flush=True)
+                  f'{ratio:>14.2f}'
+                  + (f'{found["GPU"]:>10.1f}{found["torch"] / found["GPU"]:>14.2f}'
+                     if gpu else ''), flush=True)
             figures.append({
                 'policy': name, 'batch': len(rows), 'microseconds': found, 'ratio': ratio,
                 'greatest_difference': done.difference})

@@ -28,6 +28,9 @@ class InferenceParameters:
     level: int = setting(0, '', "curriculum level; 0: the simulator's own", 0, 8)
     episodes: int = setting(
         0, '', 'number of episodes after which the node ends; 0: never', 0, 2**31)
+    device: str = setting(
+        'cpu', '', 'device on which actions are computed; auto: the GPU if there is one; an ONNX '
+        'file uses the CPU', choices=('auto', 'cpu', 'cuda'))
 
 
 def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
@@ -38,7 +41,7 @@ def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
     with make_client(node, executor, connection) as client:
         spec = client.connect()
         path = find_policy(options.policy, spec.name)
-        pilot = PolicyPilot(path, spec)
+        pilot = PolicyPilot(path, spec, options.device)
         node.get_logger().info(f'flying {path}')
         if pilot.unfamiliar:
             node.get_logger().warning(pilot.unfamiliar)

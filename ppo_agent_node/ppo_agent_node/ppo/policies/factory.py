@@ -25,16 +25,17 @@ from rocket_sim_node.worlds import WorldSpec
 def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
     """Return a deterministic pilot, in NumPy, that takes the policy's most likely action.
 
-    See `quick` for what it takes from the policy now, and what later.
+    It computes on the policy's device. See `quick` for what it takes from the policy now, and what
+    later.
     """
-    outputs = quick(policy.normaliser, policy.network)
+    outputs, device = quick(policy.normaliser, policy.network), policy.normaliser.mean.device
 
     @torch.inference_mode()
     def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
         # A script that imports torch before this package has as many threads as cores.
         with tensor_threads(1):
             action: NDArray[Any] = policy.most_likely(
-                outputs(torch.tensor(observation))).numpy()
+                outputs(torch.tensor(observation, device=device))).cpu().numpy()
         return action
 
     return fly
