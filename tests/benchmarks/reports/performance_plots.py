@@ -257,13 +257,19 @@ def _loss_finding(f: Figures) -> str:
 
 
 def _heuristic_finding(f: Figures) -> str:
-    return "The scripted pilot's return differs by " + ' and '.join(
-        f'{row["difference"]:+.0f} ({row["action"]})' for row in f['heuristic'])
+    return "The scripted pilot's return differs by\n" + ' and '.join(
+        f'{row["difference"]:+.0f} {_interval(row, 0)} ({row["action"]})'
+        for row in f['heuristic'])
 
 
 def _transfer_finding(f: Figures) -> str:
     return (f'The policy returns {f["ours"]:.0f} in our lander and {f["gymnasium"]:.0f} '
-            "in Gymnasium's")
+            f"in Gymnasium's:\na difference of {f['difference']:+.1f} {_interval(f, 1)}")
+
+
+def _interval(figures: Figures, digits: int) -> str:
+    low, high = figures['difference_interval']
+    return f'[{low:+.{digits}f}, {high:+.{digits}f}]'
 
 
 def _stopping_finding(f: Figures) -> str:
