@@ -6,15 +6,16 @@ import os
 
 import torch
 
-NAMES = ('auto', 'cpu', 'cuda')
+from ppo_agent_node.config.training_config import DEVICES
+
 
 def find_device(name: str) -> torch.device:
     """Return the device that a setting names: `auto`, `cpu` or `cuda`.
 
     :raises ValueError: for another name, or when the device is not available.
     """
-    if name not in NAMES:
-        raise ValueError(f'device: got {name!r}, expected one of {", ".join(NAMES)}')
+    if name not in DEVICES:
+        raise ValueError(f'device: got {name!r}, expected one of {", ".join(DEVICES)}')
     there = torch.cuda.is_available()
     if name == 'cuda' and not there:
         raise ValueError(

@@ -24,6 +24,9 @@ from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 
+DEVICES = ('auto', 'cpu', 'cuda')
+"""names of the devices on which tensors are computed"""
+
 
 @dataclass(frozen=True)
 class NetworkConfig:
@@ -133,7 +136,7 @@ class RunConfig:
     device: str = setting(
         'auto', '', 'device on which updates are computed; auto: the GPU if there is one. The '
         'same seed gives different weights on different devices, also in a resumed run',
-        choices=('auto', 'cpu', 'cuda'))
+        choices=DEVICES)
     checkpoint_interval: int = setting(
         5, 'iterations', 'interval between checkpoints; a stop also writes one', 1, 1_000_000)
     selection_interval: int = setting(

@@ -8,6 +8,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 from ppo_agent_node.config.curriculum_config import level_setting
+from ppo_agent_node.config.training_config import DEVICES
 from ppo_agent_node.nodes.flights.connection import ConnectionParameters
 from ppo_agent_node.nodes.flights.connection import make_client
 from ppo_agent_node.nodes.flights.flying import fly
@@ -30,7 +31,7 @@ class InferenceParameters:
         0, '', 'number of episodes after which the node ends; 0: never', 0, 2**31)
     device: str = setting(
         'cpu', '', 'device on which actions are computed; auto: the GPU if there is one; an ONNX '
-        'file uses the CPU', choices=('auto', 'cpu', 'cuda'))
+        'file uses the CPU', choices=DEVICES)
 
 
 def infer(node: Node, executor: Executor, parameters: Parameters) -> int:
