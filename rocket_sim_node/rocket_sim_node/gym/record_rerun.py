@@ -96,7 +96,6 @@ class RecordRerun(VectorWrapper):
         self._env, self._world = unwrapped, unwrapped.simulated
         self._rows = np.array(sorted(set(chosen.rows)))
         self._resets = self._step = 0
-        self._over = False
         self._recorder = Recorder(chosen, sinks, _note, settle=touchdown.follow)
         self._recorder.world(WorldInfo.of(unwrapped.world_spec))
         self._finish = weakref.finalize(self, self._recorder.close)
@@ -121,7 +120,7 @@ class RecordRerun(VectorWrapper):
         return found
 
     def _record(self) -> None:
-        if self._over:
+        if not self._finish.alive:  # closed
             return
         begun = self._resets != self._env.resets
         self._resets, self._step = self._env.resets, 0 if begun else self._step + 1
@@ -133,7 +132,6 @@ class RecordRerun(VectorWrapper):
 
     def close(self, **kwargs: Any) -> None:
         """Complete the recording, and close the environment."""
-        self._over = True
         try:
             self._finish()  # does nothing the second time
         finally:
