@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import secrets
 import signal
 import socket
@@ -36,6 +37,8 @@ _PATIENCE = 120.0
 """time limit for discovery, s"""
 _LOOK = 0.5
 """s between two checks"""
+_SEGMENT = re.compile(r'fastdds_(?:port)?[0-9a-f]+')
+"""name of a segment, or of the segment of a port"""
 _SERVER = ('42',) if fast_dds()[0] is FAST_DDS_3 else ()
 """First argument that `fastdds discovery` of Fast DDS 3 passes to its server."""
 
@@ -118,7 +121,7 @@ def _dropped(port: int) -> int:
 
 
 def _together(total: int, environment: dict[str, str], patience: float) -> dict[str, float]:
-    share, before = total // _PROCESSES, set(_segments())
+    share = total // _PROCESSES
     processes = [subprocess.Popen(
         [sys.executable, '-m', 'benchmarks.wire.discovery', '--be', str(share),
          str(number * share), str(total), str(patience)],
@@ -137,13 +140,30 @@ def _together(total: int, environment: dict[str, str], patience: float) -> dict[
         for process in processes:
             process.kill()
             process.communicate()
-        for segment in set(_segments()) - before:  # the killed processes left it
+
+
+@contextmanager
+def clean_shared_memory() -> Iterator[None]:
+    """Remove what processes that were killed inside have left in shared memory."""
+    before = _unused_segments()
+    try:
+        yield
+    finally:
+        for segment in _unused_segments() - before:
             segment.unlink(missing_ok=True)
 
 
-def _segments() -> Iterator[Path]:
-    """Yield the files of Fast DDS in shared memory."""
-    yield from Path('/dev/shm').glob('*fastdds_*')
+def _unused_segments() -> set[Path]:
+    """Return the files of Fast DDS in shared memory that no running process has mapped.
+
+    A segment's lock and semaphore have its name, with a prefix or a suffix.
+    """
+    used = set()
+    for maps in Path('/proc').glob('[0-9]*/maps'):
+        with suppress(OSError):  # it has ended
+            used |= set(_SEGMENT.findall(maps.read_text(errors='replace')))
+    return {path for path in Path('/dev/shm').glob('*fastdds_*')
+            if not used & set(_SEGMENT.findall(path.name))}
 
 
 def main() -> None:
@@ -166,7 +186,8 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     for count in options.counts:
         for way in options.ways:
-            one = measure(count, way, options.patience)
+            with clean_shared_memory():
+                one = measure(count, way, options.patience)
             rows.append({'nodes': count, 'way': way, **one})
             print(f'{count:>6}  {way:<18}{one["known"]:>15.0f}{one["s"]:>10.1f}'
                   f'{one["cpu_s"]:>8.1f}{one.get("dropped", ""):>10}', flush=True)
