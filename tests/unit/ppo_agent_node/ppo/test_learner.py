@@ -173,7 +173,10 @@ def test_the_gpu_learns_the_same_but_for_rounding(world: str) -> None:
         assert torch.equal(tensor, found[name])
 
 
-def test_an_unknown_device_is_named() -> None:
+def test_a_device_that_is_unknown_or_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, 'is_available', lambda: False)
+    with pytest.raises(ValueError, match="device: got 'cuda', but torch finds no GPU"):
+        learner('cuda')
     with pytest.raises(ValueError, match="device: got 'tpu', expected one of auto, cpu, cuda"):
         learner('tpu')
 

@@ -2,6 +2,7 @@
 """Settings of Fast DDS: our profiles, a user's, and the environment while a node starts."""
 from __future__ import annotations
 
+import itertools
 import os
 import socket
 from pathlib import Path
@@ -242,10 +243,10 @@ def test_user_settings_of_fast_dds_take_precedence(
         schema: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = tmp_path / 'mine.xml'
     mine.write_text(GOOD)
-    for name in VERSION.variables:
+    for name, server in itertools.product(VERSION.variables, ('', '127.0.0.1:11811')):
         with monkeypatch.context() as patch:
             patch.setenv(name, str(mine))
-            patch.setenv('ROS_DISCOVERY_SERVER', '127.0.0.1:11811')
+            patch.setenv('ROS_DISCOVERY_SERVER', server)
             found = inside()
         assert found[name] == str(mine)
         assert found[transport.RANGE] == 'LOCALHOST'
@@ -262,6 +263,7 @@ def test_with_a_discovery_server_only_the_number_of_nodes_is_ours(
     monkeypatch.setenv('ROS_DISCOVERY_SERVER', '192.0.2.7:11811')
     monkeypatch.setenv(transport.RANGE, wider)
     found = inside()
+    assert found['ROS_DISCOVERY_SERVER'] == '192.0.2.7:11811'
     assert found[PROFILE] == str(VERSION.profiles / 'server.xml')
     assert found[transport.RANGE] == (wider or 'LOCALHOST')
     assert transport.set_up_by_user()
