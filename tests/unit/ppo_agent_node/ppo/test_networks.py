@@ -193,15 +193,27 @@ def test_dense_layers_propagate_nan(rows: int, activation: str) -> None:
     assert not y[:-1].any()
 
 
+@pytest.mark.parametrize('units', [8, 40, 64])
+@pytest.mark.parametrize('rows', [1, 7, 37])
+def test_an_activation_does_not_depend_on_its_place_in_the_batch(rows: int, units: int) -> None:
+    # With numbers of few digits, products and sums are exact in any order.
+    weight = torch.randint(-64, 64, (units, 5), generator=random_streams.generator(1, 'x')) / 64
+    x = torch.ones(rows, 5)
+    x[:, 0] = 0.25
+    y = dense(x, weight, weight[:, 0], 'tanh')
+    assert torch.equal(y, y[0].expand_as(y))
+
+
 def test_large_layers_and_products_are_left_to_one_dnn(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*arguments: object) -> None:
+    def refuse(*arguments: object, **named: object) -> None:
         raise AssertionError(arguments)
 
     monkeypatch.setattr(dense_module, '_offered', True)
     monkeypatch.setattr(functional, 'linear', refuse)
+    monkeypatch.setattr(torch, 'addmm', refuse)
     dense(torch.zeros(64, 3), torch.zeros(40, 3), torch.zeros(40), 'tanh')
     dense(torch.zeros(8, 8, 3), torch.zeros(40, 3), torch.zeros(40), 'relu')
-    for rows, units in ((31, 40), (64, 31)):
+    for rows, units in ((31, 40), (64, 31), (31, 64)):
         with pytest.raises(AssertionError):
             dense(torch.zeros(rows, 3), torch.zeros(units, 3), torch.zeros(units), 'tanh')
 
