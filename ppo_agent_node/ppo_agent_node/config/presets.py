@@ -15,7 +15,9 @@ _LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _PRESETS = resources.files('ppo_agent_node') / 'presets'
 DEFAULT = 'default'
 """Preset of a run that names none."""
-_NUM_ENVS = {('lunar_lander', 'original'): 8, ('lunar_lander', 'quick'): 64}
+_NUM_ENVS = {
+    ('lunar_lander', 'default'): 128, ('lunar_lander', 'original'): 8,
+    ('lunar_lander', 'quick'): 64}
 """Number of vehicles of presets that do not have the usual 256, by world and name."""
 
 

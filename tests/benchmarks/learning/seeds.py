@@ -22,6 +22,7 @@ import torch
 from benchmarks import machine
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import train as train_in_process
+from ppo_agent_node.config.presets import preset_num_envs
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.conditions_files import aligned
@@ -57,7 +58,8 @@ def train(options: argparse.Namespace, seed: int) -> tuple[Path, float | None]:
     if (run / 'evaluation.json').exists():
         return run, None
     if options.in_process:
-        recipe = Recipe(name, options.preset, {}, options.num_envs, options.world)
+        num_envs = options.num_envs or preset_num_envs(options.preset, options.world)
+        recipe = Recipe(name, options.preset, {}, num_envs, options.world)
         return run, train_in_process(recipe, seed, options.runs).cpu_seconds
     began = time.monotonic()
     subprocess.run(
@@ -169,7 +171,8 @@ def main() -> None:
     parser.add_argument('--runs', type=Path, default=ROOT / 'runs', help='folder of the runs')
     parser.add_argument('--in-process', action='store_true', help='train without nodes')
     parser.add_argument(
-        '--num-envs', type=int, default=256, help='number of rockets or landers with --in-process')
+        '--num-envs', type=int, help=(
+            'number of rockets or landers with --in-process; by default that of the preset'))
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
     torch.set_num_threads(1)
