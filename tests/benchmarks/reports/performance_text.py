@@ -199,7 +199,7 @@ def _result(f: Figures) -> str:
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
         'numbers can differ. The settings of the lander were chosen on seeds 1 to 10, for '
-        '`quick` also on seeds 101 to 106. This benchmark refuses these seeds.')
+        '`quick` also on seeds 101 to 106 and 111 to 118. This benchmark refuses these seeds.')
 
 
 def _rocket_result(f: Figures) -> str:
