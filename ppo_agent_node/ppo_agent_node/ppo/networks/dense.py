@@ -4,8 +4,8 @@
 PyTorch uses MKL for float32 products, which does not use AVX-512 on processors not made by Intel
 and takes twice as long as necessary there. oneDNN, included with PyTorch, does, and fuses the
 product with a tanh; it is available through the operations that PyTorch's own compiler emits.
-Without AVX-512, MKL is faster, because it does not copy transposed matrices first. PyTorch's tanh,
-also MKL's, takes three times as long as its sigmoid, so tanh is computed as 2 sigmoid(2 x) - 1.
+Without AVX-512, MKL is faster, because it does not copy transposed matrices first. Its tanh takes
+longer than PyTorch's sigmoid, so tanh is computed as 2 sigmoid(2 x) - 1.
 All of it is float32; the last bits differ.
 """
 from __future__ import annotations
