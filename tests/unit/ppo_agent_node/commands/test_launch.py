@@ -81,9 +81,10 @@ def test_the_preset_selects_the_observation(
 
 @pytest.mark.parametrize(('given', 'second'), [
     ([], 'simulator_2'), (['preset:=robust', 'max_thrust:=500000'], 'simulator_2'),
-    (['preset:=from_scratch'], None), (['world:=lunar_lander'], None),
-    (['simulators:=/sim_*'], None), (['second_simulator:='], None),
-    (['world:=lunar_lander', 'num_groups:=4'], 'simulator_2'), (['second_simulator:=b'], 'b')])
+    (['preset:=from_scratch'], None), (['world:=lunar_lander'], 'simulator_2'),
+    (['world:=lunar_lander', 'preset:=quick'], None), (['simulators:=/sim_*'], None),
+    (['second_simulator:='], None), (['second_simulator:=b'], 'b'),
+    (['world:=lunar_lander', 'preset:=quick', 'num_groups:=4'], 'simulator_2')])
 def test_two_groups_are_flown_by_two_simulators(
         project: Project, given: list[str], second: str | None,
         monkeypatch: pytest.MonkeyPatch) -> None:
