@@ -138,6 +138,7 @@ class RocketPlanarWorld(RocketWorld):
         s = self.settings
         landing = np.flatnonzero(self._steps_down != _IN_FLIGHT)
         cos, sin = self._heading
+        command = command.copy()  # in real time, the simulator holds it for several steps
         command[:, 2] = np.clip(cos * command[:, 2] + sin * command[:, 1], -1.0, 1.0)
         command[:, 1] = 0.0
         if landing.size:

@@ -89,3 +89,19 @@ def test_a_checked_step_is_a_step(name: str) -> None:
     one.step(given)
     other.step_checked(checked_action(spec, given))
     assert one.snapshot() == other.snapshot()
+
+
+@pytest.mark.parametrize(('name', 'settings', 'steps'), [
+    ('rocket', {}, 3), ('lunar_lander', {}, 3), ('rocket_planar', {'spawn_heading': 180.0}, 3),
+    ('rocket_planar', {'spawn_reach': 1.0, 'engine_cutoff': True}, 80)])
+def test_a_step_leaves_the_action_as_it_is(
+        name: str, settings: dict[str, Any], steps: int) -> None:
+    # In real time, the simulator flies the last action until the next one arrives.
+    world = worlds.make(name, num_envs=3, seed=1, **settings)
+    spec = world.spec
+    action = checked_action(spec, (
+        np.full((3, spec.action_size), 0.5) if spec.continuous else np.array([0, 2, 1])))
+    given = action.copy()
+    for _ in range(steps):
+        world.step_checked(action)
+        assert np.array_equal(action, given)
