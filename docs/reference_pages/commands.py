@@ -71,9 +71,9 @@ _MORE = {
            'and of the [pilot](parameters.md#keyboard_pilot).'}
 _HEAD = """# Commands
 
-All commands are in `launch_scripts/`. They first set up what is missing. Arguments have the form
-`name:=value`. `--help` lists the arguments with the defaults that would apply. For `train`,
-`land`, `evaluate` and `fly`, `--help NAME …` explains single arguments. `. launch_scripts/env.sh`
+All commands are in `launch_scripts/`. They first set up what is missing. Most arguments have
+the form `name:=value`. `--help` lists the arguments with the defaults that would apply. For
+`train`, `land`, `evaluate` and `fly`, `--help NAME …` explains single arguments. `. launch_scripts/env.sh`
 activates the environment in a shell, with `ros2`, `rerun` and `python`.
 
 A command refuses an unknown name and suggests the most similar known one. The exit status is 0

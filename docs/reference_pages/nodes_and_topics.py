@@ -66,17 +66,18 @@ _OF_ROS = (
 """Names that every node, service with introspection or action has; the page only mentions readers
 of /rosout."""
 _NEEDED_MOST = {
-    'simulator': (
+    '`simulator`': (
         'world', 'num_envs', 'seed', 'mode', 'level', 'conditions', 'observation',
         'realtime_factor', 'action_timeout', 'agent_lease', 'state_rows', 'state_batch'),
-    'rerun_recorder': (
+    '`rerun_recorder`': (
         'output', 'connect', 'serve_web', 'web_port', 'web_host', 'rows', 'every_nth_episode',
         'crashes', 'max_steps'),
-    'bag_recorder': ('output', 'topics', 'compression'),
-    'ros_bridge': ('rows', 'max_rate', 'clock', 'frame_prefix'),
-    'ppo_agent': (
+    '`bag_recorder`': ('output', 'topics', 'compression'),
+    '`ros_bridge`': ('rows', 'max_rate', 'clock', 'frame_prefix'),
+    '`ppo_agent`, mode `train`': (
         'mode', 'run_dir', 'resume', 'preset', 'simulators', 'num_groups', 'device', 'threads',
-        'policy', 'level', 'episodes', 'resend_after', 'patience', 'acknowledge')}
+        'resend_after', 'patience', 'acknowledge'),
+    '`ppo_agent`, mode `infer`': ('policy', 'level', 'episodes', 'device')}
 _HEAD = """# Nodes, topics, services and actions
 
 All names are relative: `--ros-args -r __ns:=/sim_0` moves a node into a namespace. The exceptions
@@ -284,7 +285,9 @@ def _nodes(used: dict[str, dict[str, tuple[str, ...]]]) -> Iterable[str]:
                 cells[2] = ', '.join(filter(None, (cells[2], f'actions {named}')))
             if node == 'simulator':
                 page = '../how-to/simulation-interfaces.md'
-                cells[2] += f', [services of simulation_interfaces]({page})'
+                cells[2] += (
+                    ', action `simulator/simulate_steps`, '
+                    f'[services of simulation_interfaces]({page})')
             yield f'| `{node}` | {" | ".join(cells)} |'
         yield ''
 
@@ -298,19 +301,19 @@ def _type(name: str) -> str:
 def _parameters() -> Iterable[str]:
     """Yield a table of the parameters that are needed most for some nodes."""
     known: dict[str, tuple[SettingInfo, ...]] = {
-        'simulator': (
+        '`simulator`': (
             *worlds.settings(worlds.names()[0]), *describe(simulation.SimulatorParameters),
             *describe(worlds.SteppingSettings)),
-        'rerun_recorder': (*describe(rerun_recorder.Destinations), *describe(RecordingFilter)),
-        'bag_recorder': describe(bag_recorder.BagParameters),
-        'ros_bridge': describe(ros_bridge.BridgeParameters),
-        'ppo_agent': (
+        '`rerun_recorder`': (*describe(rerun_recorder.Destinations), *describe(RecordingFilter)),
+        '`bag_recorder`': describe(bag_recorder.BagParameters),
+        '`ros_bridge`': describe(ros_bridge.BridgeParameters),
+        '`ppo_agent`, mode `train`': (
             *describe(connection.ConnectionParameters), *training_config.describe(),
-            *describe(inference.InferenceParameters), *describe(training.TrainingParameters),
-            *describe(modes.AgentParameters))}
+            *describe(training.TrainingParameters), *describe(modes.AgentParameters)),
+        '`ppo_agent`, mode `infer`': describe(inference.InferenceParameters)}
     for node, names in _NEEDED_MOST.items():
         found = {info.name: info for info in known[node]}
-        yield f'### `{node}`\n'
+        yield f'### {node}\n'
         yield rows(found[name] for name in names)
 
 

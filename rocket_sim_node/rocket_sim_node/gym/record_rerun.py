@@ -42,7 +42,7 @@ class RecordRerun(VectorWrapper):
 
     The file gets its name at `close`, or when the program ends without it. A `reset` or a
     `restore` ends the flights in progress, which are not recorded, and flights are recorded from
-    their start only. A `ReverseCurriculum` goes around it.
+    their start only. To record a reverse curriculum, wrap this in a `ReverseCurriculum`.
     """
 
     def __init__(

@@ -26,7 +26,8 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
     Observations are `(D,)` float32, actions `(A,)` float32 or a whole number. The last step's
     `info` has the statistics `episode_info.NAMES`. A `reset` without a seed begins the next
     episode of the current one, so equal seeds give the episodes of the first environment of a
-    :class:`HoverslamVectorEnv`. Vector environments are several hundred times as fast.
+    :class:`HoverslamVectorEnv`. With many environments, vector environments are tens to hundreds of
+    times as fast.
     """
 
     metadata: dict[str, Any] = METADATA
@@ -37,7 +38,8 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
     ) -> None:
         """Create the world, or connect to a simulator that has one rocket.
 
-        :param world: name of the world; :class:`HoverslamVectorEnv` says what the others are.
+        :param world: name of the world. The other parameters are those of
+            :class:`HoverslamVectorEnv`.
         :raises TypeError: for a value of a wrong type.
         :raises ValueError: for an unknown keyword, or a value that is out of range.
         """

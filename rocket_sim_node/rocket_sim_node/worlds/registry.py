@@ -98,8 +98,8 @@ def units(name: str) -> Mapping[str, str]:
 def settings_from(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return those of `values` that are settings of a world, in the types that `make` takes.
 
-    A world's description has more values than its settings, and sends them all as numbers: 1.0
-    may stand for a switch, or a choice. `make` validates the rest.
+    A description on topic `world` also has values that are no settings, and encodes switches and
+    choices as numbers, which this converts back. `make` validates the values.
 
     :raises ValueError: for an unknown world.
     """

@@ -91,7 +91,8 @@ def _saturation(f: Figures) -> str:
         f'core, so it serves {agent:,.0f} exchanges/s, which is {256 * agent:,.0f} rocket '
         f'steps/s. A simulator with a core of its own needs about {simulator:.0f} us for a step. '
         'The agent can serve others meanwhile: '
-        f'{busy:.1f} simulators keep it busy. 10 000 of them would need {1e4 / busy:,.0f} agents, '
+        f'{busy:.1f} simulators keep it busy. As an extreme example, 10 000 of '
+        f'them would need {1e4 / busy:,.0f} agents, '
         'as [ranks of one run](#several-learners). An exchange is '
         f'{f["bytes_per_exchange"]:,} bytes. A link of 1 Gbit/s carries '
         f'{network:,.0f} of them a second, '
@@ -114,8 +115,8 @@ def _ranks(f: Figures) -> str:
     rows = {name: row for name, row in f['rows'].items() if name != 'one rank'}
     here = rows['two ranks']
     errors = [row['model'] / row['iteration'] - 1 for row in rows.values()]
-    speeds = [f'{here["speed_up"]:.2f} times as fast as one in this machine', *(
-        f'{row["speed_up"]:.2f} over a network with a delay of {name.split(", ")[1]}'
+    speeds = [f'{here["speed_up"]:.2f} times as fast as one on this machine', *(
+        f'{row["speed_up"]:.2f} times over a network with a delay of {name.split(", ")[1]}'
         for name, row in rows.items() if ', ' in name)]
     return (
         'Two ranks train one run, each with its own worlds, without ROS '
@@ -158,8 +159,8 @@ def _stepping_limits(f: Figures) -> str:
            if 'EnvPool' in step else '')
         + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
         'are mostly the overhead of calls into NumPy, which grows more slowly than the batch: '
-        f'the smallest operation takes {operation:.2f} us, so they are worth '
-        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} of them. Only fewer '
+        f'the smallest operation takes {operation:.2f} us, so these times are those of '
+        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations. Only fewer '
         'calls, such as a compiled step, would make small batches faster.')
 
 
@@ -174,8 +175,8 @@ def _threads(f: Figures) -> str:
         '(`tests/unit/rocket_sim_node/worlds/lunar/test_lunar_lander.py`). `rocket` does not use '
         'threads; its rows show the most that threads could gain there, with separate smaller '
         'worlds that are stepped by one thread each. '
-        f'{rows[0]["threads"]} threads are this many times as fast as one, by the 5 % '
-        f'quantiles: {gains}. Threads are useful if cores are idle while the simulator steps; '
+        f'Speed-up of {rows[0]["threads"]} threads over one, as the ratio of the 5 % quantiles of '
+        f'the step time: {gains}. Threads are useful if cores are idle while the simulator steps; '
         'the agent and [further simulators](#many-simulators) need cores as well.')
 
 
@@ -198,8 +199,7 @@ def _result(f: Figures) -> str:
         f'that reaches the cap, {lander["cap"]:.0f} s, counts as that long. Each program '
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
-        'numbers can differ. The settings of the lander were chosen on seeds 1 to 10, for '
-        '`quick` also on seeds 101 to 106 and 111 to 118. This benchmark refuses these seeds.')
+        'numbers can differ. @@        '`quick` also on seeds 101 to 106 and 111 to 118. This benchmark refuses these seeds.')
 
 
 def _rocket_result(f: Figures) -> str:
