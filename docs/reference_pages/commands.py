@@ -73,8 +73,8 @@ _HEAD = """# Commands
 
 All commands are in `launch_scripts/`. They first set up what is missing. Most arguments have
 the form `name:=value`. `--help` lists the arguments with the defaults that would apply. For
-`train`, `land`, `evaluate` and `fly`, `--help NAME …` explains single arguments. `. launch_scripts/env.sh`
-activates the environment in a shell, with `ros2`, `rerun` and `python`.
+`train`, `land`, `evaluate` and `fly`, `--help NAME …` explains single arguments.
+`. launch_scripts/env.sh` activates the environment in a shell, with `ros2`, `rerun` and `python`.
 
 A command refuses an unknown name and suggests the most similar known one. The exit status is 0
 when the work is complete, 130 after Ctrl-C, 143 after SIGTERM, and 1 or 2 after an error; a start

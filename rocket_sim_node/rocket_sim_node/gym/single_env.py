@@ -26,8 +26,8 @@ class HoverslamEnv(gymnasium.Env[F32, Any]):
     Observations are `(D,)` float32, actions `(A,)` float32 or a whole number. The last step's
     `info` has the statistics `episode_info.NAMES`. A `reset` without a seed begins the next
     episode of the current one, so equal seeds give the episodes of the first environment of a
-    :class:`HoverslamVectorEnv`. With many environments, vector environments are tens to hundreds of
-    times as fast.
+    :class:`HoverslamVectorEnv`. Vector environments of many rockets are tens to hundreds of times
+    as fast.
     """
 
     metadata: dict[str, Any] = METADATA

@@ -160,8 +160,8 @@ def _stepping_limits(f: Figures) -> str:
         + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
         'are mostly the overhead of calls into NumPy, which grows more slowly than the batch: '
         f'the smallest operation takes {operation:.2f} us, so these times are those of '
-        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations. Only fewer '
-        'calls, such as a compiled step, would make small batches faster.')
+        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations. '
+        'Only fewer calls, such as a compiled step, would make small batches faster.')
 
 
 def _threads(f: Figures) -> str:
@@ -199,7 +199,9 @@ def _result(f: Figures) -> str:
         f'that reaches the cap, {lander["cap"]:.0f} s, counts as that long. Each program '
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
-        'numbers can differ. @@        '`quick` also on seeds 101 to 106 and 111 to 118. This benchmark refuses these seeds.')
+        'numbers can differ. The settings of `quick` and of the PPO on EnvPool were chosen on '
+        'seeds 1 to 10, those of `quick` also on seeds 101 to 106 and 111 to 118. This benchmark '
+        'refuses these seeds.')
 
 
 def _rocket_result(f: Figures) -> str:
