@@ -61,22 +61,31 @@ class Learner:
         """Create both networks, initialised from the seed alone.
 
         :param ranks: learners of the same run, which average their gradients.
-        :raises ValueError: when the configured device is not available, or for features that
-            cannot be computed from the world's observations.
+        :raises ValueError: when the configured device is not available, for features that cannot
+            be computed from the world's observations, or for fine or hidden observations that
+            lack what a symmetry exchanges them with.
         """
         network, self._seed, self._ranks = config.network, config.run.seed, ranks
         self._ppo, self.device = config.ppo, find_device(config.run.device)
+        symmetry = symmetry_of(spec, network)
+
+        def places(setting: str) -> list[int]:
+            named = set(getattr(network, setting).split())
+            found = [i for i, name in enumerate(spec.observation_names) if name in named]
+            if symmetry:
+                symmetry.check_closed(setting, found, spec.observation_names)
+            return found
+
         self.policy = make_policy(spec, network, random_streams.generator(self._seed, 'policy'))
         self.critic = Critic(
             spec.observation_size, network.hidden_sizes,
             random_streams.generator(self._seed, 'critic'), network.activation,
-            make_features(network.features, spec.observation_names, spec.settings),
-            symmetry_of(spec, network))
+            make_features(network.features, spec.observation_names, spec.settings), symmetry)
         for normaliser in (self.policy.normaliser, self.critic.normaliser):
-            for name in set(network.fine_observations.split()) & set(spec.observation_names):
-                normaliser.width[spec.observation_names.index(name)] = network.fine_width
-        for name in set(network.hidden_observations.split()) & set(spec.observation_names):
-            self.policy.normaliser.hide(spec.observation_names.index(name))
+            for place in places('fine_observations'):
+                normaliser.width[place] = network.fine_width
+        for place in places('hidden_observations'):
+            self.policy.normaliser.hide(place)
         self._rate_factor = torch.ones((), dtype=torch.float64)
         """Factor of the actor's learning rate, see `_adapt_rate`."""
         self._policy_update = update.PolicyUpdate(self._there(self.policy), self._ppo, ranks)

@@ -85,6 +85,18 @@ class Symmetry(NamedTuple):
         """Return how the symmetries act on the units of each layer of a network."""
         return [self.inputs, *map(self.hidden, hidden_sizes), outputs]
 
+    def check_closed(self, setting: str, places: Sequence[int], names: Sequence[str]) -> None:
+        """Check that the symmetries exchange the selected observations among themselves only.
+
+        :param places: of the selected observations among `names`.
+        :raises ValueError: otherwise; names the setting that selects them.
+        """
+        moved = {int(place) for place in self.inputs.source[:, list(places)].flatten()}
+        if missing := sorted(moved - set(places)):
+            raise ValueError(
+                f'{setting}: got {" ".join(names[place] for place in places)!r}, expected also '
+                f'{", ".join(names[place] for place in missing)} with symmetry: {self.kind!r}')
+
     def invariant(self) -> Representation:
         """Return how they act on a number that all symmetries leave as it is."""
         return Representation(

@@ -55,6 +55,7 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
         only.
     :raises ValueError: for features that cannot be computed from the world's observations.
     """
+    features = make_features(network.features, spec.observation_names, spec.settings)
     if not spec.continuous:
         return CategoricalPolicy(
             spec.observation_size, spec.action_count, network.hidden_sizes, generator,
@@ -62,5 +63,4 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
     return GaussianPolicy(
         spec.observation_size, spec.action_size, network.hidden_sizes, generator,
         network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
-        make_features(network.features, spec.observation_names, spec.settings),
-        symmetry_of(spec, network))
+        features, symmetry_of(spec, network))

@@ -270,7 +270,9 @@ def test_an_update_uses_the_entropy_bonus_of_its_iteration() -> None:
 
 
 def test_hidden_observations_reach_the_critic_and_not_the_policy() -> None:
-    one = learner(world='lunar_lander', hidden_observations='left_contact angle of_no_world')
+    one = learner(
+        world='lunar_lander', symmetry='none',
+        hidden_observations='left_contact angle of_no_world')
     names = worlds.make('lunar_lander').spec.observation_names
     observation = torch.zeros(len(names), len(names))
     observation.fill_diagonal_(1.0)
@@ -284,9 +286,9 @@ def test_hidden_observations_reach_the_critic_and_not_the_policy() -> None:
 
 
 def test_a_saved_policy_keeps_its_hidden_observations(tmp_path: Path) -> None:
-    one = learner(world='lunar_lander', hidden_observations='left_contact')
+    one = learner(world='lunar_lander', symmetry='none', hidden_observations='left_contact')
     spec = worlds.make('lunar_lander', num_envs=4).spec
-    config = load_preset('default', 'lunar_lander', hidden_sizes=(16, 16))
+    config = load_preset('default', 'lunar_lander', symmetry='none', hidden_sizes=(16, 16))
     save_policy(tmp_path / 'policy', one.policy, spec, config.network, 1, {})
     found = load_policy(tmp_path / 'policy', spec)[0]
     assert torch.equal(found.normaliser.scale, one.policy.normaliser.scale)

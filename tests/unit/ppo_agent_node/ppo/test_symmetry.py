@@ -144,6 +144,24 @@ def test_units_that_do_not_divide_among_the_symmetries_are_refused() -> None:
             'from_scratch', 'rocket', symmetry='mirrors', hidden_sizes=(32, 30)))
 
 
+@pytest.mark.parametrize(('world', 'preset', 'setting', 'value', 'missing'), [
+    ('lunar_lander', 'default', 'hidden_observations', 'left_contact', 'right_contact'),
+    ('rocket', 'from_scratch', 'fine_observations', 'pad_y position_x', 'position_z')])
+def test_observations_of_one_side_only_are_refused(
+        world: str, preset: str, setting: str, value: str, missing: str) -> None:
+    spec = worlds.make(world, 4).spec
+    kind = 'turns' if world == 'rocket' else 'mirrors'
+    with pytest.raises(ValueError, match=f'^{setting}: got .*, expected also {missing} with'):
+        Learner(spec, load_preset(preset, world, symmetry=kind, **{setting: value}))
+    Learner(spec, load_preset(preset, world, symmetry=kind, **{setting: f'{value} {missing}'}))
+
+
+def test_features_of_a_rocket_are_refused_for_a_lander_with_symmetry() -> None:
+    with pytest.raises(ValueError, match=r"^features: got 'descent', expected 'none' for a world"):
+        Learner(worlds.make('lunar_lander', 4).spec, load_preset(
+            'default', 'lunar_lander', features='descent'))
+
+
 def test_first_weights_have_the_size_of_those_without_symmetry() -> None:
     spec = worlds.make('rocket', 4).spec
     sizes = {}
