@@ -87,8 +87,9 @@ def starts(result: EvaluationResult, sample: int) -> tuple[F64, F64]:
     position, velocity = (
         settings[f'{what}_scale'] * seen[:, [names.index(f'{what}_{axis}') for axis in 'xyz']]
         for what in ('position', 'velocity'))
-    # All begin at the same height, at which an observation may be clipped.
-    position[:, 1] = settings['spawn_height']
+    if not settings['spawn_reach']:
+        # All begin at the same height, at which an observation may be clipped.
+        position[:, 1] = settings['spawn_height']
     return position, velocity
 
 

@@ -77,11 +77,12 @@ class EvaluationResult:
 
     @cached_property
     def fuel_bound(self) -> F64:
-        """`(K,)` kg, minimum fuel of a straight drop from the start; NaN in other worlds.
+        """`(K,)` kg, minimum fuel of a straight drop from the start.
 
+        NaN in other worlds, and if a `spawn_reach` lets the episodes begin at different heights.
         It takes up to a second to compute, so it is computed only on request.
         """
-        if not self.is_rocket:
+        if not self.is_rocket or self.settings['spawn_reach']:
             return np.full(len(self.episodes), np.nan)
         velocity = (self.first_observation[:, _VELOCITY_Y].astype(np.float64)
                     * self.spec.settings['velocity_scale'])

@@ -13,6 +13,7 @@ from rocket_sim_node.worlds.lunar import view
 
 Columns = dict[str, F64]
 
+
 def initial_conditions(
     spec: WorldSpec, observation: NDArray[np.float32], settings: Mapping[str, float],
 ) -> Columns:
@@ -38,11 +39,15 @@ def initial_conditions(
 def _rocket(seen: Columns, settings: Mapping[str, float]) -> Columns:
     """Return the initial conditions of rockets from scaled and clipped observations.
 
-    All begin at the same height, at which an observation may be clipped.
+    Without a `spawn_reach` all begin at the same height, at which an observation may be clipped.
+    With one, the height is NaN where it is clipped.
     """
     metres, speed = settings['position_scale'], settings['velocity_scale']
+    height = seen['position_y']
     return {
-        'start_height_m': np.full_like(seen['position_y'], settings['spawn_height']),
+        'start_height_m': np.where(
+            np.abs(height) < settings['observation_limit'], metres * height, np.nan)
+        if settings['spawn_reach'] else np.full_like(height, settings['spawn_height']),
         'start_descent_m_s': -speed * seen['velocity_y'],
         'start_offset_m': metres * np.hypot(seen['position_x'], seen['position_z']),
         'start_drift_m_s': speed * np.hypot(seen['velocity_x'], seen['velocity_z']),

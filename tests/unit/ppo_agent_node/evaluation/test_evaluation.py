@@ -17,6 +17,7 @@ from ppo_agent_node.evaluation.metrics import write_json
 from ppo_agent_node.evaluation.runner import EvaluationResult
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.evaluation.runner import quotas
+from ppo_agent_node.evaluation.starts import initial_conditions
 from ppo_agent_node.nodes.flights.evaluation import fly_and_write
 from ppo_agent_node.pilots.expert.expert import ExpertPilot
 from ppo_agent_node.pilots.random import RandomPilot
@@ -165,6 +166,19 @@ def test_the_bound_uses_the_first_velocity_of_each_episode() -> None:
     env = worlds.make('rocket', 10)
     low = evaluate(env, ExpertPilot(env.spec), 10, 1, level=1, spawn_height=100.0)
     assert (low.fuel_bound < 600).all()
+
+
+def test_episodes_that_begin_at_different_heights_have_no_straight_drop_bound() -> None:
+    result = evaluate(
+        world := worlds.make('rocket', 8, level=1), ExpertPilot(world.spec), 8, 3,
+        spawn_reach=40.0)
+    assert np.isnan(result.fuel_bound).all()
+    heights = initial_conditions(
+        result.spec, result.first_observation, result.settings)['start_height_m']
+    world.reset(3, spawn_reach=40.0)
+    assert heights == pytest.approx(world.position[1], rel=1e-5)
+    assert len(set(heights)) == 8
+    assert summarise(result)['fuel_ratio'] is None
 
 
 def test_the_summary_describes_the_evaluation_and_is_json() -> None:

@@ -60,6 +60,14 @@ def test_no_landing_beats_the_optimum_of_its_start(
     assert (sample.fuel > result.fuel_bound[:SIZE]).all()
 
 
+def test_the_optimum_is_that_of_each_start_height() -> None:
+    low = flown(level=1, episodes=4, spawn_reach=60.0)
+    found = solve_sample(low, 4)
+    assert low.landed.all()
+    assert (low.episodes.fuel_used > found.fuel).all()
+    assert (low.episodes.length > found.steps).all()
+
+
 def test_the_figures_are_means_over_the_sample(
         result: EvaluationResult, sample: OptimumSample) -> None:
     figures = sample.figures(result)
