@@ -61,9 +61,15 @@ class DeterministicPolicy(nn.Module):
         return x
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Return actions `(N, A)` float32, or `(N,)` int64, of observations `(N, D)`."""
+        """Return actions `(N, A)` float32, or `(N,)` int64, of observations `(N, D)`.
+
+        Logits that are not finite give action -1.
+        """
         output = self.output(observation)
-        return output if self.continuous else output.argmax(-1)
+        if self.continuous:
+            return output
+        # The largest of numbers that are not finite is none; -1 is no action, so it is noticed.
+        return torch.where((output - output == 0).all(-1), output.argmax(-1), -1)
 
 
 def to_onnx(policy: Policy, spec: WorldSpec) -> Any:

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ppo_agent_node.ppo.policies.compatibility import fitted
@@ -77,6 +78,8 @@ def loaded(path: Path, data: bytes, spec: WorldSpec) -> tuple[Fly, dict[str, Any
 
     def fly(observation: F32) -> NDArray[Any]:
         action: NDArray[Any] = session.run([OUTPUT], {INPUT: observation})[0]
+        if not world.continuous and (bad := np.flatnonzero(action < 0)).size:
+            raise ValueError(f'policy: the logits of row {bad[0]} are not finite')
         return action
 
     return fly, description
