@@ -74,10 +74,13 @@ def tuned_pilot(path: Path, spec: WorldSpec) -> Pilot:
     try:
         content = json.loads(text)
         pilot, gains = ROCKET_PILOTS[content['pilot']], dict(content['gains'])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError(
             f'{path}: got {error!r:.100}, expected tuned gains: pilot and gains') from error
-    return pilot(spec, **gains)
+    try:
+        return pilot(spec, **gains)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{path}: {error}') from error
 
 
 def choose_all(names: Iterable[str], spec: WorldSpec, seed: int = 0, policy: str = '',

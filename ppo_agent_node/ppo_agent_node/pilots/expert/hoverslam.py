@@ -71,7 +71,7 @@ class HoverslamPilot(StatefulExpert):
 
         :raises ValueError: as :class:`ExpertPilot` does.
         """
-        self._floor = spec.settings[FLOOR]
+        self._floor = spec.settings.get(FLOOR, 0.0)  # other worlds are refused below
         super().__init__(spec, **gains)
 
     def _descent(self, net: float | F64) -> BrakingProfile:

@@ -33,9 +33,21 @@ def test_tuned_gains_are_flown_from_their_file(tmp_path: Path) -> None:
     ('{', 'tuned gains'), ('[]', 'tuned gains'), ('{"pilot": "nobody", "gains": {}}', 'nobody'),
     ('{"pilot": "expert", "gains": {"courage": 1}}', 'courage'),
     ('{"pilot": "expert", "gains": {"flare_rate": -1}}', 'flare_rate'),
-])
+    ('{"pilot": "expert", "gains": {"flare_rate": "x"}}', 'bad.json: flare_rate'),
+    ('{"pilot": "expert", "gains": {"spec": 1}}', 'bad.json: .*spec'),
+    ('{"pilot": "expert", "gains": [[1, 2]]}', 'bad.json: .*strings'),
+    (100_000 * '[', 'RecursionError'),
+], ids=range(9))
 def test_a_file_that_holds_no_gains_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'bad.json'
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
         choose(str(path), worlds.make('rocket').spec)
+
+
+@pytest.mark.parametrize('pilot', ['expert', 'expert_estimator', 'hoverslam'])
+def test_rocket_pilots_refuse_other_worlds(tmp_path: Path, pilot: str) -> None:
+    path = tmp_path / 'gains.json'
+    path.write_text(json.dumps({'pilot': pilot, 'gains': {}}))
+    with pytest.raises(ValueError, match='expert'):
+        choose(str(path), worlds.make('lunar_lander').spec)
