@@ -48,7 +48,8 @@ class MetricsLogger:
         self._progress = Progress(0, 0, '')
         self._kept: dict[str, Any] = {'run': folder.name, 'folder': str(folder.path)}
         self.lines = 0
-        self._loggers: list[RunLogger] = [make(folder.path) for make in loggers]
+        self._loggers: list[RunLogger] = []
+        self._make_loggers = loggers
 
     def take_up(self, lines: int, steps: int) -> None:
         """Continue after the first `lines` lines, at which `steps` rocket steps had been taken.
@@ -57,6 +58,11 @@ class MetricsLogger:
         """
         self._folder.cut_log(lines)
         self.lines, self._steps = lines, steps
+        for make in self._make_loggers:
+            try:
+                self._loggers.append(make(self._folder.path))
+            except Exception as error:  # noqa: BLE001  (one of the user's may raise anything)
+                self._tell_failed(getattr(make, '__name__', repr(make)), error)
         if self._loggers:
             log = self._folder.lines()
             self._each(lambda logger: logger.begin(log))
@@ -134,8 +140,10 @@ class MetricsLogger:
                 do(logger)
             except Exception as error:  # noqa: BLE001  (one of the user's may raise anything)
                 self._loggers.remove(logger)
-                self._tell(
-                    f'logger {type(logger).__name__} failed and is no longer used: {error!r:.200}')
+                self._tell_failed(type(logger).__name__, error)
+
+    def _tell_failed(self, logger: str, error: Exception) -> None:
+        self._tell(f'logger {logger} failed and is no longer used: {error!r:.200}')
 
     def _tell(self, message: str, **numbers: Any) -> None:
         self._report(Status(**{

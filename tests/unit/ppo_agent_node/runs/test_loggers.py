@@ -2,6 +2,8 @@
 """Loggers beside train.jsonl: they get each line once, and their failures end no run."""
 from __future__ import annotations
 
+import importlib
+import json
 from collections import Counter
 from collections.abc import Callable
 from collections.abc import Sequence
@@ -116,6 +118,33 @@ def test_a_logger_that_fails_is_dropped_and_the_run_continues(tmp_path: Path) ->
     assert 'no network' in said[0]
     assert RunFolder(tmp_path / 'run', True).lines()[-1]['iteration'] == 4
     assert not Broken.closed
+
+
+def test_a_logger_that_cannot_be_made_is_reported_and_the_run_continues(tmp_path: Path) -> None:
+    class Broken:
+        def __init__(self, folder: Path) -> None:
+            raise ConnectionError('no network')
+
+        def begin(self, lines: Sequence[Any]) -> None:
+            pass
+
+        entry = close = begin
+
+    messages: list[str] = []
+    train(tmp_path / 'run', [Broken], report=lambda status: messages.append(status.message))
+    assert [message for message in messages if 'logger Broken failed' in message]
+    assert RunFolder(tmp_path / 'run', True).lines()[-1]['iteration'] == 4
+
+
+def test_a_file_with_a_dataclass_can_be_a_logger(tmp_path: Path) -> None:
+    file = tmp_path / 'json.py'  # like a module of Python's
+    file.write_text(
+        'from __future__ import annotations\nfrom dataclasses import dataclass\n'
+        '@dataclass\nclass Mine:\n    folder: str\n'
+        '    def begin(self, lines): pass\n    entry = close = begin\n')
+    made, = loggers.find(f'{file}:Mine')
+    assert made.__name__ == 'Mine'
+    assert importlib.import_module('json') is json
 
 
 @pytest.mark.parametrize(('name', 'reason'), [
