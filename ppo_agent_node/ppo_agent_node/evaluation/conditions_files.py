@@ -147,6 +147,8 @@ def read(path: Path) -> dict[str, Any] | None:
     for name in ('seed', 'episodes', 'num_envs'):
         if not isinstance(table.get(name), int):
             raise ValueError(f'{path}: {name}: got {table.get(name)!r:.200}, expected a number')
+    if not isinstance(table.get('world'), str):
+        raise ValueError(f'{path}: world: got {table.get("world")!r:.200}, expected a name')
     for cell in table['cells']:
         _check_cell(path, cell)
     for pilot in table['pilots']:

@@ -23,7 +23,10 @@ def read_log(path: Path) -> list[dict[str, Any]]:
         if not line.endswith('\n'):
             break
         try:
-            lines.append(json.loads(line))
+            found = json.loads(line)
         except (ValueError, RecursionError) as error:
             raise ValueError(f'{path}: line {number} is damaged: {error}') from error
+        if not isinstance(found, dict):
+            raise ValueError(f'{path}: line {number} is damaged: expected an object')
+        lines.append(found)
     return lines

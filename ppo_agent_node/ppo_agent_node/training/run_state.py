@@ -138,15 +138,33 @@ def from_content(path: Path, checkpoint: TensorFile, spec: WorldSpec, config: Co
     found = checkpoint.content
     _same(path, found.get('description'), description(spec, config))
     try:
+        level = _count(found, 'level')
+        if level > config.curriculum.curriculum_final_level:
+            raise ValueError(
+                f'level: got {level}, expected at most '
+                f'{config.curriculum.curriculum_final_level}')
         return RunState(
-            Curriculum(
-                config.curriculum, _count(found, 'level'), tuple(map(bool, found['recent']))),
+            Curriculum(config.curriculum, level, tuple(map(bool, found['recent']))),
             _reverse(found, spec, config),
             _count(found, 'iteration'), _count(found, 'steps'), _count(found, 'episodes'),
-            _count(found, 'lines'), Score(**found['best']) if found['best'] else None,
+            _count(found, 'lines'), _best(found),
             _count({'reset_iteration': 0, **found}, 'reset_iteration'))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f'{path}: its content is not that of a run: {error!r}') from error
+
+
+def _best(found: dict[str, Any]) -> Score | None:
+    best = found['best']
+    if best is None:
+        return None
+    score = Score(
+        **{name: _count(best, name) for name in ('iteration', 'episodes', 'landed')},
+        mean_return=best['mean_return'])
+    if not isinstance(score.mean_return, float | int) or not math.isfinite(score.mean_return):
+        raise ValueError(f'best: mean_return: got {score.mean_return!r:.200}, expected a number')
+    if not score.landed <= score.episodes or not score.episodes:
+        raise ValueError(f'best: got {score.landed} landings of {score.episodes} episodes')
+    return score
 
 
 def _reverse(found: dict[str, Any], spec: WorldSpec, config: Config) -> ReverseCurriculum:

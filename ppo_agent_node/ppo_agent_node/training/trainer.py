@@ -159,7 +159,7 @@ class Trainer:
         self._metrics.take_up(self._state.lines, self._state.steps)
         if self._config.run.episode_lines:
             for line in self._folder.lines():
-                self._score_lines.add(line.get('scores', ()))
+                self._score_lines.add(line.get('scores') or ())
         # Fails now if the simulators refuse them, before there is work to lose.
         preflight.try_snapshots(self._fleet.fly, path, self._worlds.snapshots)
         # Some settings may have changed, such as the number of evaluated episodes.

@@ -139,6 +139,7 @@ def without(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(('table', 'words'), [
     ([], 'expected an object'), (without('pilots'), 'pilots: got None'),
     ({**made(), 'levels': []}, r'levels: got \[\]'), (without('seed'), 'seed: got None'),
+    (without('world'), 'world: got None'),
     ({**made(), 'cells': made()['cells'][1:]}, 'no cell for .*policy, level 7, nominal'),
     ({**made(), 'cells': [{**made()['cells'][0], 'mean_return': 'much'}]},
      "policy, nominal: mean_return: got 'much'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import struct
@@ -287,11 +288,15 @@ def test_a_policy_of_forged_size_is_refused_before_it_is_made(
 
 SCALAR = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5))
+BEST = st.fixed_dictionaries({
+    'iteration': SCALAR, 'episodes': st.one_of(st.integers(-1, 20), SCALAR),
+    'landed': st.one_of(st.integers(-1, 20), SCALAR),
+    'mean_return': st.one_of(st.just(1.0), SCALAR)})
 
 
 @given(
     st.one_of(SCALAR, st.lists(SCALAR, max_size=3),
-              st.dictionaries(st.text(max_size=5), SCALAR, max_size=3)),
+              st.dictionaries(st.text(max_size=5), SCALAR, max_size=3), BEST),
     st.sampled_from([None, 'iteration', 'steps', 'episodes', 'lines', 'level', 'recent', 'best',
                      'reach', 'recent_hardest', 'reset_iteration', 'description']))
 def test_a_checkpoint_of_any_content_is_a_state_or_refused(
@@ -307,7 +312,11 @@ def test_a_checkpoint_of_any_content_is_a_state_or_refused(
         assert all(isinstance(number, int) and number >= 0 for number in (
             state.iteration, state.steps, state.episodes, state.lines, state.curriculum.level,
             state.reset_iteration))
+        assert state.curriculum.level <= config.curriculum.curriculum_final_level
         assert state.reverse.over
+        if state.best is not None:
+            assert 0 <= state.best.landing_rate <= 1
+            assert math.isfinite(state.best.mean_return)
 
 
 def test_no_more_is_read_of_a_foreign_file_than_its_header(tmp_path: Path) -> None:
