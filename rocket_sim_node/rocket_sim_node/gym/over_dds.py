@@ -15,6 +15,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from rocket_sim_node.settings import whole_number
 from rocket_sim_node.wire.client.client import RELEASE_TIMEOUT
 from rocket_sim_node.wire.client.client import ask_all
 from rocket_sim_node.wire.client.connection import Connection
@@ -113,6 +114,10 @@ class Simulators:
 
     def reset(self, seed: int | None = None, **settings: Any) -> F32:
         """Start new episodes, in simulator k with seed + k; see `worlds.VectorEnv`."""
+        if seed is not None:
+            # Checked here, before the first simulator begins.
+            most = 2**63 - len(self._connections)
+            seed = whole_number('seed', seed, 0, most, f'2**63 - {len(self._connections)}')
         observations: list[F32] = self._ask([
             Reset(None if seed is None else seed + number, settings)
             for number in range(len(self._connections))])

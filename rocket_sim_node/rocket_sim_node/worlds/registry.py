@@ -143,7 +143,7 @@ def make(
         raise ValueError(
             f'step_threads: got {step_threads!r}, expected 1, as world {name!r} is stepped by '
             'one thread')
-    settings_module.check(_STEP_THREADS, step_threads)
+    threads = settings_module.check(_STEP_THREADS, step_threads)
     if entry.threaded:
-        values['step_threads'] = step_threads
+        values['step_threads'] = threads
     return entry.world(num_envs=num_envs, seed=seed, **values)

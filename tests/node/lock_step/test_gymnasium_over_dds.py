@@ -84,6 +84,8 @@ def test_flights_over_dds_are_those_in_process(over_dds: Any) -> None:
     np.testing.assert_array_equal(both.step(action)[0], expected)
     with pytest.raises(ValueError, match='snapshot: not readable, 5 bytes'):
         both.restore(b'wrong')
+    with pytest.raises(ValueError, match=r'seed: got 9223372036854775807, .* to 2\*\*63 - 2'):
+        both.reset(seed=2**63 - 1)
 
     with pytest.raises(ValueError, match=r'max_thrust: got 5\.0, expected 470880, the value'):
         over_dds(simulators='/sim_0', max_thrust=5.0)

@@ -122,6 +122,10 @@ def test_a_bad_number_of_threads_is_refused(world: str, got: Any, expected: str)
     assert str(error.value) == f'step_threads: got {got!r}, expected {expected}'
 
 
+def test_a_number_of_threads_may_be_a_whole_float() -> None:
+    assert worlds.make('lunar_lander', 2, step_threads=2.0).spec.num_envs == 2  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize('num_envs', [1, 7, 40, 100])
 def test_a_lander_does_not_depend_on_how_many_fly_beside_it(num_envs: int) -> None:
     """Bit for bit, over Spaces full and not, while neighbours crash, rest and are reset."""
