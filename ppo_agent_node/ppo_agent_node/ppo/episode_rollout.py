@@ -13,7 +13,8 @@ others.
 
 The last step of an episode gets the whole advantage, a step k earlier gamma^k of it: the rewards
 are paid at the end, and feedback corrects most of what an early action's noise did, so that early
-steps would contribute more noise than signal.
+steps would contribute more noise than signal. Steps so early that less than a thousandth is left
+are no samples: they would cost as much as the others, and nothing would be learnt from them.
 """
 from __future__ import annotations
 
@@ -41,6 +42,9 @@ luck."""
 _LIMIT = 4.0
 """Maximum advantage, in units of the 90th percentile: one crash among landings is informative, but
 the many steps of its episode would otherwise dominate the batch."""
+
+_LEAST_WEIGHT = 1e-3
+"""Minimum of gamma^k for a step to be a sample."""
 
 
 def relative_advantages(returns: F64, copies: int) -> F64:
@@ -118,7 +122,7 @@ class EpisodeRollout:
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flattened, without targets.
+        """Return the samples, flattened, without targets; those of the early steps are left out.
 
         The parameters are those of `rollout_buffer.Rollout.batch`; critic, lambda and scale are
         not used.
@@ -128,11 +132,15 @@ class EpisodeRollout:
         first = 0
         parts = []
         for flown, last in zip(self._flown, torch.from_numpy(self._last), strict=True):
-            parts += [
-                (*sample, advantage[rows + first] * gamma ** (last[rows] - step).float())
-                for step, (*sample, rows) in enumerate(flown)]
+            for step, (*sample, rows) in enumerate(flown):
+                weight = gamma ** (last[rows] - step).float()
+                parts.append((*sample, advantage[rows + first] * weight, weight))
             first += self._returns.shape[1]
-        observation, action, log_prob, advantages = map(torch.cat, zip(*parts, strict=True))
-        self.steps = len(log_prob)
+        *columns, weights = map(torch.cat, zip(*parts, strict=True))
+        self.steps = len(weights)
+        kept = weights >= _LEAST_WEIGHT
+        if not kept.all():
+            columns = [column[kept] for column in columns]
+        observation, action, log_prob, advantages = columns
         nothing = torch.zeros_like(log_prob)
         return Batch(observation, action, log_prob, advantages, nothing, nothing)

@@ -73,12 +73,22 @@ def test_a_roll_out_holds_each_first_episode_whole() -> None:
     expected = relative_advantages(returns, 4).astype(np.float32)
     assert sorted(set(batch.advantage.tolist())) == sorted(set(expected.tolist()))
     # Discounted, the last step has the whole advantage and each one before it a share.
-    discounted = rollout.batch(lambda seen: seen[:, 0], 0.9, 0.9, 0.01).advantage
+    discounted = rollout.batch(lambda seen: seen[:, 0], 0.99, 0.9, 0.01).advantage
     lengths = np.array([length for _, length, _ in sorted(episodes)])
     rows = [row for step in range(lengths.max()) for row in np.flatnonzero(lengths > step)]
     steps = [step for step in range(lengths.max()) for _ in np.flatnonzero(lengths > step)]
     assert discounted.numpy() == pytest.approx(
-        expected[rows] * 0.9 ** (lengths[rows] - 1 - steps), rel=1e-5)
+        expected[rows] * 0.99 ** (lengths[rows] - 1 - steps), rel=1e-5)
+    # Steps of which less than a thousandth is left are no samples, but they were flown.
+    short = rollout.batch(lambda seen: seen[:, 0], 0.5, 0.9, 0.01)
+    assert len(short.value) == 8 * 10
+    assert rollout.steps == len(batch.value)
+    kept = np.flatnonzero(lengths[rows] - 1 - steps < 10)
+    assert torch.equal(short.observation, batch.observation[kept])
+    assert torch.equal(short.action, batch.action[kept])
+    assert torch.equal(short.log_prob, batch.log_prob[kept])
+    assert short.advantage.numpy() == pytest.approx(
+        expected[np.array(rows)[kept]] * 0.5 ** (lengths[rows] - 1 - steps)[kept], rel=1e-5)
     # The copies begin alike, and the policy says how likely its own actions were.
     assert len(torch.unique(batch.observation[:8], dim=0)) == 2
     log_prob, _ = learner.policy.log_prob_entropy(batch.observation, batch.action)
