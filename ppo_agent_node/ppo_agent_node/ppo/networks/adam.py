@@ -46,7 +46,7 @@ class FlatAdam:
         """Take over parameters, in groups that each have a learning rate.
 
         :param ties: symmetries of flat parameters: gradients are projected onto the invariant
-            subspace, so that invariant parameters stay invariant.
+            subspace, so that invariant parameters stay invariant, up to rounding.
         """
         self._betas, self._epsilon = betas, epsilon
         self._parameters = [parameter for group in groups for parameter in group]
