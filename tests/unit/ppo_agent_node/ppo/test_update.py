@@ -77,9 +77,10 @@ def test_policy_gradient_by_hand() -> None:
     assert float(policy.mean[0].weight.grad) == pytest.approx(expected, rel=1e-5)
 
 
-def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
-    policy = GaussianPolicy(4, 2, (16,), random_streams.generator(seed, 'p'), log_std_init=-1.0)
-    critic = Critic(4, (16,), random_streams.generator(seed, 'c'))
+def setup(seed: int = 1, units: int = 16) -> tuple[GaussianPolicy, Critic, Batch]:
+    policy = GaussianPolicy(
+        4, 2, (units,), random_streams.generator(seed, 'p'), log_std_init=-1.0)
+    critic = Critic(4, (units,), random_streams.generator(seed, 'c'))
     noise = random_streams.generator(seed, 'n')
     observation = torch.randn(256, 4, generator=noise)
     with torch.no_grad():
@@ -91,9 +92,10 @@ def setup(seed: int = 1) -> tuple[GaussianPolicy, Critic, Batch]:
 
 def run(
     seed: int = 1, shuffle: int = 1, train_policy: bool = True,
-    poll: Callable[[], None] = lambda: None, train_critic: bool = True, **changes: object,
+    poll: Callable[[], None] = lambda: None, train_critic: bool = True, units: int = 16,
+    **changes: object,
 ) -> tuple[GaussianPolicy, Critic, update.Diagnostics, Batch]:
-    policy, critic, batch = setup(seed)
+    policy, critic, batch = setup(seed, units)
     config = dataclasses.replace(CONFIG, **changes)
     diagnostics = update.update(
         update.PolicyUpdate(policy, config), update.CriticUpdate(critic, config), batch,
@@ -201,15 +203,16 @@ def test_an_update_is_polled_before_each_minibatch_and_can_be_ended(
 
 @pytest.mark.parametrize(('train_policy', 'train_critic'), [
     (True, True), (False, True), (True, False)])
+@pytest.mark.parametrize('units', [16, 32])  # two ways to compute tanh
 def test_one_thread_and_two_are_equal_bit_for_bit(
-    train_policy: bool, train_critic: bool, monkeypatch: pytest.MonkeyPatch,
+    train_policy: bool, train_critic: bool, units: int, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(backpropagation, '_CACHED_ROWS', 24)  # three pieces of each minibatch
     found = []
     for threads in (1, 2):
         with tensor_threads(threads):
             policy, critic, diagnostics, _ = run(
-                train_policy=train_policy, train_critic=train_critic)
+                train_policy=train_policy, train_critic=train_critic, units=units)
             found.append((*policy.parameters(), *critic.parameters(), torch.tensor(
                 list(dataclasses.astuple(diagnostics))).nan_to_num()))
     assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
