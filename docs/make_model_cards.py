@@ -44,6 +44,8 @@ TASKS: dict[str, dict[str, dict[str, Any]]] = {
     'hoverslam': {'level 7, conditions hoverslam': {'level': 7, 'conditions': 'hoverslam'}},
     'from_scratch': {'level 7': {'level': 7}}}
 """Tasks that each policy flies, and their reset settings."""
+_CONDITIONS = {'robust': 'mix', 'hoverslam': 'hoverslam'}
+"""Conditions for which a policy was trained, if they are not nominal."""
 _WHAT = {
     'rocket': 'Lands a rocket with one engine and attitude thrusters from 200 m. A scripted pilot '
               'was cloned, then PPO improved the clone.',
@@ -106,19 +108,21 @@ def card(name: str) -> str:
     contents, figures = content(name), results()[name]
     spec = world_of(path_of(name), contents)
     where = provenance.shipped()[name]
+    drawn = _CONDITIONS.get(name)
     return '\n'.join([
         *_header(name, spec.name, figures), '',
         f'# {name}', '',
         '<!-- Written by docs/make_model_cards.py. Do not edit it. -->', '',
         _WHAT[name], '',
         '## Fly it', '', '```sh',
-        f'./launch_scripts/land world:={spec.name} policy:={name}',
+        f'./launch_scripts/land world:={spec.name} policy:={name}'
+        + (f' conditions:={drawn}' if drawn else ''),
         f'./launch_scripts/export policy:={name} output:={name}.onnx', '```', '',
         'In Python, without ROS:', '', '```python',
         'from ppo_agent_node.pilots.policy import PolicyPilot',
         'from ppo_agent_node.pilots.search import find_policy',
         'from rocket_sim_node import worlds', '',
-        f'world = worlds.make({spec.name!r}, num_envs=16{_seen(spec)})',
+        f'world = worlds.make({spec.name!r}, num_envs=16{_seen(spec, drawn)})',
         f'pilot = PolicyPilot(find_policy({name!r}, {spec.name!r}), world.spec)',
         'observation = world.reset(seed=1)',
         'observation, reward, terminated, truncated, info = world.step(pilot(observation))',
@@ -128,8 +132,9 @@ def card(name: str) -> str:
         f'File: `{name}.safetensors`, SHA-256 `{figures["policy_sha256"]}`.', ''])
 
 
-def _seen(spec: worlds.WorldSpec) -> str:
-    return ", observation='extended'" if spec.settings.get('observation') else ''
+def _seen(spec: worlds.WorldSpec, drawn: str | None) -> str:
+    given = f', conditions={drawn!r}' if drawn else ''
+    return given + (", observation='extended'" if spec.settings.get('observation') else '')
 
 
 def _header(name: str, world: str, figures: dict[str, Any]) -> list[str]:

@@ -33,6 +33,8 @@ class CurriculumConfig:
         '', '', 'set of conditions for the groups of curriculum_wide_level; empty: the same as '
         'for the others',
         choices=_CONDITIONS)
+    selection_wide: bool = setting(
+        True, '', 'whether selections also fly curriculum_wide_level with its conditions')
     curriculum_nominal_share: float = setting(
         0.0, '', "probability that each condition of an episode stays nominal (the world's "
         'nominal_share), in demonstrations and roll-outs, so that vehicles that differ in only '
@@ -64,7 +66,8 @@ class CurriculumConfig:
     def selection_settings(self) -> tuple[dict[str, float], ...]:
         """Reset settings of the evaluations that select a policy, one for each."""
         plain = self.task_settings(self.curriculum_final_level)
-        return (plain, self.wide_settings) if self.curriculum_wide_level else (plain,)
+        wide = self.curriculum_wide_level and self.selection_wide
+        return (plain, self.wide_settings) if wide else (plain,)
 
     @property
     def wide_settings(self) -> dict[str, float]:

@@ -2,6 +2,7 @@
 """DAgger and the wide level: what is flown, labelled, learnt and written down."""
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from typing import ClassVar
@@ -240,6 +241,8 @@ def test_groups_fly_the_curriculums_level_and_the_wide_one_in_turn() -> None:
     assert harsher.reset_settings(3, 0)['dry_mass_factor_high'] == 1.05
     assert harsher.reset_settings(3, 1)['dry_mass_factor_high'] == 1.08
     assert [settings['level'] for settings in config.selection_settings] == [7, 8]
+    plain = replace(config, selection_wide=False)
+    assert [settings['level'] for settings in plain.selection_settings] == [7]
     with pytest.raises(ValueError, match=r'num_groups: got 1, expected 2 or more'):
         make_config({'curriculum_wide_level': 8})
 
