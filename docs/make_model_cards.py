@@ -44,8 +44,6 @@ TASKS: dict[str, dict[str, dict[str, Any]]] = {
     'hoverslam': {'level 7, conditions hoverslam': {'level': 7, 'conditions': 'hoverslam'}},
     'from_scratch': {'level 7': {'level': 7}}}
 """Tasks that each policy flies, and their reset settings."""
-_CONDITIONS = {'robust': 'mix', 'hoverslam': 'hoverslam'}
-"""Conditions for which a policy was trained, if they are not nominal."""
 _WHAT = {
     'rocket': 'Lands a rocket with one engine and attitude thrusters from 200 m. A scripted pilot '
               'was cloned, then PPO improved the clone.',
@@ -108,7 +106,7 @@ def card(name: str) -> str:
     contents, figures = content(name), results()[name]
     spec = world_of(path_of(name), contents)
     where = provenance.shipped()[name]
-    drawn = _CONDITIONS.get(name)
+    drawn = where['conditions'] if where['conditions'] != 'nominal' else ''
     return '\n'.join([
         *_header(name, spec.name, figures), '',
         f'# {name}', '',
@@ -132,7 +130,7 @@ def card(name: str) -> str:
         f'File: `{name}.safetensors`, SHA-256 `{figures["policy_sha256"]}`.', ''])
 
 
-def _seen(spec: worlds.WorldSpec, drawn: str | None) -> str:
+def _seen(spec: worlds.WorldSpec, drawn: str) -> str:
     given = f', conditions={drawn!r}' if drawn else ''
     return given + (", observation='extended'" if spec.settings.get('observation') else '')
 

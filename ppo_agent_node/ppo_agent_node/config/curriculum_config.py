@@ -24,8 +24,8 @@ class CurriculumConfig:
         7, '', 'last curriculum level, also used for evaluation; 0: the world has no levels', 0, 8)
     curriculum_wide_level: int = setting(
         0, '', "level flown by every second group of rockets instead of the curriculum's level, "
-        'and also by demonstrations and selection, so that one policy learns both; needs '
-        'num_groups of 2 or more; 0: none', 0, 8)
+        'and also by demonstrations and, with selection_wide, by selections, so that one policy '
+        'learns both; needs num_groups of 2 or more; 0: none', 0, 8)
     conditions: str = setting(
         '', '', "set of conditions from which all episodes of the run are drawn; empty: the "
         "simulator's own", choices=_CONDITIONS)

@@ -68,7 +68,7 @@ class DeterministicPolicy(nn.Module):
         output = self.output(observation)
         if self.continuous:
             return output
-        # The largest of numbers that are not finite is none; -1 is no action, so it is noticed.
+        # The largest of numbers that are not finite is none; worlds and our pilot refuse -1.
         return torch.where((output - output == 0).all(-1), output.argmax(-1), -1)
 
 

@@ -70,7 +70,10 @@ def export(path: Path, output: Path) -> Exported:
     observations = sample(path, spec)
     metadata = description(path, content, spec)
     # Compare the file as it will be written, except for the result of the comparison.
-    difference, spread = _compare(_sealed(model, metadata), policy, spec, observations)
+    try:
+        difference, spread = _compare(_sealed(model, metadata), policy, spec, observations)
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from error
     metadata['check'] = {
         'observations': len(observations), 'greatest_difference': difference,
         'torch_from_itself': spread, 'torch': torch.__version__}

@@ -79,7 +79,7 @@ def loaded(path: Path, data: bytes, spec: WorldSpec) -> tuple[Fly, dict[str, Any
     def fly(observation: F32) -> NDArray[Any]:
         action: NDArray[Any] = session.run([OUTPUT], {INPUT: observation})[0]
         if not world.continuous and (bad := np.flatnonzero(action < 0)).size:
-            raise ValueError(f'policy: the logits of row {bad[0]} are not finite')
+            raise ValueError(f'policy: the probabilities of row {bad[0]} are not finite')
         return action
 
     return fly, description

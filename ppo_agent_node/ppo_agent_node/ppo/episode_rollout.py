@@ -14,7 +14,7 @@ others.
 The last step of an episode gets the whole advantage, a step k earlier gamma^k of it: the rewards
 are paid at the end, and feedback corrects most of what an early action's noise did, so that early
 steps would contribute more noise than signal. Steps so early that less than a thousandth is left
-are no samples: they would cost as much as the others, and nothing would be learnt from them.
+are no samples: their gradient is negligible, and they would cost as much as the others.
 """
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Samples(Protocol):
         self, critic: Callable[[Tensor], Tensor], gamma: float, gae_lambda: float,
         reward_scale: float,
     ) -> Batch:
-        """Return all samples, flattened, with their advantages."""
+        """Return the samples, flattened, with their advantages."""
         ...
 
 

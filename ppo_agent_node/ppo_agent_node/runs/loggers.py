@@ -12,6 +12,7 @@ A logger is a class that is called with the folder of the run, and has three met
 """
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 import sys
@@ -77,15 +78,19 @@ def _module(name: str) -> ModuleType:
     """Import a module by its name or its file."""
     if not name.endswith('.py'):
         return importlib.import_module(name)
-    spec = importlib.util.spec_from_file_location(f'hoverslam_logger_{Path(name).stem}', name)
+    path = Path(name).resolve()
+    known = f'hoverslam_logger_{hashlib.sha256(bytes(path)).hexdigest()[:16]}'
+    if known in sys.modules:
+        return sys.modules[known]
+    spec = importlib.util.spec_from_file_location(known, path)
     if spec is None or spec.loader is None:
         raise ImportError(f'no file {name}')
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where dataclasses look for the names in their annotations
+    sys.modules[known] = module  # where dataclasses look for the names in their annotations
     try:
         spec.loader.exec_module(module)
     except BaseException:
-        del sys.modules[spec.name]
+        del sys.modules[known]
         raise
     return module
 

@@ -62,7 +62,9 @@ class MetricsLogger:
             try:
                 self._loggers.append(make(self._folder.path))
             except Exception as error:  # noqa: BLE001  (one of the user's may raise anything)
-                self._tell_failed(getattr(make, '__name__', repr(make)), error)
+                self._tell(
+                    f'logger {getattr(make, "__name__", make)} cannot be made and is not used: '
+                    f'{error!r:.200}')
         if self._loggers:
             log = self._folder.lines()
             self._each(lambda logger: logger.begin(log))
@@ -140,10 +142,8 @@ class MetricsLogger:
                 do(logger)
             except Exception as error:  # noqa: BLE001  (one of the user's may raise anything)
                 self._loggers.remove(logger)
-                self._tell_failed(type(logger).__name__, error)
-
-    def _tell_failed(self, logger: str, error: Exception) -> None:
-        self._tell(f'logger {logger} failed and is no longer used: {error!r:.200}')
+                self._tell(
+                    f'logger {type(logger).__name__} failed and is no longer used: {error!r:.200}')
 
     def _tell(self, message: str, **numbers: Any) -> None:
         self._report(Status(**{

@@ -125,11 +125,12 @@ def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
 
 def test_the_nominal_share_applies_to_training_only() -> None:
     """Evaluation and selection fly the conditions as they are."""
-    asked = load_preset('robust', 'rocket', curriculum_nominal_share=0.25).curriculum
+    asked = load_preset(
+        'robust', 'rocket', curriculum_nominal_share=0.25, selection_wide=True).curriculum
     assert asked.reset_settings(7)['nominal_share'] == 0.25
     assert asked.reset_settings(7, group=1)['nominal_share'] == 0.25
     assert asked.task_settings(7)['nominal_share'] == 0.0
-    assert all(task['nominal_share'] == 0.0 for task in asked.selection_settings)
+    assert [task['nominal_share'] for task in asked.selection_settings] == [0.0, 0.0]
     with pytest.raises(ValueError, match=(
             r'^curriculum_nominal_share: got 0\.25, expected none, as world .lunar_lander. has no '
             r'conditions$')):

@@ -120,7 +120,7 @@ def test_a_discrete_policy_does_not_fly_on_nan(files: dict[str, Path]) -> None:
     observation = np.zeros((2, spec.observation_size), np.float32)
     assert pilot(observation).shape == (2,)
     observation[1, 0] = np.nan
-    with pytest.raises(ValueError, match='the logits of row 1 are not finite'):
+    with pytest.raises(ValueError, match='the probabilities of row 1 are not finite'):
         pilot(observation)
 
 

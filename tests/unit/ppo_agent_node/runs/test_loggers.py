@@ -132,7 +132,7 @@ def test_a_logger_that_cannot_be_made_is_reported_and_the_run_continues(tmp_path
 
     messages: list[str] = []
     train(tmp_path / 'run', [Broken], report=lambda status: messages.append(status.message))
-    assert [message for message in messages if 'logger Broken failed' in message]
+    assert [message for message in messages if 'logger Broken cannot be made' in message]
     assert RunFolder(tmp_path / 'run', True).lines()[-1]['iteration'] == 4
 
 
