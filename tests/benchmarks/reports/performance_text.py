@@ -159,8 +159,8 @@ def _stepping_limits(f: Figures) -> str:
            if 'EnvPool' in step else '')
         + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
         'are mostly the overhead of calls into NumPy, which grows more slowly than the batch: '
-        f'the smallest operation takes {operation:.2f} us, as long as '
-        f'{own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations take. '
+        f'the smallest operation takes {operation:.2f} us, so these times are '
+        f'those of {own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations. '
         'Only fewer calls, such as a compiled step, would make small batches faster.')
 
 

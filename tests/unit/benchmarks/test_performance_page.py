@@ -139,7 +139,7 @@ def test_the_text_says_what_limits_small_batches() -> None:
                      'EnvPool': [40.0, 95.0]}}}
     text = SECTIONS['stepping'][1](figures)
     assert "pymunk's own calls take 25 us, while EnvPool's whole step takes 40 us" in text
-    assert 'so they are worth 150 and 120 of them' in text
+    assert 'so these times are those of 150 and 120 such operations' in text
     assert 'pymunk' not in SECTIONS['stepping'][1](
         {'ratios': figures['ratios']})
 

@@ -81,7 +81,7 @@ def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     assert description['action_choices'] == []
     assert (description['action_low'], description['action_high']) == ([-1.0] * 3, [1.0] * 3)
     assert (description['world'], description['seed'], description['training']['run']) == (
-        'rocket', 1, 'rocket-robust-1')
+        'rocket', 5, 'rocket-robust-5')
     assert description['provenance']['conditions'] == 'mix'
     assert description['provenance']['commit']
     lander = worlds.make('lunar_lander', 1)
