@@ -10,6 +10,7 @@ import numpy as np
 
 from ppo_agent_node.evaluation.averages import mean
 from ppo_agent_node.evaluation.runner import EvaluationResult
+from ppo_agent_node.evaluation.starts import start_height
 from rocket_sim_node.worlds.base import F64
 
 SAMPLE = 12
@@ -87,9 +88,7 @@ def starts(result: EvaluationResult, sample: int) -> tuple[F64, F64]:
     position, velocity = (
         settings[f'{what}_scale'] * seen[:, [names.index(f'{what}_{axis}') for axis in 'xyz']]
         for what in ('position', 'velocity'))
-    if not settings['spawn_reach']:
-        # All begin at the same height, at which an observation may be clipped.
-        position[:, 1] = settings['spawn_height']
+    position[:, 1] = start_height(seen[:, names.index('position_y')], settings)
     return position, velocity
 
 

@@ -36,18 +36,23 @@ def initial_conditions(
     return {f'start_{name}': values for name, values in seen.items()}
 
 
-def _rocket(seen: Columns, settings: Mapping[str, float]) -> Columns:
-    """Return the initial conditions of rockets from scaled and clipped observations.
+def start_height(seen: F64, settings: Mapping[str, float]) -> F64:
+    """Return the heights of rockets' starts, m, from their observed heights `(K,)`.
 
     Without a `spawn_reach` all begin at the same height, at which an observation may be clipped.
     With one, the height is NaN where it is clipped.
     """
+    if not settings['spawn_reach']:
+        return np.full_like(seen, settings['spawn_height'])
+    return np.where(
+        np.abs(seen) < settings['observation_limit'], settings['position_scale'] * seen, np.nan)
+
+
+def _rocket(seen: Columns, settings: Mapping[str, float]) -> Columns:
+    """Return the initial conditions of rockets from scaled and clipped observations."""
     metres, speed = settings['position_scale'], settings['velocity_scale']
-    height = seen['position_y']
     return {
-        'start_height_m': np.where(
-            np.abs(height) < settings['observation_limit'], metres * height, np.nan)
-        if settings['spawn_reach'] else np.full_like(height, settings['spawn_height']),
+        'start_height_m': start_height(seen['position_y'], settings),
         'start_descent_m_s': -speed * seen['velocity_y'],
         'start_offset_m': metres * np.hypot(seen['position_x'], seen['position_z']),
         'start_drift_m_s': speed * np.hypot(seen['velocity_x'], seen['velocity_z']),
