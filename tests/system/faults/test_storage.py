@@ -109,13 +109,16 @@ def test_evaluation_and_recording_on_a_full_disk(
     recording = disk.path / 'flights.rrd'
     recorder = processes.run_node('rocket_sim_node', 'rerun_recorder', output=recording)
     recorder.wait_for('recording to', 60.0)
+    partial = partial_path(recording)
+    begun = partial.stat().st_size
     simulator(processes)
+    # It hears the simulator and has drawn the world: no flight escapes it.
+    wait_until(lambda: partial.stat().st_size > begun, 60.0)
     output = disk.path / 'evaluation'
     # One flight after the other, so that some end before the disk is full.
     evaluation = held(processes.fork_node(
         'ppo_agent_node', 'evaluate', pilot='expert', episodes=40, level=1, output=output),
         ' 32/40')
-    partial = partial_path(recording)
     wait_until(lambda: partial.stat().st_size > 500_000, 60.0)  # some flights are in it
     disk.fill()
     assert_clear_error(evaluation, processes, str(output), 'No space left on device')
