@@ -41,7 +41,7 @@ def command(processes: Processes, name: str, *arguments: str) -> Process:
     return processes.start(str(SCRIPTS / name), *arguments)
 
 
-def test_a_run_in_a_folder_with_an_awkward_name_is_resumed_and_keeps_its_conditions(
+def test_a_run_in_an_awkward_folder_is_resumed_in_its_conditions(
         processes: Processes, tmp_path: Path) -> None:
     run, flights = tmp_path / 'a run #1', tmp_path / 'flights.rrd'
     # Without demonstrations: under `mix`, none lands from the low start.
