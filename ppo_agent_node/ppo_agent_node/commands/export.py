@@ -18,7 +18,7 @@ class Export:
 
     policy: str = setting(
         '', '', 'policy file, or name of a shipped policy; empty: the policy of the newest '
-        'finished run')
+        'finished run, or the shipped one')
     output: str = setting('', '', f'the ONNX file, {SUFFIX}')
     world: str = setting(
         'rocket', '', 'world whose newest policy is exported if none is named',

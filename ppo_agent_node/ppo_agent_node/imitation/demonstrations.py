@@ -109,8 +109,8 @@ def usable_engine(steps: Sequence[Step], settings: Mapping[str, float]) -> Bools
     """Return in which steps the engine burned or could still be lit, `(N, T)`.
 
     After its last ignition it stays off whatever the command. A teacher that does not know this
-    keeps commanding thrust, and an unlit falling rocket looks like one that is yet to be lit:
-    such samples would teach the policy to ignite early.
+    keeps commanding thrust. A falling rocket that has used up its ignitions looks like one whose
+    engine has yet to be lit, so such samples would teach the policy to ignite too early.
 
     :param steps: with the actions applied.
     :param settings: of the world; `ignitions` 0 allows any number, and all steps are usable.
@@ -190,8 +190,8 @@ def label(
 ) -> Demonstrations:
     """Return the observations of flights with the expert's actions, flight by flight.
 
-    All episodes are kept, whatever their outcome: the clone must learn where it fails. Only the
-    steps after its last ignition is used up are dropped.
+    All episodes are kept, whatever their outcome: the clone must learn where it fails. Steps are
+    dropped after a touchdown and where the engine can no longer be lit (`usable_engine`).
 
     :param most: number of rockets of a flight that count, the first ones.
     :param poll: called before each step; may raise to abort.

@@ -3,9 +3,8 @@
 
 A logger is a class that is called with the folder of the run, and has three methods:
 
-- `begin(lines)` is called once, with all lines of the log so far: none in a new run. Any
-  further lines that the logger holds of this run are of a start that was killed; the run repeats
-  them.
+- `begin(lines)` is called once, with all lines of the log so far: none in a new run. If the logger
+  holds later lines, from a start that was killed, it must discard them: the run repeats them.
 - `entry(line)` is called with each further line: a mapping of names to numbers, texts and lists,
   with `stage` and `iteration`, which together occur once.
 - `close()` is called at the end of the start.

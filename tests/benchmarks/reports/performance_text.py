@@ -154,14 +154,14 @@ def _stepping_limits(f: Figures) -> str:
     own = step['lunar_lander'][0] * (1 - limits['pymunk_share'][0])
     return (
         f' A step of one lander takes {step["lunar_lander"][0]:.0f} us, of which pymunk\'s own '
-        f'calls take {step["lunar_lander"][0] - own:.0f} us'
-        + (f", while EnvPool's whole step takes {step['EnvPool'][0]:.0f} us"
-           if 'EnvPool' in step else '')
-        + f'. The other {own:.0f} us, and the {step["rocket"][0]:.0f} us of a step of one rocket, '
+        f'calls take {step["lunar_lander"][0] - own:.0f} us. The remaining {own:.0f} us, and the '
+        f'{step["rocket"][0]:.0f} us of a step of one rocket, '
         'are mostly the overhead of calls into NumPy, which grows more slowly than the batch: '
         f'the smallest operation takes {operation:.2f} us, so these times are '
         f'those of {own / operation:.0f} and {step["rocket"][0] / operation:.0f} such operations. '
-        'Only fewer calls, such as a compiled step, would make small batches faster.')
+        'Only fewer calls, such as a compiled step, would make small batches faster.'
+        + (f" EnvPool's whole step takes {step['EnvPool'][0]:.0f} us."
+           if 'EnvPool' in step else ''))
 
 
 def _threads(f: Figures) -> str:
