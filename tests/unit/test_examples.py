@@ -37,6 +37,7 @@ def test_ppo_in_a_single_file_is_reproducible(world: str) -> None:
     assert not all(torch.equal(first[name], more[name]) for name in first)
 
 
+@pytest.mark.slow
 def test_ppo_in_a_single_file_learns(capsys: pytest.CaptureFixture[str]) -> None:
     example = runpy.run_path(str(EXAMPLES / 'single_file_ppo.py'))
     example['train'](example['Options'](steps=24_576, num_envs=32))
@@ -85,6 +86,7 @@ def test_ppo_of_torchrl_runs(world: str, capsys: pytest.CaptureFixture[str]) -> 
     assert '512 steps, return' in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_ranks_train_together(tmp_path: Path) -> None:
     run = tmp_path / 'run'
     done = subprocess.run(

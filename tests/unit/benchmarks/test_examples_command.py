@@ -18,6 +18,7 @@ def call(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> None:
     examples.main()
 
 
+@pytest.mark.slow
 def test_runs_are_trained_once_and_put_on_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -46,6 +46,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('killed', [0, 1])
 def test_two_ranks_train_the_same_after_one_was_killed(
         straight: Path, tmp_path: Path, killed: int) -> None:
@@ -71,6 +72,7 @@ def test_a_rank_that_is_stopped_does_not_wait_for_one_that_sleeps(tmp_path: Path
     assert time.monotonic() < begun + PATIENCE / 2
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_two_ranks_is_resumed_by_one_and_back(tmp_path: Path) -> None:
     path = tmp_path / 'run'
     for text in train(path, 2, SMALL, stop_at=1):
@@ -100,6 +102,7 @@ def test_flights_do_not_depend_on_the_number_of_ranks(straight: Path, tmp_path: 
     assert theirs[:until] == ours[:until]
 
 
+@pytest.mark.slow
 def test_whole_episodes_of_different_lengths(tmp_path: Path) -> None:
     """With three ranks, and two threads each."""
     values = {**SMALL, 'start_copies': 4, 'iterations': 2, 'num_groups': 3, 'threads': 2,
@@ -112,6 +115,7 @@ def test_whole_episodes_of_different_lengths(tmp_path: Path) -> None:
     assert all(torch.equal(one[name], other[name]) for name in one)
 
 
+@pytest.mark.slow
 def test_averaged_gradients_are_those_of_all_samples(tmp_path: Path) -> None:
     """One minibatch of everything: two ranks take the step that one rank takes."""
     values = {

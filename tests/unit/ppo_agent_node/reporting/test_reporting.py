@@ -86,6 +86,7 @@ def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(style, 'save', lambda figure, path: path.write_bytes(b'-') and path)
 
 
+@pytest.mark.slow
 def test_all_pictures_exist_and_are_not_blank(run: Path) -> None:
     paths = list((run / 'plots').iterdir())
     assert {path.name for path in paths} == OF_ROCKET | OF_TRAINING

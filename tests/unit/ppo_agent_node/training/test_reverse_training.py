@@ -93,6 +93,7 @@ def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
         Trainer(SerialFleet(env), config, RunFolder(tmp_path / 'run', False))
 
 
+@pytest.mark.slow
 def test_the_reach_grows_when_the_policy_learns_to_land(tmp_path: Path) -> None:
     """A fall from 0.46 m is too fast: only a policy that brakes lands from 0.8 of 1 m."""
     statuses: list[Status] = []

@@ -209,6 +209,7 @@ def test_a_flight_is_shown_while_it_is_flown(
             pose['Transform3D:translation'][0], mine.values[step, 1:4], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_flight_that_breaks_off_leaves_room_for_the_next(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
@@ -288,6 +289,7 @@ def test_viewers_go_on_when_the_file_is_full(
     assert not (tmp_path / 'file.rrd').exists()
 
 
+@pytest.mark.slow
 def test_training_flights_are_not_shown_once_their_room_is_used_up(
     tmp_path: Path, flown: tuple[WorldInfo, Samples],
 ) -> None:
@@ -408,6 +410,7 @@ def test_the_end_of_a_flight_is_shown_before_others_follow(
     assert (gaps[gaps > follower.PERIOD] >= follower.DWELL - 2 * follower.PERIOD).all()
 
 
+@pytest.mark.slow
 def test_settling_after_a_landing_is_shown_live(tmp_path: Path) -> None:
     world, samples = fly('rocket', ROCKETS, 800, brake, **SETTINGS['rocket'])
     spec = world.spec

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from rocket_msgs.msg import RocketState
 from rocket_msgs.msg import TrainingStatus
 from support.recording.recordings import fly
@@ -75,6 +76,7 @@ def test_every_source_is_an_attribute_of_a_world() -> None:
     assert {one.name for one in QUANTITIES if one.source} <= taken
 
 
+@pytest.mark.slow
 def test_a_row_is_all_that_a_new_quantity_needs(tmp_path: Path) -> None:
     """In a copy of the package with one row more in each table."""
     package = ROOT / 'rocket_sim_node' / 'rocket_sim_node'
