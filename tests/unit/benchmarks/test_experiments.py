@@ -78,6 +78,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Trained:
         Recipe('tiny', 'default', TINY, 4), 101, tmp_path_factory.mktemp('tiny'))
 
 
+@pytest.mark.slow
 def test_a_clone_does_not_depend_on_ppo(tiny: Trained, tmp_path: Path) -> None:
     """The experiment relies on this when it flies the clone of the base alone."""
     changed = {
@@ -104,6 +105,7 @@ def test_recipes_of_all_experiments_are_good() -> None:
         assert not levels.curriculum_start_reach
 
 
+@pytest.mark.slow
 def test_a_run_that_is_there_is_taken_and_one_that_was_interrupted_goes_on(
         tiny: Trained, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recipe = Recipe('tiny', 'default', TINY, 4)

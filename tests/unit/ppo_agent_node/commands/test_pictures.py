@@ -35,6 +35,7 @@ def test_the_command_makes_a_picture(
     assert rendering.of_vehicle(pixels[:, :480], 'lunar_lander').sum() > 50
 
 
+@pytest.mark.slow
 def test_standard_views_are_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:

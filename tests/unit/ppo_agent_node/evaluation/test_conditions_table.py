@@ -173,6 +173,7 @@ def test_heat_maps_show_every_value(pilots: tuple[str, ...]) -> None:
     assert [label.get_text() for label in panels[0].get_yticklabels()] == list(conditions.SINGLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('pilots', [
     ('policy', 'expert'), ('robust', 'default', 'expert', 'expert_estimator'),
     ('robust', 'default', 'hoverslam', 'expert', 'expert_estimator', 'random')])

@@ -106,6 +106,7 @@ def test_labels_after_the_last_ignition_are_not_learnt() -> None:
     assert np.bincount(samples.episode).tolist() == [5 + 3 + 1] * 2
 
 
+@pytest.mark.slow
 def test_flights_are_labelled_together_as_one_by_one() -> None:
     """Also by a teacher with a memory, and if one flight is much longer than the other."""
     env = worlds.make('rocket', num_envs=5, seed=0, observation='extended')
@@ -187,6 +188,7 @@ def test_the_wide_level_has_the_headings_of_the_others(tmp_path: Path) -> None:
     assert 'spawn_angle' in starts[0] and 'spawn_angle' not in starts[1]
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_clones_and_a_later_round_another(tmp_path: Path) -> None:
     one, _, _ = imitate(tmp_path / 'one', dagger_rounds=1)
     two, _, _ = imitate(tmp_path / 'two', dagger_rounds=1)

@@ -329,6 +329,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
         capture_output=True, text=True, timeout=110, check=False)
 
 
+@pytest.mark.slow
 def test_the_command_reports_and_compares(tmp_path: Path) -> None:
     runs = [write_training(tmp_path / f'seed {seed}', seed, 1) for seed in (1, 2)]
     done = command(*map(str, runs), f'output:={tmp_path / "all"}')

@@ -97,6 +97,7 @@ def test_a_writer_killed_at_any_moment_leaves_whole_checkpoints(
         assert not list(path.rglob('*.part')), 'leftovers of the dead'
 
 
+@pytest.mark.slow
 def test_a_disk_full_at_any_write_costs_nothing_that_is_learnt(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undisturbed: dict[str, Any],
         nightly: bool) -> None:

@@ -169,6 +169,7 @@ def test_flights_follow_one_another_with_a_pause(tmp_path: Path, flown: Samples)
         assert pause == pytest.approx(timepoint.PAUSE + STAGE.dt, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_size_and_layout(tmp_path: Path, flown: Samples) -> None:
     more = simulate(4, 5000, seed=1)
     sizes, steps = [], []

@@ -129,6 +129,7 @@ def test_the_heuristic_pilot_has_the_same_scores(continuous: bool) -> None:
     assert ours.mean() > (270 if continuous else 190)
 
 
+@pytest.mark.slow
 def test_random_flights_last_as_long() -> None:
     """How often hull and legs touch decides it: stiff legs would make them much longer."""
     world = worlds.make('lunar_lander', 50, seed=1)

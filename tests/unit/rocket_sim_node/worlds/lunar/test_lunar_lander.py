@@ -426,6 +426,7 @@ def test_a_hundred_landers_leave_no_parts_behind() -> None:
     assert parts() == before
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_many_resets() -> None:
     """Resets in mid-air only: cells of the spatial hash far from there are swept all the same."""
     world = make(64)

@@ -358,6 +358,7 @@ def parts(lanes: Lanes) -> list[tuple[int, int, int]]:
         for space in (block.space for block in lanes._blocks)]
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_touchdowns_leave_nothing_behind() -> None:
     count, rounds = 250, 400
     pose, velocity = touchdowns(count)
