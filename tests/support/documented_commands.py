@@ -109,9 +109,7 @@ KINDS = (
          tested='tests/unit/ppo_agent_node/runs/test_loggers.py::'
          'test_a_resumed_run_has_each_point_of_tensorboard_once'),
     Kind(r'\./launch_scripts/train --help .*'),
-    Kind(r'\./launch_scripts/train (.*resume:=true|seed:=\d+( run_dir:=\S+)?)',
-         tested=f'{_COMMANDS}a_run_in_an_awkward_folder_is_resumed_in_its_conditions'),
-    Kind(r'\./launch_scripts/train max_thrust:=.*',
+    Kind(r'\./launch_scripts/train (.*resume:=true|seed:=\d+( run_dir:=\S+)?|max_thrust:=.*)',
          tested=f'{_COMMANDS}a_run_in_an_awkward_folder_is_resumed_in_its_conditions'),
     Kind(r'\./launch_scripts/(train|land) world:=lunar_lander',
          tested=f'{_COMMANDS}train_evaluate_and_land_in_a_world_without_levels'),

@@ -61,7 +61,7 @@ def test_a_run_in_an_awkward_folder_is_resumed_in_its_conditions(
     assert config['world_settings']['engine_lag_high'] == 0.2
     assert config['world_settings']['max_thrust'] == 500_000.0
     # The size of the batch, the conditions and all settings come from the run.
-    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'record:=false')
+    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
     assert again.wait(120.0) == 0, processes.logs()
     assert len((run / 'train.jsonl').read_text().splitlines()) == 3
     # Refused, it is as finished as before: `land` flies its policy.
