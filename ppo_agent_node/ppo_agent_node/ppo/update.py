@@ -134,7 +134,8 @@ class PolicyGradient:
         """
         self._policy, self._clip_range = policy, config.clip_range
         self._noise = [gradient_of(parameter) for parameter in policy.noise_parameters()]
-        self._network = Backpropagation(policy.network, gradient_of, most)
+        self._network = Backpropagation(
+            policy.network, gradient_of, most, config.trained_layers)
         self.rows = self._network.rows
 
     @torch.inference_mode()

@@ -39,6 +39,9 @@ def update(
     figures: dict[str, list[Tensor]] = {
         name: [] for name in ('policy', 'value', 'entropy', 'clipped', 'norm')}
     kl, learning = torch.tensor(math.nan), train_policy
+    if config.trained_layers:
+        for layer in policy.network.linear[:-config.trained_layers]:
+            layer.requires_grad_(False)
     for _ in range(config.n_epochs):
         for index in torch.randperm(len(batch.value), generator=generator).split(
                 config.batch_size):

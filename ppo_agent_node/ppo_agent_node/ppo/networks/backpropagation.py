@@ -36,18 +36,20 @@ class Backpropagation:
     rows: int
 
     def __init__(
-        self, network: Perceptron, gradient_of: GradientOf, most: int,
+        self, network: Perceptron, gradient_of: GradientOf, most: int, trained_layers: int = 0,
     ) -> None:
         """Prepare for the network's layers.
 
         :param network: of `networks.mlp`; its parameters are used in place.
         :param gradient_of: returns the tensor to which a parameter's gradient is added.
         :param most: maximum number of samples at a time.
+        :param trained_layers: number of layers, from the last, that get gradients; 0: all.
         """
         *self._hidden, self._last = [
             _Layer(layer.weight.detach(), layer.bias.detach(),
                    gradient_of(layer.weight), gradient_of(layer.bias)) for layer in network.linear]
         self._activation = network.activation
+        self._trained = [*self._hidden, self._last][-trained_layers:]
         cpu = self._last.weight.device.type == 'cpu'
         self.rows = min(most, _CACHED_ROWS) if cpu else most
         self._inputs: list[Tensor] = []
@@ -66,15 +68,15 @@ class Backpropagation:
         return torch.addmm(self._last.bias[:, None], self._last.weight, x.T, out=out)
 
     def backward(self, error: Tensor) -> None:
-        """Add the gradients of all parameters, for the inputs of the last `forward`.
+        """Add the gradients of the trained layers, for the inputs of the last `forward`.
 
         :param error: `(K, S)`, the loss's gradient with respect to the outputs.
         """
-        layers = [*self._hidden, self._last]
-        for layer, x in zip(reversed(layers), reversed(self._inputs), strict=True):
+        inputs = self._inputs[-len(self._trained):]
+        for layer, x in zip(reversed(self._trained), reversed(inputs), strict=True):
             add_product(layer.weight_gradient, error, x)
             layer.bias_gradient.add_(error.sum(1))
-            if x is not self._inputs[0]:
+            if x is not inputs[0]:
                 below = product(error.T, layer.weight)
                 if self._activation == 'tanh':
                     torch.ops.aten.tanh_backward.grad_input(below, x, grad_input=below)

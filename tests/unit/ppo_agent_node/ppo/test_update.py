@@ -130,6 +130,16 @@ def test_value_clipping_holds_the_critic_back() -> None:
     assert 0.04 < moved[1] < 0.3
 
 
+def test_layers_that_are_not_trained_keep_their_bits() -> None:
+    start, policy = setup()[0].network, run(trained_layers=1)[0].network
+    *before, last = [layer.weight for layer in start.linear]
+    *after, trained = [layer.weight for layer in policy.linear]
+    assert len(before) == 1
+    assert all(torch.equal(one, other) for one, other in zip(before, after, strict=True))
+    assert torch.equal(start.linear[0].bias, policy.linear[0].bias)
+    assert not torch.equal(last, trained)
+
+
 def test_an_update_of_a_categorical_policy() -> None:
     policy = CategoricalPolicy(4, 3, (16,), random_streams.generator(1, 'p'))
     critic = Critic(4, (16,), random_streams.generator(1, 'c'))

@@ -72,6 +72,7 @@ def fixed_batch(policy: Policy, critic: Critic) -> Batch:
     {}, {'value_clip_range': 0.3}, {'entropy_coefficient': 0.05}, {'target_kl': 0.012},
     {'normalise_advantages': False, 'max_grad_norm': 1e9}, {'batch_size': 2999},
     {'batch_size': 64, 'value_clip_range': 0.1, 'entropy_coefficient': 0.01, 'clip_range': 0.2},
+    {'trained_layers': 1}, {'trained_layers': 2, 'max_grad_norm': 0.01}, {'trained_layers': 9},
 ], ids=str)
 def test_losses_and_weights_are_those_of_autograd(
     kind: str, activation: str, changes: dict[str, Any],
