@@ -83,8 +83,8 @@ class PPOConfig:
     n_epochs: int = setting(2, '', 'number of passes over a roll-out', 1, 1000)
     batch_size: int = setting(4096, '', 'samples in a minibatch', 1, 10_000_000)
     trained_layers: int = setting(
-        0, '', "number of the policy's layers, counted from its output, that PPO trains; the others "
-        'stay as cloned; 0, or more than it has: all', 0, 1000)
+        0, '', "number of the policy's layers, counted from its output, that PPO trains; the "
+        'others stay as they are; 0, or more than it has: all', 0, 1000)
     clip_range: float = setting(
         0.1, '', 'clip range of the probability ratio, epsilon', 1e-6, 10.0)
     value_clip_range: float = setting(
