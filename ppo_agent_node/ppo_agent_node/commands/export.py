@@ -47,7 +47,7 @@ def make(wanted: Export) -> str:
     done = export(policy, output)
     return (
         f'{policy}: largest difference from PyTorch over {done.observations} observations: '
-        f'{done.difference:.2g} (of PyTorch between single and batched calls: {done.spread:.2g})\n'
+        f'{done.difference:.2g} (rounding of PyTorch itself: {done.rounding:.2g})\n'
         f'ONNX file: {done.path} ({done.size / 1024:.0f} KiB); '
         f'fly it with: ./launch_scripts/land policy:={done.path}\n')
 

@@ -45,7 +45,8 @@ def files(
     for name in shipped_names() if request.config.getoption('--nightly') else KINDS:
         done = export(shipped(name), folder / f'{name}.onnx')
         assert done.observations == OBSERVATIONS
-        assert done.difference <= max(TOLERANCE, done.spread)
+        assert done.difference <= max(TOLERANCE, 2 * done.rounding)
+        assert done.rounding < 1e-4
         found[name] = done.path
     return found
 
