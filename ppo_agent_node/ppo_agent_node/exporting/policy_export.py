@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,8 @@ def export(path: Path, output: Path) -> Exported:
 
     :param path: a policy file.
     :raises ValueError: if the file is damaged, its world does not exist in this version, a package
-        is missing, or the graph differs from PyTorch by more than 1e-5 and twice `rounding`; the
-        message names file and reason.
+        is missing, or the graph differs from PyTorch by more than the larger of 1e-5 and
+        twice `rounding`; the message names file and reason.
     :raises OSError: if a file cannot be read or written.
     """
     content = tensor_file.read(path, POLICY).content
@@ -79,7 +80,7 @@ def export(path: Path, output: Path) -> Exported:
         'observations': len(observations), 'greatest_difference': difference,
         'torch_rounding': rounding, 'torch': torch.__version__}
     allowed = max(TOLERANCE, 2 * rounding)
-    if not difference <= allowed:
+    if not (difference <= allowed and math.isfinite(allowed)):
         raise ValueError(
             f'{path}: the graph differs from PyTorch by {difference:.2g}, expected at most '
             f'{allowed:.2g}')

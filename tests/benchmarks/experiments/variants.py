@@ -54,6 +54,8 @@ VARIANTS = (
             'what it is worth not to square large errors'),
     Variant('no level 8', IMITATION, {'curriculum_wide_level': 0},
             'what level 8 costs on level 7'),
+    Variant('all layers', PPO, {'trained_layers': 0},
+            'what it is worth to train the last layer only'),
     Variant('2 copies', PPO, {'start_copies': 2}, 'more starts, each judged by fewer copies'),
     Variant('32 copies', PPO, {'start_copies': 32}, 'fewer starts, each judged by more copies'),
     Variant('critic', PPO, CRITIC, 'what copies are worth: the critic judges, with GAE'),
