@@ -27,11 +27,14 @@ _FAREWELL = 0.5
 def serve(node: Node, executor: Executor) -> None:
     """Serve until this process is asked to stop; a goal is stopped first, and its result sent."""
     Parameters(node).finish()
-    actions = Actions(node, executor)
+    actions = Actions(node)
     node.get_logger().info('actions train, evaluate and land are served')
-    while actions.busy or not stopping.requested():
-        executor.spin_once(timeout_sec=_SPIN_PERIOD)
-        actions.poll()
+    try:
+        while actions.busy or not stopping.requested():
+            executor.spin_once(timeout_sec=_SPIN_PERIOD)
+            actions.poll()
+    finally:
+        actions.close()
     end = time.monotonic() + _FAREWELL
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=_SPIN_PERIOD)

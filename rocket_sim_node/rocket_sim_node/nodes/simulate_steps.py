@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
-from rclpy.action import ActionServer
-from rclpy.action import CancelResponse
 from rclpy.node import Node
-from rclpy.task import Future
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Result
 
+from rocket_sim_node.wire.node.deferred_action_server import DeferredActionServer
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server.server import Server
 
@@ -35,41 +32,34 @@ class SimulateStepsServer:
         """
         self._server, self._refusal = server, refusal
         self._goal: Any = None
+        """that is being executed"""
         self._done, self._session = 0, 0
-        self._ended: Future | None = None
         self._timer = create_timer(node, _PERIOD, self._fly)
         self._timer.cancel()  # it runs while there is a goal
-        # An execute_callback is required, but each goal names its own when it begins.
-        self._action = ActionServer(
-            node, SimulateSteps, '~/simulate_steps', execute_callback=lambda _: None,
-            handle_accepted_callback=self._begin,
-            cancel_callback=lambda _: CancelResponse.ACCEPT)
+        self._action = DeferredActionServer(
+            node, SimulateSteps, '~/simulate_steps', self._begin)
 
     @property
     def active(self) -> bool:
         """Whether a goal is being executed."""
-        return self._ended is not None
+        return self._goal is not None
 
     def destroy(self) -> None:
         """Remove it from DDS; destroying the node does not."""
         self._action.destroy()
 
     def _begin(self, goal: Any) -> None:
-        """Take the goal on, or note why not, before the node serves any other call."""
+        """Take the goal on, or send why not."""
         code, why = self._refusal()
-        ended = Future()
-        if code == Result.RESULT_OK:
-            self._server.idle_stepper.step(0)  # takes control from an agent whose lease expired
-            self._goal, self._done, self._session = goal, 0, self._server.present[0]
-            self._ended = ended
-            self._timer.reset()
-        else:
-            ended.set_result((code, why))
-        goal.execute(partial(self._execute, ended))
+        if code != Result.RESULT_OK:
+            self._finish(goal, code, why)
+            return
+        self._server.idle_stepper.step(0)  # takes control from an agent whose lease expired
+        self._goal, self._done, self._session = goal, 0, self._server.present[0]
+        self._timer.reset()
 
-    @staticmethod
-    async def _execute(ended: Future, goal: Any) -> Any:
-        code, why = await ended
+    def _finish(self, goal: Any, code: int, why: str) -> None:
+        """End a goal and send its result."""
         if code == Result.RESULT_OK:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -78,11 +68,11 @@ class SimulateStepsServer:
             goal.abort()
         result = SimulateSteps.Result()
         result.result.result, result.result.error_message = code, why
-        return result
+        self._action.finish(goal, result)
 
     def _fly(self) -> None:
         """Fly a slice of the goal, if there is one, and end it when its steps are flown."""
-        if self._ended is None:  # a tick that was due when the goal ended
+        if self._goal is None:  # a tick that was due when the goal ended
             return
         goal, stepper = self._goal, self._server.idle_stepper
         steps, until = goal.request.steps, time.monotonic() + _SLICE
@@ -100,8 +90,9 @@ class SimulateStepsServer:
             completed_steps=self._done, remaining_steps=steps - self._done))
         if why or self._done == steps:
             self._timer.cancel()
-            ended, self._ended = self._ended, None
-            ended.set_result(
-                (Result.RESULT_OPERATION_FAILED,
-                 f'{why}; {self._done} of {steps} steps were flown') if why
-                else (Result.RESULT_OK, ''))
+            self._goal = None
+            if why:
+                self._finish(goal, Result.RESULT_OPERATION_FAILED,
+                             f'{why}; {self._done} of {steps} steps were flown')
+            else:
+                self._finish(goal, Result.RESULT_OK, '')

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,11 @@ from support.processes import Processes
 from support.processes import wait_until
 
 SMALL = [
-    'curriculum_start_level:=1', 'curriculum_final_level:=1', 'demonstration_episodes:=8',
-    'dagger_rounds:=0', 'clone_epochs:=1', 'hidden_sizes:=[16,16]', 'iterations:=12',
-    'n_steps:=16', 'batch_size:=64', 'selection_interval:=12', 'selection_episodes:=8',
-    'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1']
+    'curriculum_start_level:=3', 'curriculum_final_level:=3', 'demonstration_episodes:=16',
+    'curriculum_wide_level:=4', 'dagger_rounds:=0', 'clone_epochs:=1', 'hidden_sizes:=[16,16]',
+    'iterations:=12', 'n_steps:=16', 'batch_size:=64', 'selection_interval:=12',
+    'selection_episodes:=8', 'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1',
+    'spawn_height:=40.0', 'time_limit:=6.0']
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
 EXAMPLE = Path(__file__).parents[3] / 'docs/examples/land_by_action.py'
 
@@ -164,9 +166,10 @@ def test_an_invalid_goal_is_answered_in_one_line_that_names_the_field(
 
 
 def test_evaluate_and_land_fly_a_policy_that_ships(
-    operator: Operator, shared: Processes, tmp_path: Path,
+    operator: Operator, server: Process, shared: Processes, tmp_path: Path,
 ) -> None:
     heard: list[Any] = []
+    before, begun = psutil.Process(server.pid).cpu_times(), time.monotonic()
     status, result = operator.result(operator.send(
         'evaluate', heard, policy='rocket', episodes=32, num_envs=32, optimum_sample=0))
     assert (status, result.code) == (GoalStatus.STATUS_SUCCEEDED, Evaluate.Result.OK), result
@@ -175,6 +178,9 @@ def test_evaluate_and_land_fly_a_policy_that_ships(
     operator.wait(lambda: heard[-1].figures.episodes == 32)
     assert heard[-1].figures.landed == 32
     assert '/32 episodes: landed 100.0%' in heard[-1].text
+    # The server leaves the cores to the processes of the goal.
+    after, wall = psutil.Process(server.pid).cpu_times(), time.monotonic() - begun
+    assert after.user + after.system - before.user - before.system < 0.2 * wall
 
     # The client of the documents.
     recording = tmp_path / 'landing.rrd'

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from rclpy.action import ActionServer
-from rclpy.action import CancelResponse
-from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.task import Future
 from rocket_msgs.msg import Episodes
 from rocket_msgs.msg import TrainingStatus
 
@@ -23,6 +20,7 @@ from ppo_agent_node.terminal import formatting
 from rocket_sim_node.scratch_folder import scratch_folder
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import stopping
+from rocket_sim_node.wire.node.deferred_action_server import DeferredActionServer
 
 _KEEP = 900
 """Seconds for which the server keeps a result, as in rclcpp."""
@@ -35,21 +33,21 @@ _DRAIN = 0.2
 class Actions:
     """The action servers; `poll` has to be called often while a goal is being executed."""
 
-    def __init__(self, node: Node, executor: Executor) -> None:
+    def __init__(self, node: Node) -> None:
         """Start serving."""
-        self._node, self._executor = node, executor
+        self._node = node
         self._execution: Execution | None = None
         self._handle: Any = None
         """of the goal that is being executed"""
-        self._ended: Any = None
-        """Future: the processes of that goal have ended"""
+        self._scratch = ExitStack()
+        """removes the temporary folder of that goal"""
         self._running_until = self._told = -math.inf
         self._untold = False
         """whether flights have ended since the last feedback"""
-        for name, kind in KINDS.items():
-            ActionServer(
-                node, kind, name, partial(self._execute, name),
-                cancel_callback=lambda _: CancelResponse.ACCEPT, result_timeout=_KEEP)
+        self._servers = {
+            name: DeferredActionServer(
+                node, kind, name, partial(self._begin, name), result_timeout=_KEEP)
+            for name, kind in KINDS.items()}
         node.create_subscription(
             TrainingStatus, 'train/training', self._on_training, qos.EVENTS)
         for name in ('evaluate', 'land'):
@@ -62,7 +60,7 @@ class Actions:
         return self._execution is not None
 
     def poll(self) -> None:
-        """Stop the processes of the goal when asked to, and note their end."""
+        """Stop the processes of the goal when asked to, and send its result after their end."""
         if self._execution is None:
             return
         self._tell()
@@ -70,10 +68,16 @@ class Actions:
             self._execution.process.interrupt()
         if not self._execution.process.ended:
             self._running_until = time.monotonic()
-        elif time.monotonic() > self._running_until + _DRAIN and not self._ended.done():
+        elif time.monotonic() > self._running_until + _DRAIN:
             self._told = -math.inf
             self._tell()
-            self._ended.set_result(None)
+            self._finish(self._execution)
+
+    def close(self) -> None:
+        """Kill the processes of a goal that has not ended."""
+        if self._execution is not None:
+            self._execution.process.kill()
+        self._scratch.close()
 
     @property
     def _stopped(self) -> str:
@@ -82,36 +86,43 @@ class Actions:
             return 'cancelled'
         return 'the server was stopped' if stopping.requested() else ''
 
-    async def _execute(self, name: str, handle: Any) -> Any:
-        """Execute a goal; return its result."""
-        kind, log = KINDS[name].Result, self._node.get_logger()
+    def _begin(self, name: str, handle: Any) -> None:
+        """Start the processes of a goal, or send at once why that cannot be."""
+        kind = KINDS[name].Result
         # A rejection could not say why: a goal that cannot be executed is accepted and aborted.
         if self._execution is not None:
-            handle.abort()
-            return kind(code=kind.BUSY, figures=no_figures(), message=(
+            code, why = kind.BUSY, (
                 f'{self._execution.command}: a goal of it is being executed, expected none; wait '
-                'for its result or cancel it'))
-        with scratch_folder() as scratch:
+                'for its result or cancel it')
+        else:
             try:
-                self._execution = execution = Execution(
-                    name, handle.request, self._node.get_namespace(), scratch)
+                self._execution = Execution(
+                    name, handle.request, self._node.get_namespace(),
+                    self._scratch.enter_context(scratch_folder()))
             except (ValueError, TypeError, OSError) as error:
-                handle.abort()
-                return kind(code=kind.INVALID, figures=no_figures(),
-                            message=' '.join(str(error).split()))
-            self._handle, self._ended = handle, Future(executor=self._executor)
-            self._untold = False
-            try:
-                log.info(f'{name}: started')
-                await self._ended
-                result = execution.result(self._stopped)
-            except (ValueError, TypeError, KeyError, OSError) as error:
-                # A result that was not set would read as OK.
-                result = kind(code=kind.FAILED, figures=no_figures(), message=(
-                    f'{name}: the figures cannot be read: {" ".join(str(error).split())}'))
-            finally:
-                execution.process.kill()
-                self._execution = None
+                self._scratch.close()
+                code, why = kind.INVALID, ' '.join(str(error).split())
+            else:
+                self._handle, self._untold = handle, False
+                self._running_until = time.monotonic()
+                self._node.get_logger().info(f'{name}: started')
+                return
+        handle.abort()
+        self._servers[name].finish(
+            handle, kind(code=code, figures=no_figures(), message=why))
+
+    def _finish(self, execution: Execution) -> None:
+        """Send the result of the goal, whose processes have ended."""
+        name, handle = execution.command, self._handle
+        kind = KINDS[name].Result
+        try:
+            result = execution.result(self._stopped)
+        except (ValueError, TypeError, KeyError, OSError) as error:
+            # A result that was not set would read as OK.
+            result = kind(code=kind.FAILED, figures=no_figures(), message=(
+                f'{name}: the figures cannot be read: {" ".join(str(error).split())}'))
+        self.close()
+        self._execution = None
         if result.code == kind.OK:
             handle.succeed()
         elif handle.is_cancel_requested:
@@ -119,8 +130,8 @@ class Actions:
             handle.canceled()
         else:
             handle.abort()
-        log.info(f'{name}: {result.message or "done"}')
-        return result
+        self._node.get_logger().info(f'{name}: {result.message or "done"}')
+        self._servers[name].finish(handle, result)
 
     def _on_training(self, message: TrainingStatus) -> None:
         if self._execution is not None and self._execution.command == 'train':
