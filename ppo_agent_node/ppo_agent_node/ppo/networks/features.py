@@ -21,6 +21,11 @@ _NEEDED = (
     'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
     'spin_x', 'spin_z', 'pad_y',
 )
+_DIRECT = (
+    'pad_y', 'position_x', 'position_z', 'velocity_y', 'velocity_x', 'velocity_z', 'up_x', 'up_z',
+    'spin_x', 'spin_z',
+)
+"""Those whose values are the first features, in the order of the features."""
 _LEAST_HEIGHT = 0.001
 """m, added to a height used as a divisor."""
 _WIDTHS = (
@@ -65,6 +70,10 @@ class DescentFeatures(nn.Module):
     """
 
     columns: Tensor
+    order: Tensor
+    """`(10,)`, of `_DIRECT` in `_NEEDED`"""
+    sign: Tensor
+    """`(10,)`, -1 for the vertical velocity, which becomes the speed downwards"""
     scale: Tensor
     width: Tensor
     spin_up: Tensor
@@ -93,7 +102,11 @@ class DescentFeatures(nn.Module):
                 f"features: got 'descent', expected 'none' for a world that does not observe "
                 f'{", ".join(missing)}')
         self.register_buffer(
-            'columns', torch.tensor([names.index(name) for name in _NEEDED]), persistent=False)
+            'columns', torch.tensor([names.index(name) for name in _DIRECT]), persistent=False)
+        self.register_buffer(
+            'order', torch.tensor([_NEEDED.index(name) for name in _DIRECT]), persistent=False)
+        self.register_buffer('sign', torch.tensor(
+            [-1.0 if name == 'velocity_y' else 1.0 for name in _DIRECT]), persistent=False)
         position, velocity = settings['position_scale'], settings['velocity_scale']
         spin, gravity = settings['spin_scale'], max(settings['gravity'], 1e-6)
         # In the order of _NEEDED: metres, metres per second, 1, radians per second; then gravity.
@@ -111,22 +124,24 @@ class DescentFeatures(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Return the features `(..., F)` of observations `(..., D)`."""
         flat = observation.reshape(-1, observation.shape[-1])
-        seen = flat.index_select(1, self.columns).T * self.scale[:-1, None]
-        x, z, drift_x, climb, drift_z, up_x, up_z, spin_x, spin_z, height = seen
-        gravity = self.scale[-1]
+        # Rows are grouped: an operation costs as much as the arithmetic on hundreds of numbers.
+        scale = self.scale.index_select(0, self.order) * self.sign
+        direct = flat.index_select(1, self.columns).T * scale[:, None]
+        height, fall, gravity = direct[0], direct[3], self.scale[-1]
+        position, drift = direct[1:3], direct[4:6]
         above = height.clamp_min(0.0) + _LEAST_HEIGHT
-        fall = -climb
         time = 2 * above / (fall.clamp_min(0.0) + (0.5 * gravity * above).sqrt())
         per_time = 1 / (gravity * time)
-        guidance = () if not self._guidance else (
-            x + drift_x * time, z + drift_z * time,
-            up_x - spin_z * spin_z.abs() / (2 * self.spin_up),
-            up_z + spin_x * spin_x.abs() / (2 * self.spin_up))
-        features = torch.stack((
-            height, x, z, fall, drift_x, drift_z, up_x, up_z, spin_x, spin_z,
-            fall * fall.abs() / (2 * gravity * above), time, fall / above,
-            x * per_time / time, z * per_time / time, drift_x * per_time, drift_z * per_time,
-            *guidance))
+        derived = torch.stack((
+            fall * fall.abs() / (2 * gravity * above), time, fall / above))
+        guidance: tuple[Tensor, ...] = ()
+        if self._guidance:
+            up_x, up_z, spin_x, spin_z = direct[6:]
+            guidance = (position + drift * time, torch.stack((
+                up_x - spin_z * spin_z.abs() / (2 * self.spin_up),
+                up_z + spin_x * spin_x.abs() / (2 * self.spin_up))))
+        features = torch.cat((
+            direct, derived, position * per_time / time, drift * per_time, *guidance))
         compressed = self.compress(features.div_(self.width))
         return compressed.T.reshape(*observation.shape[:-1], self.count)
 
