@@ -48,7 +48,7 @@ def test_a_run_in_an_awkward_folder_is_resumed_in_its_conditions(
     settings = [one for one in SMALL if not one.startswith('demonstration_episodes')]
     first = command(
         processes, 'train', f'run_dir:={run}', 'conditions:=mix', 'observation:=extended',
-        'max_thrust:=500000', 'demonstration_episodes:=0', *settings, *LOW)
+        'max_thrust:=500000', 'demonstration_episodes:=0', 'second_simulator:=', *settings, *LOW)
     assert first.wait(120.0) == 0, processes.logs()
     assert first.output().splitlines()[-1] == f'run: {run}'
     for name in ('config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json'):
@@ -61,7 +61,7 @@ def test_a_run_in_an_awkward_folder_is_resumed_in_its_conditions(
     assert config['world_settings']['engine_lag_high'] == 0.2
     assert config['world_settings']['max_thrust'] == 500_000.0
     # The size of the batch, the conditions and all settings come from the run.
-    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true')
+    again = command(processes, 'train', f'run_dir:={run}', 'resume:=true', 'second_simulator:=')
     assert again.wait(120.0) == 0, processes.logs()
     assert len((run / 'train.jsonl').read_text().splitlines()) == 3
     # Refused, it is as finished as before: `land` flies its policy.
@@ -172,8 +172,8 @@ def test_train_evaluate_and_land_in_a_world_without_levels(
     run = tmp_path / 'run'
     training = command(
         processes, 'train', 'world:=lunar_lander', 'preset:=original', f'run_dir:={run}',
-        'record:=false', 'n_steps:=60', 'hidden_sizes:=[16]', 'training_episodes:=10',
-        'selection_episodes:=8', 'evaluation_episodes:=8', 'threads:=1')
+        'record:=false', 'second_simulator:=', 'n_steps:=60', 'hidden_sizes:=[16]',
+        'training_episodes:=10', 'selection_episodes:=8', 'evaluation_episodes:=8', 'threads:=1')
     assert training.wait(90.0) == 0, processes.logs()
     assert re.search(r'episode: 1/10, score: -?\d+\.\d, average: -?\d+\.\d\n', training.output())
     settings = yaml.safe_load((run / 'config.yaml').read_text())

@@ -21,6 +21,8 @@ from support.users.pseudo_terminal import PseudoTerminal
 
 TRAIN = str(Path(__file__).parents[3] / 'launch_scripts' / 'train')
 ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in {**SMALL, **LOW}.items()))
+ALONE = ('record:=false', 'second_simulator:=')
+"""Arguments of a training with one simulator and no recorder."""
 STAGES = ('cloning 1/', 'PPO 1/', 'computing figures')
 """Lines after which a run is interrupted; the first begins anew, having saved nothing."""
 
@@ -70,18 +72,18 @@ def test_a_run_interrupted_at_every_stage_ends_the_same(
     run = tmp_path / 'run'
     arguments: tuple[str, ...] = (f'run_dir:={run}', *ARGUMENTS)
     for number, line in enumerate(STAGES):
-        # Once with the recorder.
-        recorded = number == 1
-        process = train(processes, f'record:={str(recorded).lower()}', *arguments)
+        # Once with the recorder and, where there are two cores, a second simulator.
+        many = number == 1
+        process = train(
+            processes, *(['record:=true'] if many else ALONE), *arguments)
         process.wait_for(line, 90.0)
         process.signal(signal.SIGINT)
         if number % 2 == 0:
             # Impatience, or a launch that passes on what the terminal sent already.
             process.signal(signal.SIGINT)
-        # Where there are two cores, a second simulator flies as well.
-        assert_stopped_well(process, run, 130, 2 + recorded + (os.cpu_count() > 1))
+        assert_stopped_well(process, run, 130, 3 + (os.cpu_count() > 1) if many else 2)
         arguments = (f'run_dir:={run}', 'resume:=true')
-    last = train(processes, 'record:=false', *arguments)
+    last = train(processes, *ALONE, *arguments)
     assert last.wait(120.0) == 0, processes.logs()
     assert last.output().splitlines()[-1] == f'run: {run}'
     # Trained to the end already: only the evaluation was done again.
