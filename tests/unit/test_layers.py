@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import subprocess
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -114,6 +115,14 @@ def test_a_folder_imports_no_folder_above_it(above: str, below: tuple[str, ...])
 def test_cores_import_no_ros(module: str) -> None:
     ros = {name for name in reached(module) if name.partition('.')[0] in ROS}
     assert not ros, f'{module} brings {ros}'
+
+
+def test_nodes_that_need_no_pytorch_start_without_it() -> None:
+    """Its import takes seconds of processor time."""
+    nodes = 'ppo_agent_node.nodes.action_server, rocket_sim_node.nodes.simulation'
+    subprocess.run(
+        [sys.executable, '-c', f"import sys, {nodes}; assert 'torch' not in sys.modules"],
+        check=True, timeout=60)
 
 
 def test_no_folder_holds_more_than_a_dozen_modules() -> None:

@@ -33,11 +33,11 @@ def serve(node: Node, executor: Executor) -> None:
         while actions.busy or not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             actions.poll()
+        end = time.monotonic() + _FAREWELL
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=_SPIN_PERIOD)
     finally:
         actions.close()
-    end = time.monotonic() + _FAREWELL
-    while time.monotonic() < end:
-        executor.spin_once(timeout_sec=_SPIN_PERIOD)
 
 
 def main() -> None:

@@ -74,7 +74,7 @@ def whole(policy: Path) -> bool:
     require_torch(policy)
     from ppo_agent_node.ppo.policies.file import POLICY
     from ppo_agent_node.runs import tensor_file
-    from ppo_agent_node.runs.folder import UNFINISHED
+    from ppo_agent_node.runs.run_lock import UNFINISHED
 
     if (policy.parent / UNFINISHED).exists():
         return False

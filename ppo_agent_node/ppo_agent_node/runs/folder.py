@@ -24,13 +24,12 @@ from ppo_agent_node.runs import run_lock
 from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs import train_log
 from ppo_agent_node.runs.config_file import read_config
+from ppo_agent_node.runs.run_lock import UNFINISHED
 from ppo_agent_node.runs.tensor_file import TensorFile
 from ppo_agent_node.runs.tensor_file import Tensors
 from rocket_sim_node import input_file
 
 CHECKPOINT = 'checkpoint'
-UNFINISHED = '.unfinished'
-"""Marker file in the folder of a run that is in progress or can be resumed."""
 _NAME = re.compile(r'iteration_(\d{6,})\.safetensors')
 _KEPT = 2
 

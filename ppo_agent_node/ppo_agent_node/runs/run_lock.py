@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lock of a run's folder, which the system releases when its holder dies."""
+"""Lock of a run's folder, which the system releases when its holder dies, and its marker."""
 from __future__ import annotations
 
 import fcntl
@@ -9,6 +9,8 @@ from pathlib import Path
 from rocket_sim_node import input_file
 
 NAME = '.lock'
+UNFINISHED = '.unfinished'
+"""Marker file in the folder of a run that is in progress or can be resumed."""
 
 
 def open_lock(folder: Path, flags: int = os.O_RDONLY) -> int:

@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.executors import Executor
 from rclpy.node import Node
 from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Result
 
+from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.deferred_action_server import DeferredActionServer
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server.server import Server
@@ -19,6 +21,9 @@ _SLICE = 0.01
 cannot keep up with one for each step."""
 _PERIOD = 0.02
 """Seconds between two such slices."""
+_FAREWELL = 0.2
+"""Seconds in which the last result is sent."""
+_STOPPING = 'the simulator is stopping'
 
 
 class SimulateStepsServer:
@@ -44,13 +49,23 @@ class SimulateStepsServer:
         """Whether a goal is being executed."""
         return self._goal is not None
 
-    def destroy(self) -> None:
-        """Remove it from DDS; destroying the node does not."""
+    def destroy(self, executor: Executor) -> None:
+        """Abort the goal, and remove the action from DDS; destroying the node does not.
+
+        :param executor: the node's, which sends the result.
+        """
+        if self.active:
+            self._end(_STOPPING)
+            end = time.monotonic() + _FAREWELL
+            while time.monotonic() < end:
+                executor.spin_once(timeout_sec=_FAREWELL)
         self._action.destroy()
 
     def _begin(self, goal: Any) -> None:
         """Take the goal on, or send why not."""
         code, why = self._refusal()
+        if stopping.requested():
+            code, why = Result.RESULT_OPERATION_FAILED, _STOPPING
         if code != Result.RESULT_OK:
             self._finish(goal, code, why)
             return
@@ -83,16 +98,23 @@ class SimulateStepsServer:
             elif self._server.present[0] != self._session:
                 why = stepper.flown_by() or 'an agent took control'
             elif not stepper.step(1):
-                why = 'the simulator is stopping'
+                why = _STOPPING
             else:
                 self._done += 1
         goal.publish_feedback(SimulateSteps.Feedback(
             completed_steps=self._done, remaining_steps=steps - self._done))
         if why or self._done == steps:
-            self._timer.cancel()
-            self._goal = None
-            if why:
-                self._finish(goal, Result.RESULT_OPERATION_FAILED,
-                             f'{why}; {self._done} of {steps} steps were flown')
-            else:
-                self._finish(goal, Result.RESULT_OK, '')
+            self._end(why)
+
+    def _end(self, why: str) -> None:
+        """End the goal that is being executed.
+
+        :param why: it ends early; empty: its steps are flown.
+        """
+        goal, self._goal = self._goal, None
+        self._timer.cancel()
+        if why:
+            self._finish(goal, Result.RESULT_OPERATION_FAILED,
+                         f'{why}; {self._done} of {goal.request.steps} steps were flown')
+        else:
+            self._finish(goal, Result.RESULT_OK, '')

@@ -80,7 +80,7 @@ def _world_settings(parameters: Parameters, options: SimulatorParameters) -> dic
 
 def _offer_services(
     node: Node, server: Server, world: SimulatedWorld, seed: int,
-) -> Callable[[], None]:
+) -> Callable[[Executor], None]:
     """Offer the services of simulation_interfaces, if that package is there.
 
     :return: what removes them from DDS.
@@ -91,7 +91,7 @@ def _offer_services(
         if not str(error.name).startswith('simulation_interfaces'):
             raise
         node.get_logger().info(f'the services of simulation_interfaces are not offered: {error}')
-        return lambda: None
+        return lambda _: None
     return SimulationServices(node, server, world, seed).destroy
 
 
@@ -117,4 +117,4 @@ def simulate(node: Node, executor: Executor) -> None:
     try:
         server.serve(executor)
     finally:
-        withdraw()
+        withdraw(executor)

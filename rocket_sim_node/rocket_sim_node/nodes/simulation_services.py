@@ -17,6 +17,7 @@ import numpy as np
 from geometry_msgs.msg import Point
 from geometry_msgs.msg import Quaternion
 from geometry_msgs.msg import Vector3
+from rclpy.executors import Executor
 from rclpy.node import Node
 from simulation_interfaces import srv
 from simulation_interfaces.msg import Bounds
@@ -113,9 +114,12 @@ class SimulationServices:
                 node.create_service(
                     kind, f'~/{service_name(name)}', partial(_answer, partial(_refuse, name)))
 
-    def destroy(self) -> None:
-        """Remove the action; the services go with the node."""
-        self._steps.destroy()
+    def destroy(self, executor: Executor) -> None:
+        """Remove the action; the services go with the node.
+
+        :param executor: the node's.
+        """
+        self._steps.destroy(executor)
 
     def _features(self, request: Any, response: Any) -> None:
         response.features.features = self._supported

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from pathlib import Path
@@ -114,11 +116,10 @@ class Caller:
     def wait_until(self, done: Callable[[], bool]) -> None:
         """Serve the node until it is done."""
         def look() -> bool:
-            for _ in range(200):  # the feedback of an action comes faster than one at a time
-                self.executor.spin_once(timeout_sec=0.0005)
-                if done():
-                    return True
-            return False
+            end = time.monotonic() + 0.1
+            while not done() and time.monotonic() < end:
+                self.executor.spin_once(timeout_sec=0.05)
+            return done()
         wait_until(look, 30.0)
 
     def set_state(self, namespace: str, state: int) -> Any:
@@ -451,6 +452,26 @@ def test_an_agent_that_takes_control_aborts_the_action(call: Caller, pilot: Clie
     call.wait_until(asked.done)
     assert asked.result().status == GoalStatus.STATUS_ABORTED
     assert f'agent {pilot.connection.agent}' in asked.result().result.result.error_message
+
+
+def test_a_simulator_that_stops_aborts_the_action(call: Caller, group: Processes) -> None:
+    simulator = group.run_node('rocket_sim_node', 'simulator', ('__ns:=/stopped',), num_envs=1)
+    action = ActionClient(call.node, SimulateSteps, '/stopped/simulator/simulate_steps')
+    call.wait_until(action.server_is_ready)
+    flown: list[int] = []
+    sent = action.send_goal_async(SimulateSteps.Goal(steps=2**63), lambda message: (
+        flown.append(message.feedback.completed_steps)))
+    call.wait_until(sent.done)
+    asked = sent.result().get_result_async()
+    call.wait_until(lambda: flown)
+    simulator.signal(signal.SIGINT)
+    call.wait_until(asked.done)
+    assert asked.result().status == GoalStatus.STATUS_ABORTED
+    result = asked.result().result.result
+    assert result.result == FAILED
+    assert result.error_message.startswith('the simulator is stopping; ')
+    assert simulator.wait(10.0) == 0
+    action.destroy()
 
 
 def test_the_ros2_command_calls_the_services(call: Caller, group: Processes) -> None:

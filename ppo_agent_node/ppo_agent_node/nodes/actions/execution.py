@@ -16,7 +16,7 @@ from ppo_agent_node.nodes.actions.flight_figures import read_figures
 from ppo_agent_node.nodes.actions.goals import launch_file
 from ppo_agent_node.nodes.actions.goals import start_of
 from ppo_agent_node.nodes.actions.launch_process import LaunchProcess
-from ppo_agent_node.runs.folder import UNFINISHED
+from ppo_agent_node.runs.run_lock import UNFINISHED
 
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
 """type of the action, by its name, which is that of the command"""

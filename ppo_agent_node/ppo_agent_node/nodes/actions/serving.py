@@ -28,6 +28,9 @@ _FEEDBACK_PERIOD = 0.5
 """Least time in s between two feedbacks on flights, of which hundreds may end in a second."""
 _DRAIN = 0.2
 """Seconds after the end of the processes in which their last messages are received."""
+_STOPPED = 'the server was stopped'
+_ERRORS = (ValueError, TypeError, KeyError, OSError)
+"""raised for goals, and for files of a run, that are invalid"""
 
 
 class Actions:
@@ -40,7 +43,7 @@ class Actions:
         self._handle: Any = None
         """of the goal that is being executed"""
         self._scratch = ExitStack()
-        """removes the temporary folder of that goal"""
+        """kills the processes of that goal and removes its temporary folder"""
         self._running_until = self._told = -math.inf
         self._untold = False
         """whether flights have ended since the last feedback"""
@@ -74,17 +77,17 @@ class Actions:
             self._finish(self._execution)
 
     def close(self) -> None:
-        """Kill the processes of a goal that has not ended."""
-        if self._execution is not None:
-            self._execution.process.kill()
+        """Kill the processes of a goal that has not ended, and remove the servers from DDS."""
         self._scratch.close()
+        for server in self._servers.values():  # destroying the node does not
+            server.destroy()
 
     @property
     def _stopped(self) -> str:
         """Why the goal has to be stopped; empty: it has not."""
         if self._handle.is_cancel_requested:
             return 'cancelled'
-        return 'the server was stopped' if stopping.requested() else ''
+        return _STOPPED if stopping.requested() else ''
 
     def _begin(self, name: str, handle: Any) -> None:
         """Start the processes of a goal, or send at once why that cannot be."""
@@ -94,12 +97,15 @@ class Actions:
             code, why = kind.BUSY, (
                 f'{self._execution.command}: a goal of it is being executed, expected none; wait '
                 'for its result or cancel it')
+        elif stopping.requested():
+            code, why = kind.FAILED, _STOPPED
         else:
             try:
-                self._execution = Execution(
+                self._execution = execution = Execution(
                     name, handle.request, self._node.get_namespace(),
                     self._scratch.enter_context(scratch_folder()))
-            except (ValueError, TypeError, OSError) as error:
+                self._scratch.callback(execution.process.kill)
+            except _ERRORS as error:
                 self._scratch.close()
                 code, why = kind.INVALID, ' '.join(str(error).split())
             else:
@@ -116,12 +122,12 @@ class Actions:
         name, handle = execution.command, self._handle
         kind = KINDS[name].Result
         try:
-            result = execution.result(self._stopped)
-        except (ValueError, TypeError, KeyError, OSError) as error:
+            with self._scratch:
+                result = execution.result(self._stopped)
+        except _ERRORS as error:
             # A result that was not set would read as OK.
             result = kind(code=kind.FAILED, figures=no_figures(), message=(
                 f'{name}: the figures cannot be read: {" ".join(str(error).split())}'))
-        self.close()
         self._execution = None
         if result.code == kind.OK:
             handle.succeed()

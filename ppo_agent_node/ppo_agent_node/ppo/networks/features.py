@@ -21,6 +21,7 @@ _NEEDED = (
     'position_x', 'position_z', 'velocity_x', 'velocity_y', 'velocity_z', 'up_x', 'up_z',
     'spin_x', 'spin_z', 'pad_y',
 )
+"""Entries of an observation that are used; policy files hold their scales in this order."""
 _DIRECT = (
     'pad_y', 'position_x', 'position_z', 'velocity_y', 'velocity_x', 'velocity_z', 'up_x', 'up_z',
     'spin_x', 'spin_z',
@@ -70,8 +71,9 @@ class DescentFeatures(nn.Module):
     """
 
     columns: Tensor
+    """`(10,)`, indices in the observation of the names in `_DIRECT`"""
     order: Tensor
-    """`(10,)`, of `_DIRECT` in `_NEEDED`"""
+    """`(10,)`, indices in `_NEEDED` of the same"""
     sign: Tensor
     """`(10,)`, -1 for the vertical velocity, which becomes the speed downwards"""
     scale: Tensor

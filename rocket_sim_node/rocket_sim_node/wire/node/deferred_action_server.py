@@ -14,7 +14,8 @@ class DeferredActionServer(ActionServer):
     """An action server whose goals last until `finish` is called.
 
     rclpy expects a callback that returns the result. If it is a coroutine that awaits a future,
-    the executors of Kilted and Jazzy resume it without a pause, which keeps a core busy.
+    `EventsExecutor.spin_once` (rclpy 7.1.6 and 9.1.2) resumes it and returns at once, so a loop
+    of `spin_once` keeps a core busy.
     """
 
     def __init__(
