@@ -12,10 +12,17 @@ import subprocess
 import termios
 import threading
 from contextlib import suppress
+from functools import lru_cache
 
 from support.processes import wait_until
 
 _ESCAPES = re.compile(r'\x1b(?:\[[0-?]*[ -/]*[@-~]|.)')
+
+
+@lru_cache(1)
+def _plain(output: bytes) -> str:
+    """Return output without escape sequences; a test looks more often than a program writes."""
+    return _ESCAPES.sub('', output.decode(errors='replace'))
 
 
 class PseudoTerminal:
@@ -62,7 +69,7 @@ class PseudoTerminal:
     @property
     def text(self) -> str:
         """The output without escape sequences."""
-        return _ESCAPES.sub('', self.output)
+        return _plain(self._output)
 
     @property
     def restored(self) -> bool:

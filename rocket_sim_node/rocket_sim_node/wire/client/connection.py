@@ -289,7 +289,7 @@ class Connection:
         """The node's entities that deliver the answer of a service."""
         return {
             'subscriptions': [self._descriptions.subscription],
-            'clients': [] if self._call is None else [self._call.client]}
+            'clients': [] if self._call is None or self._described_by else [self._call.client]}
 
     def waited(self, now: float) -> float:
         """Return how long the pending answer has been outstanding, s."""
