@@ -59,6 +59,8 @@ class EvaluationParameters:
         SAMPLE, '', 'number of episodes, from the first, for which the optimum of fuel and time '
         'is computed; 0: none', 0, 100_000)
     output: str = setting('', '', 'folder for figures and plots; empty: no files are written')
+    plots: bool = setting(
+        True, '', 'also draw plots and write a report to that folder, which takes seconds')
 
 
 def evaluation(node: Node, executor: Executor) -> None:
@@ -71,7 +73,7 @@ def evaluation(node: Node, executor: Executor) -> None:
     output = Path(options.output) if options.output else None
     if output:
         # Before the flight, so that an unwritable folder is reported at once.
-        (output / 'plots').mkdir(parents=True, exist_ok=True)
+        (output / 'plots' if options.plots else output).mkdir(parents=True, exist_ok=True)
     with make_client(node, executor, connection) as client, Terminal() as terminal:
         settings = _settings(options, client.connect())
         # A scripted pilot knows the kind of vehicle, but not the drawn conditions.
@@ -143,10 +145,11 @@ def _single(
     summary = fly_and_write(
         SerialFleet(client), chosen.pilot, options.episodes or _EPISODES, options.seed,
         options.level, output, terminal.show, poll=terminal.tick, settings=settings,
-        optimum_sample=options.optimum_sample, **chosen.facts)
+        optimum_sample=options.optimum_sample, plots=options.plots, **chosen.facts)
     terminal.say(metrics.table(summary))
     if output:
-        terminal.say(f'evaluation.json and plots are in {output}')
+        what = 'evaluation.json and plots are' if options.plots else 'evaluation.json is'
+        terminal.say(f'{what} in {output}')
 
 
 def _table(
@@ -157,10 +160,11 @@ def _table(
     levels = (options.level,) if options.level else conditions_table.LEVELS
     table = fly_and_write_table(
         SerialFleet(client), chosen, options.episodes or conditions_table.EPISODES, options.seed,
-        levels, output, terminal.show, terminal.tick)
+        levels, output, terminal.show, terminal.tick, options.plots)
     terminal.say(conditions_files.markdown(table))
     if output:
-        terminal.say(f'conditions.json, .md, .csv and plots are in {output}')
+        what = '.md, .csv and plots' if options.plots else '.md and .csv'
+        terminal.say(f'conditions.json, {what} are in {output}')
 
 
 def main() -> None:

@@ -182,8 +182,10 @@ def test_train_evaluate_and_land_in_a_world_without_levels(
     assert (run / 'plots' / 'score.png').is_file()
     evaluation = command(
         processes, 'evaluate', 'world:=lunar_lander', f'policy:={run}/policy.safetensors',
-        'episodes:=8', 'num_envs:=8', f'output:={tmp_path}/figures')
+        'episodes:=8', 'num_envs:=8', f'output:={tmp_path}/figures', 'plots:=false')
     assert evaluation.wait(60.0) == 0, processes.logs()
+    assert {path.name for path in (tmp_path / 'figures').iterdir()} == {
+        'evaluation.json', 'episodes.csv'}
     figures = json.loads((tmp_path / 'figures' / 'evaluation.json').read_text())
     assert (figures['world'], figures['level'], figures['fuel_ratio']) == (
         'lunar_lander', None, None)

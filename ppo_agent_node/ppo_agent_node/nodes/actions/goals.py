@@ -74,6 +74,8 @@ def start_of(command: str, goal: Any, namespace: str, scratch: Path) -> Start:
                 f'conditions: got {ALL!r}, expected one set: the result has the figures of one')
         if not goal.output:  # the figures of the result come from its files
             texts.append(f'output:={scratch / "figures"}')
+            if not any(text.startswith('plots:=') for text in texts):
+                texts.append('plots:=false')
     arguments = parse(command, file, [
         *texts, f'namespace:={full_name(namespace, command)}'])
     if policy := arguments.launch.get('policy'):

@@ -23,7 +23,7 @@ _PERIOD = 0.5
 def fly_and_write_table(
     fleet: Fleet, chosen: Sequence[Chosen], episodes: int, seed: int, levels: Sequence[int],
     folder: Path | None, report: Callable[[Status], None],
-    poll: Callable[[], None] = lambda: None,
+    poll: Callable[[], None] = lambda: None, plots: bool = True,
 ) -> dict[str, Any]:
     """Fly pilots under all conditions and return the table.
 
@@ -31,6 +31,7 @@ def fly_and_write_table(
     :param folder: destination of `conditions.json`, `.md`, `.csv`, `plots/` and `report.html`;
         the last two include other files of a run in the folder. None: no files.
     :param poll: called before each step.
+    :param plots: write `plots/` and `report.html` as well.
     :raises ValueError: for a world that has no conditions.
     """
     start = reported = time.monotonic()
@@ -57,6 +58,7 @@ def fly_and_write_table(
     def write() -> None:
         if folder is not None:
             conditions_files.write(folder, table)
+        if folder is not None and plots:
             # Imported here: plotting libraries are slow to import, and must not delay the start.
             from ppo_agent_node.commands.report import write_report
 

@@ -27,7 +27,8 @@ _REPORTS = 20
 def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
-    optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, **extra: Any,
+    optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, plots: bool = True,
+    **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; restarts if the simulator does.
 
@@ -37,6 +38,7 @@ def fly_and_write(
     :param poll: called before each step.
     :param optimum_sample: number of starts to solve for their optimum; 0: none.
     :param settings: further reset settings, such as conditions.
+    :param plots: write `plots/` and `report.html` as well.
     :param extra: facts to store with the figures.
     """
     start = time.monotonic()
@@ -77,6 +79,7 @@ def fly_and_write(
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(
                 folder / 'episodes.csv', episode_table.from_result(result, optimum))
+        if folder is not None and plots:
             # Imported here: plotting libraries are slow to import, and must not delay the start.
             from ppo_agent_node.commands.report import write_report
 
