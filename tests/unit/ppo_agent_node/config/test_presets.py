@@ -79,7 +79,7 @@ def test_presets_of_a_world_can_extend_those_of_another(
     planar = {
         'actor_learning_rate', 'batch_size', 'clip_range', 'curriculum_heading', 'dagger_rounds',
         'demonstration_spawn_heading', 'desired_kl', 'gamma', 'iterations', 'log_std_final',
-        'log_std_init', 'n_epochs', 'selection_interval', 'start_copies', 'target_kl',
+        'log_std_init', 'n_epochs', 'start_copies', 'target_kl',
         'teacher_flare_rate', 'teacher_flare_speed', 'teacher_least_settling', 'trained_layers'}
     for name, own in (('default', planar), ('original', set())):
         values, taken = preset_values(name, 'rocket_planar'), preset_values(name, 'rocket')
