@@ -166,7 +166,7 @@ def fuzzer(processes: Processes, make_client: Callable[..., Client], nightly: bo
 
 
 def test_a_simulator_survives_thousands_of_invalid_messages(fuzzer: Fuzzer, nightly: bool) -> None:
-    """Two thousand are counted to the last one; then comes a flood, part of which may be lost.
+    """Four thousand are counted to the last one; then comes a flood, part of which may be lost.
 
     It ends when the simulator has handled 20 thousand, or 300 thousand with `--nightly`. Every
     answer to a good action is that of a world in this process, to the bit; in the end the
@@ -175,7 +175,7 @@ def test_a_simulator_survives_thousands_of_invalid_messages(fuzzer: Fuzzer, nigh
     many = 300_000 if nightly else 20_000
     begun = time.monotonic()
     print(f'seed {fuzzer.seed}')
-    fuzzer.run(100_000 if nightly else 2_000, 1000 if nightly else 50)
+    fuzzer.run(100_000 if nightly else 4_000, 1000 if nightly else 100)
     expected = dict(fuzzer.expected)
     again = expected.pop('repeated answers')
 
