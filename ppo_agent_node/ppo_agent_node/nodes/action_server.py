@@ -6,8 +6,6 @@ below the server's.
 """
 from __future__ import annotations
 
-import time
-
 from rclpy.executors import Executor
 from rclpy.node import Node
 
@@ -20,8 +18,6 @@ from rocket_sim_node.wire.node.running import run
 
 _SPIN_PERIOD = 0.1
 """Seconds per spin."""
-_FAREWELL = 0.5
-"""Seconds in which the last result is sent."""
 
 
 def serve(node: Node, executor: Executor) -> None:
@@ -33,11 +29,8 @@ def serve(node: Node, executor: Executor) -> None:
         while actions.busy or not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             actions.poll()
-        end = time.monotonic() + _FAREWELL
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=_SPIN_PERIOD)
     finally:
-        actions.close()
+        actions.close(executor)
 
 
 def main() -> None:

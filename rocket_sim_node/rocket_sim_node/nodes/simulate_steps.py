@@ -13,6 +13,7 @@ from simulation_interfaces.msg import Result
 
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.deferred_action_server import DeferredActionServer
+from rocket_sim_node.wire.node.deferred_action_server import deliver_results
 from rocket_sim_node.wire.node.steady_clock import create_timer
 from rocket_sim_node.wire.server.server import Server
 
@@ -21,8 +22,6 @@ _SLICE = 0.01
 cannot keep up with one for each step."""
 _PERIOD = 0.02
 """Seconds between two such slices."""
-_FAREWELL = 0.2
-"""Seconds in which the last result is sent."""
 _STOPPING = 'the simulator is stopping'
 
 
@@ -56,9 +55,7 @@ class SimulateStepsServer:
         """
         if self.active:
             self._end(_STOPPING)
-            end = time.monotonic() + _FAREWELL
-            while time.monotonic() < end:
-                executor.spin_once(timeout_sec=_FAREWELL)
+        deliver_results((self._action,), executor)
         self._action.destroy()
 
     def _begin(self, goal: Any) -> None:

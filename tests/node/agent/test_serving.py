@@ -2,6 +2,7 @@
 """The goals of `Actions` in this process, whatever happens to their execution."""
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from support.processes import wait_until
 
 from ppo_agent_node.nodes.actions import serving
 from ppo_agent_node.nodes.actions.flight_figures import no_figures
+from rocket_sim_node.wire.node import deferred_action_server
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.running import make_executor
 
@@ -140,6 +142,28 @@ def test_a_goal_that_cannot_begin_is_answered(
     assert not bench.actions.busy
 
 
+def test_a_server_that_stops_waits_until_results_are_asked_for_but_not_for_ever(
+        bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(deferred_action_server, '_PATIENCE', 1.5)
+    bench.land()
+
+    def waited() -> float:
+        begin = time.monotonic()
+        deferred_action_server.deliver_results(
+            bench.actions._servers.values(), bench.executor)
+        return time.monotonic() - begin
+
+    assert waited() < 1.0
+    assert waited() < 0.1
+    sent = bench.client.send_goal_async(Land.Goal())
+    bench.wait(sent.done)
+    bench.wait(lambda: not bench.actions.busy)
+    assert waited() >= 1.5
+    asked = sent.result().get_result_async()
+    bench.wait(asked.done)
+    assert waited() < 1.0
+
+
 def test_a_goal_that_comes_while_the_server_stops_is_answered(
         bench: Bench, made: list[Execution], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping, 'requested', lambda: True)
@@ -154,7 +178,7 @@ def test_closing_kills_the_processes_of_a_goal(
     monkeypatch.setattr(bench.actions, 'poll', lambda: None)
     bench.begin()
     assert bench.actions.busy
-    bench.actions.close()
+    bench.actions.close(bench.executor)
     assert made[0].killed
     assert not made[0].scratch.exists()
     bench.wait(lambda: not bench.client.server_is_ready())

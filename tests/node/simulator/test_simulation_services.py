@@ -462,9 +462,10 @@ def test_a_simulator_that_stops_aborts_the_action(call: Caller, group: Processes
     sent = action.send_goal_async(SimulateSteps.Goal(steps=2**63), lambda message: (
         flown.append(message.feedback.completed_steps)))
     call.wait_until(sent.done)
-    asked = sent.result().get_result_async()
     call.wait_until(lambda: flown)
     simulator.signal(signal.SIGINT)
+    time.sleep(0.7)  # the goal ends before its result is asked for
+    asked = sent.result().get_result_async()
     call.wait_until(asked.done)
     assert asked.result().status == GoalStatus.STATUS_ABORTED
     result = asked.result().result.result

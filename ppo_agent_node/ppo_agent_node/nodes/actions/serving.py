@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import Episodes
 from rocket_msgs.msg import TrainingStatus
@@ -21,6 +22,7 @@ from rocket_sim_node.scratch_folder import scratch_folder
 from rocket_sim_node.wire.dds import qos
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.wire.node.deferred_action_server import DeferredActionServer
+from rocket_sim_node.wire.node.deferred_action_server import deliver_results
 
 _KEEP = 900
 """Seconds for which the server keeps a result, as in rclcpp."""
@@ -76,9 +78,13 @@ class Actions:
             self._tell()
             self._finish(self._execution)
 
-    def close(self) -> None:
-        """Kill the processes of a goal that has not ended, and remove the servers from DDS."""
+    def close(self, executor: Executor) -> None:
+        """Kill the processes of a goal that has not ended, and remove the servers from DDS.
+
+        :param executor: the node's, which sends the results of goals that have ended.
+        """
         self._scratch.close()
+        deliver_results(self._servers.values(), executor)
         for server in self._servers.values():  # destroying the node does not
             server.destroy()
 
