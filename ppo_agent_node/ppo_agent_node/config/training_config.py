@@ -164,6 +164,8 @@ class RunConfig:
         2000, '', 'number of episodes of the final evaluation', 1, 10_000_000)
     evaluation_seed: int = setting(
         20_000_000, '', 'seed of the final evaluation; training never uses it', 0, 2**31 - 1)
+    plots: bool = setting(
+        True, '', 'after the final evaluation, draw plots and write a report, which takes seconds')
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,6 @@ class RunFolder:
                 f'{self.path}: already holds a run; resume it or name another folder')
         try:
             self.checkpoints.mkdir(parents=True, exist_ok=True)
-            self.plots.mkdir(exist_ok=True)
             tempfile.TemporaryFile(dir=self.path).close()
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error
@@ -87,7 +86,8 @@ class RunFolder:
             except OSError as error:
                 raise RunFolderError(f'{self.path}: another process is training here') from error
             for folder in (self.path, self.checkpoints, self.plots):
-                remove_leftovers(folder)
+                if folder.is_dir():
+                    remove_leftovers(folder)
             yield
 
     @property
@@ -113,7 +113,6 @@ class RunFolder:
         (self.path / run_lock.NAME).unlink(missing_ok=True)
         with suppress(OSError):  # not empty
             self.checkpoints.rmdir()
-            self.plots.rmdir()
             if self._made:
                 self.path.rmdir()
 

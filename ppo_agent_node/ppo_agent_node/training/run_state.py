@@ -22,8 +22,8 @@ from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 
-_FREE_TO_CHANGE = frozenset(
-    {'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed'})
+_FREE_TO_CHANGE = frozenset({
+    'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed', 'plots'})
 """Settings that change results by rounding at most, so that they may differ in a resumed run."""
 
 _NOTHING = object()

@@ -32,7 +32,7 @@ SMALL = [
     'curriculum_wide_level:=4', 'dagger_rounds:=0', 'clone_epochs:=1', 'hidden_sizes:=[16,16]',
     'iterations:=12', 'n_steps:=16', 'batch_size:=64', 'selection_interval:=12',
     'selection_episodes:=8', 'evaluation_episodes:=8', 'critic_warmup_iterations:=1', 'threads:=1',
-    'spawn_height:=40.0', 'time_limit:=6.0']
+    'plots:=false', 'spawn_height:=40.0', 'time_limit:=6.0']
 KINDS = {'train': Train, 'evaluate': Evaluate, 'land': Land}
 EXAMPLE = Path(__file__).parents[3] / 'docs/examples/land_by_action.py'
 

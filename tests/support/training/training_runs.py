@@ -29,8 +29,8 @@ SMALL = {
     'demonstration_episodes': 16, 'dagger_rounds': 1, 'dagger_epochs': 1, 'clone_epochs': 2,
     'hidden_sizes': '[16,16]', 'iterations': 4,
     'n_steps': 64, 'batch_size': 256, 'selection_interval': 2, 'selection_episodes': 8,
-    'evaluation_episodes': 20, 'checkpoint_interval': 1, 'threads': 1, 'seed': 5,
-    'critic_warmup_iterations': 1,
+    'evaluation_episodes': 20, 'plots': False, 'checkpoint_interval': 1, 'threads': 1,
+    'seed': 5, 'critic_warmup_iterations': 1,
     'curriculum_start_level': 3, 'curriculum_final_level': 3, 'curriculum_wide_level': 4,
 }
 """Settings of a run that takes seconds and lands no rocket."""

@@ -26,7 +26,7 @@ SMALL = (
     'clone_epochs:=2', 'hidden_sizes:=[16,16]',
     'iterations:=2', 'n_steps:=64', 'batch_size:=256', 'selection_interval:=2',
     'selection_episodes:=8', 'evaluation_episodes:=8', 'critic_warmup_iterations:=1',
-    'threads:=1',
+    'threads:=1', 'plots:=false',
 )
 """Settings of a run that takes seconds."""
 LOW = (
@@ -54,6 +54,8 @@ def test_a_run_in_an_awkward_folder_is_resumed_in_its_conditions(
     for name in ('config.yaml', 'train.jsonl', 'policy.safetensors', 'evaluation.json'):
         assert (run / name).is_file(), name
     assert (run / 'recording.rrd').is_file()
+    assert not (run / 'plots').exists()
+    assert not (run / 'report.html').exists()
     assert len((run / 'train.jsonl').read_text().splitlines()) == 3
     config = yaml.safe_load((run / 'config.yaml').read_text())
     assert (config['conditions'], config['observation']) == ('mix', 'extended')

@@ -20,7 +20,8 @@ from support.training.training_runs import train_in_process
 from support.users.pseudo_terminal import PseudoTerminal
 
 TRAIN = str(Path(__file__).parents[3] / 'launch_scripts' / 'train')
-ARGUMENTS = ('num_envs:=8', *(f'{name}:={value}' for name, value in {**SMALL, **LOW}.items()))
+ARGUMENTS = ('num_envs:=8', *(
+    f'{name}:={value}' for name, value in {**SMALL, **LOW, 'plots': True}.items()))
 ALONE = ('record:=false', 'second_simulator:=')
 """Arguments of a training with one simulator and no recorder."""
 STAGES = ('cloning 1/', 'PPO 1/', 'computing figures')
@@ -83,7 +84,7 @@ def test_a_run_interrupted_at_every_stage_ends_the_same(
             process.signal(signal.SIGINT)
         assert_stopped_well(process, run, 130, 3 + (os.cpu_count() > 1) if many else 2)
         arguments = (f'run_dir:={run}', 'resume:=true')
-    last = train(processes, *ALONE, *arguments)
+    last = train(processes, *ALONE, *arguments, 'plots:=false')
     assert last.wait(120.0) == 0, processes.logs()
     assert last.output().splitlines()[-1] == f'run: {run}'
     # Trained to the end already: only the evaluation was done again.

@@ -43,7 +43,7 @@ def test_training_over_dds_equals_training_in_process(
     run = tmp_path / 'run'
     recorder = processes.run_node('rocket_sim_node', 'rerun_recorder', output=recording)
     # The agent first: any order of start will do.
-    trainer = agent(processes, run)
+    trainer = agent(processes, run, plots=True)
     simulator(processes)
     assert trainer.wait(120.0) == 0, processes.logs()
     assert_same_run(run, undisturbed)

@@ -44,7 +44,7 @@ def test_training_over_dds_and_kills_equals_training_in_process(
     trainer.wait_for('PPO 2/', 60.0)
     trainer.signal(signal.SIGKILL)
     trainer.wait(5.0)
-    resumed = agent(processes, run, resume=True, **settings)
+    resumed = agent(processes, run, resume=True, plots=True, **settings)
     assert resumed.wait(120.0) == 0, processes.logs()
     assert_same_run(run, undisturbed)
     evaluation = json.loads((run / 'evaluation.json').read_text())

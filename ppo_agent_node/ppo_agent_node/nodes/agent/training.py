@@ -229,12 +229,13 @@ def _evaluate(
     terminal: Terminal,
     tick: Callable[[], None],
 ) -> None:
-    """Fly the best policy on new starts; write the figures and all plots."""
+    """Fly the best policy on new starts; write the figures, and the plots if wanted."""
     level = config.curriculum.curriculum_final_level
     summary = fly_and_write(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, publisher.report_evaluation, folder.name,
-        tick, settings=config.curriculum.task_settings(level), training_seed=config.run.seed)
+        tick, settings=config.curriculum.task_settings(level), plots=config.run.plots,
+        training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
     publisher.report_evaluation(Status(

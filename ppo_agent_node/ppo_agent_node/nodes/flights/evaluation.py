@@ -66,7 +66,7 @@ def fly_and_write(
         poll=poll, report=anew)
     report(Status(
         run=run, stage='evaluate', iteration=episodes, iterations=episodes, level=flown_level,
-        message='all flown; computing figures and plots'))
+        message='all flown; computing figures' + (' and plots' if plots else '')))
 
     def write() -> dict[str, Any]:
         optimum = solve_sample(result, optimum_sample)

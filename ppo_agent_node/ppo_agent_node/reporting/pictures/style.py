@@ -65,9 +65,9 @@ def save(figure: Figure, path: Path) -> Path:
 
     :raises OSError: naming the path; an earlier file is unchanged.
     """
-    FigureCanvasAgg(figure)
+    figure.set_dpi(mpl.rcParams['savefig.dpi'])
     data = BytesIO()
-    figure.savefig(data, format='png')
+    FigureCanvasAgg(figure).print_png(data)  # savefig would lay it out twice
     write_atomically(path, data.getvalue())
     return path
 

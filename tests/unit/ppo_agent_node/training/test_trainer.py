@@ -104,8 +104,7 @@ def copy_name(tmp_path: Path) -> Path:
 
 def test_files_of_a_run(straight: Path) -> None:
     assert sorted(p.name for p in straight.glob('[!.]*')) == [
-        'checkpoints', 'cloned.safetensors', 'config.yaml', 'plots', 'policy.safetensors',
-        'train.jsonl']
+        'checkpoints', 'cloned.safetensors', 'config.yaml', 'policy.safetensors', 'train.jsonl']
     checkpoints = sorted(p.name for p in (straight / 'checkpoints').iterdir())
     assert len(checkpoints) == 3
     assert checkpoints[0] == 'best.safetensors'
