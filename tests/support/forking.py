@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are forked from a process that has imported PyTorch, and so start at once.
+"""Nodes that are forked from a process that has imported PyTorch and NumPy, and so start at once.
 
-For tests of what agents do once they run: three quarters of the processor time of a start is the
-import of PyTorch. Tests of starts themselves need real ones.
+For tests of what nodes do once they run: imports are three quarters of the processor time of an
+agent's start and half of a simulator's. Tests of starts themselves need real ones.
 """
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ class Processes:
         self, package: str, executable: str, remap: tuple[str, ...] = (),
         variables: Mapping[str, str] = MappingProxyType({}), **parameters: object,
     ) -> Process:
-        """Start a node as `run_node` does, but with PyTorch imported (see `support.forking`)."""
+        """Start a node as `run_node` does, but forked (see `support.forking`)."""
         return self._start(
             ('ros2', 'run', package, executable, *ros_args(remap, **parameters)),
             {**variables}, forked=True)

@@ -61,7 +61,7 @@ class Errors:
 def test_forgeries_are_dropped_counted_and_reported(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """Under forgeries of each kind, a client's flight equals that in process, bit for bit."""
-    simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    simulator = processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world, rng = make_client(), make('rocket', num_envs=N), np.random.default_rng(1)
     errors = Errors(client)
 
@@ -112,7 +112,7 @@ def test_forgeries_are_dropped_counted_and_reported(
 def test_an_agent_reports_that_its_simulator_ran_ahead(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """The extra actions come from the agent's own participant, so they are accepted."""
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client = make_client()
     client.reset(1)
     still = np.zeros((N, 3), np.float32)
@@ -146,7 +146,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
 
     This holds for the deprecated names of services, too, for which the agent has no client.
     """
-    simulator = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    simulator = processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world = make_client(), make('rocket', num_envs=N)
     errors = Errors(client)
     client.reset(1)
@@ -183,7 +183,7 @@ def test_calls_in_the_name_of_the_agent_are_refused_and_reported(
 def test_an_agent_reports_that_it_was_replaced_while_silent(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     """A sender with the agent's identity may be the restarted agent, so it is accepted."""
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, again = make_client(agent=5), make_client(agent=5)
     errors = Errors(again)
     client.reset(1)
@@ -247,7 +247,7 @@ def test_a_second_simulator_is_reported_once_the_graph_lists_it(
 def test_a_second_simulator_on_the_same_topics_is_reported_by_all(
         processes: Processes, make_client: Callable[..., Client]) -> None:
     first, second = (
-        processes.run_node('rocket_sim_node', 'simulator', num_envs=N) for _ in range(2))
+        processes.fork_node('rocket_sim_node', 'simulator', num_envs=N) for _ in range(2))
     for node in (first, second):
         node.wait_for('namespace of its own', 20.0)
         assert re.search(

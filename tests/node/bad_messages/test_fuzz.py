@@ -159,7 +159,7 @@ class Fuzzer(Rubbish):
 
 @pytest.fixture
 def fuzzer(processes: Processes, make_client: Callable[..., Client], nightly: bool) -> Fuzzer:
-    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    process = processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     seed = time.time_ns() % 2**32 if nightly else 1
     # An action that is sent again would push what is counted out of the simulator's queue.
     return Fuzzer(process, make_client(agent=AGENT, resend_after=2.0), seed)
@@ -207,7 +207,7 @@ def test_a_simulator_survives_thousands_of_invalid_messages(fuzzer: Fuzzer, nigh
 def test_an_agent_under_invalid_messages_gets_the_true_answers(
         processes: Processes, make_client: Callable[..., Client],
         make_node: Callable[..., Any], nightly: bool) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world = make_client(), make('rocket', num_envs=N)
     stranger = make_node()[0]
     topics = {'observation': msg.Observation, 'reward': msg.Reward, 'episodes': msg.Episodes}

@@ -52,7 +52,7 @@ def fly_through(client: Client, world: Any, seed: int, steps: int) -> None:
 def test_each_step_is_taken_once(
         processes: Processes, make_client: Callable[..., Client], nightly: bool) -> None:
     rounds, steps = (50, 600) if nightly else (2, 250)
-    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N)
     client = make_client(resend_after=0.02)
     world = make('rocket', num_envs=N)
     counts: Counter[str] = Counter()
@@ -74,7 +74,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.usefixtures('nightly_only')
 def test_training_learns_the_same(
         processes: Processes, tmp_path: Path, undisturbed: Path) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N, **LOW)
+    processes.fork_node('rocket_sim_node', 'simulator', interposer.FAR, num_envs=N, **LOW)
     counts: Counter[str] = Counter()
     for seed in range(1, 51):
         run = tmp_path / f'run_{seed}'

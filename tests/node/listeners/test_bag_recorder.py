@@ -38,7 +38,7 @@ STEPS = 300
 
 
 def start(processes: Processes, path: Path, **parameters: object) -> Process:
-    recorder = processes.run_node('rocket_sim_node', 'bag_recorder', output=path, **parameters)
+    recorder = processes.fork_node('rocket_sim_node', 'bag_recorder', output=path, **parameters)
     recorder.wait_for('recording to', 20.0)
     return recorder
 
@@ -61,7 +61,7 @@ def test_the_bag_holds_every_observation(
     processes: Processes, make_node: Callable[..., Any], make_client: Callable[..., Any],
     tmp_path: Path,
 ) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=8, state_batch=25)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=8, state_batch=25)
     recorder = start(processes, tmp_path / 'bag')
     client = make_client()
     client.reset(seed=3)
@@ -144,7 +144,7 @@ def test_a_new_recorder_repairs_the_bag_of_a_killed_one(
     recorder.signal(signal.SIGKILL)
     recorder.wait(5.0)
     assert not path.exists()
-    refused = processes.run_node('rocket_sim_node', 'bag_recorder', output='/proc/bag')
+    refused = processes.fork_node('rocket_sim_node', 'bag_recorder', output='/proc/bag')
     again = start(processes, path, topics='state world')
     assert 'its bag is repaired' in again.output()
     assert read(path)[0].outcome == 'too_fast'

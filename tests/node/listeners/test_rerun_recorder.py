@@ -39,7 +39,7 @@ from rocket_sim_node.worlds import make
 
 def start(processes: Processes, path: Path, **parameters: object) -> Process:
     """Start a recorder."""
-    recorder = processes.run_node(
+    recorder = processes.fork_node(
         'rocket_sim_node', 'rerun_recorder', output=path, **parameters)
     recorder.wait_for('recording to', 20.0)
     return recorder
@@ -193,7 +193,7 @@ def test_a_new_recorder_repairs_the_file_of_a_killed_one(
 
 def test_the_web_page_is_for_this_machine(processes: Processes, tmp_path: Path) -> None:
     port = rerun_program.free_port()
-    recorder = processes.run_node(
+    recorder = processes.fork_node(
         'rocket_sim_node', 'rerun_recorder', serve_web=True, web_port=port)
     recorder.wait_for('watch it in a browser', 25.0)
     with urlopen(f'http://127.0.0.1:{port}/', timeout=5.0) as page:

@@ -83,7 +83,7 @@ def listener(processes: Processes, make_node: Callable[..., Any]) -> Listener:
 
 
 def start(processes: Processes, **parameters: object) -> Process:
-    bridge = processes.run_node('rocket_sim_node', 'ros_bridge', **parameters)
+    bridge = processes.fork_node('rocket_sim_node', 'ros_bridge', **parameters)
     bridge.wait_for('standard views of rockets', 20.0)
     return bridge
 
@@ -407,7 +407,7 @@ def test_foxglove_gets_the_same_messages(
         assert (channel['encoding'], channel['schemaName'], channel['schemaEncoding']) == (
             'cdr', 'nav_msgs/msg/Odometry', 'ros2msg')
         assert channel['schema'] == definition('nav_msgs/msg/Odometry')
-        refused = processes.run_node('rocket_sim_node', 'ros_bridge', **serving)
+        refused = processes.fork_node('rocket_sim_node', 'ros_bridge', **serving)
         assert refused.wait(20.0) == 2
         assert f'foxglove_port: {port} is taken by another program' in refused.output()
     bridge.signal(signal.SIGINT)
@@ -417,8 +417,8 @@ def test_foxglove_gets_the_same_messages(
 @pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
 def test_a_node_with_use_sim_time_follows_the_simulation(
         mode: str, processes: Processes, listener: Listener) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=2, mode=mode)
-    processes.run_node('ppo_agent_node', 'expert_pilot', episodes=0)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=2, mode=mode)
+    processes.fork_node('ppo_agent_node', 'expert_pilot', episodes=0)
     start(processes, clock=True)
     listener.node.set_parameters([Parameter('use_sim_time', value=True)])
     clocks = listener.listen('/clock', Clock)

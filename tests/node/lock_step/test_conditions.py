@@ -40,7 +40,7 @@ def test_a_mix_flies_the_same_in_process_over_dds_and_after_a_kill(
 ) -> None:
     """A restarted simulator draws the same conditions again."""
     start = {'world': world, 'num_envs': N, **settings}
-    simulator = processes.run_node('rocket_sim_node', 'simulator', **start)
+    simulator = processes.fork_node('rocket_sim_node', 'simulator', **start)
     client = make_client(patience=30.0)
     local = worlds.make(world, num_envs=N, seed=3, **settings)
     client.connect()
@@ -60,7 +60,7 @@ def test_a_mix_flies_the_same_in_process_over_dds_and_after_a_kill(
     assert state == local.snapshot()
     simulator.signal(signal.SIGKILL)
     simulator.wait(5.0)
-    processes.run_node('rocket_sim_node', 'simulator', **start)
+    processes.fork_node('rocket_sim_node', 'simulator', **start)
     with pytest.raises(EnvironmentRestarted):
         client.step(steps[600])
     client.restore(state)
@@ -70,7 +70,7 @@ def test_a_mix_flies_the_same_in_process_over_dds_and_after_a_kill(
 
 def test_conditions_of_a_reset_hold_until_the_next_reset(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, local = make_client(), worlds.make('rocket', num_envs=N)
     for number, chosen in enumerate((
         {'conditions': 'hoverslam', 'level': 3},
@@ -86,7 +86,7 @@ def test_conditions_of_a_reset_hold_until_the_next_reset(
 
 def test_state_holds_command_disturbance_and_drawn_conditions(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node(
+    processes.fork_node(
         'rocket_sim_node', 'simulator', num_envs=N, conditions='harsh', state_rows=N)
     client = make_client()
     states: list[msg.RocketState] = []
@@ -141,7 +141,7 @@ def test_state_holds_command_disturbance_and_drawn_conditions(
 ])
 def test_a_simulator_refuses_conditions_by_name(
         given: dict[str, Any], complaint: str, processes: Processes) -> None:
-    simulator = processes.run_node('rocket_sim_node', 'simulator', **given)
+    simulator = processes.fork_node('rocket_sim_node', 'simulator', **given)
     assert simulator.wait(30.0) == 2
     said = [line for line in simulator.output().splitlines() if line]
     assert len(said) == 1, said
@@ -151,7 +151,7 @@ def test_a_simulator_refuses_conditions_by_name(
 def test_a_reset_with_wrong_conditions_is_refused_and_changes_nothing(
         processes: Processes, make_client: MakeClient) -> None:
     for place, world in enumerate(('rocket', 'lunar_lander')):
-        processes.run_node(
+        processes.fork_node(
             'rocket_sim_node', 'simulator', (f'__ns:=/sim_{place}',), world=world, num_envs=N,
             conditions='nominal', observation='standard')
     rocket, lander = (make_client(namespace=f'/sim_{place}') for place in range(2))

@@ -45,7 +45,7 @@ def make_fleet(make_node: Callable[..., Any]) -> MakeFleet:
 
 def simulator(processes: Processes, number: int, **parameters: object) -> Process:
     """Start a simulator in a namespace of its own."""
-    return processes.run_node(
+    return processes.fork_node(
         'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',),
         **{'num_envs': N, **parameters})
 
@@ -244,7 +244,7 @@ def test_world_descriptions_of_other_nodes_change_nothing(
     processes: Processes, make_fleet: MakeFleet, make_node: Callable[..., Any],
     namespace: str, pattern: str,
 ) -> None:
-    processes.run_node(
+    processes.fork_node(
         'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (), num_envs=N)
     node, _ = make_node()
     publisher = node.create_publisher(msg.World, f'{namespace}/world', qos.WORLD)
@@ -296,7 +296,7 @@ def test_a_participant_that_described_itself_first_is_not_the_simulator(
     with make_fleet('') as fleet:
         fleet.connect()
         wait_until(lambda: observations.get_subscription_count() > 0, 10.0)
-        processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+        processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
         result = flown(fleet, seeds, poll)
     assert_same_flights(result, in_process(seeds))
 
@@ -318,12 +318,12 @@ def test_a_second_simulator_is_used_beside_that_of_the_namespace(
 ) -> None:
     """The second one may be there first, and others are not used."""
     for inner in (f'{namespace}/other', f'{namespace}/second'):
-        processes.run_node(
+        processes.fork_node(
             'rocket_sim_node', 'simulator', (f'__ns:={inner}',), num_envs=N
         ).wait_for('waiting for an agent', 30.0)
     node, executor = make_node(namespace)
     with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, second='second') as fleet:
-        processes.run_node(
+        processes.fork_node(
             'rocket_sim_node', 'simulator', (f'__ns:={namespace or "/"}',), num_envs=N)
         text = fly_until('; simulators: 2', fleet, capfd)
         assert_same_flights(flown(fleet, range(3), lambda: None), in_process(range(3)))
@@ -335,12 +335,12 @@ def test_a_second_simulator_is_used_beside_that_of_the_namespace(
 def test_a_second_simulator_of_another_world_is_not_used(
     processes: Processes, make_node: Callable[..., Any], capfd: pytest.CaptureFixture[str],
 ) -> None:
-    processes.run_node(
+    processes.fork_node(
         'rocket_sim_node', 'simulator', ('__ns:=/second',), num_envs=N, max_thrust=500_000.0
     ).wait_for('waiting for an agent', 30.0)
     node, executor = make_node()
     with SimulatorFleet(node, executor, ConnectionOptions(0.1, 20.0), 1, second='second') as fleet:
-        processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+        processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
         assert fleet.spec == make('rocket', N).spec
         text = fly_until('is not used', fleet, capfd)
     assert '/second is not used: its max_thrust is 500000.0, expected 470880.0' in text

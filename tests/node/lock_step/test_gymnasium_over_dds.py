@@ -28,7 +28,7 @@ def over_dds(processes: Processes, monkeypatch: pytest.MonkeyPatch) -> Any:
     # Fast DDS reads its profile once per process, and nodes of other tests came first.
     monkeypatch.setattr(over_dds_module, 'prepared', nullcontext)
     for number in range(2):
-        processes.run_node(
+        processes.fork_node(
             'rocket_sim_node', 'simulator', remap=(f'__ns:=/sim_{number}',), num_envs=N)
     made = []
 

@@ -45,7 +45,7 @@ def processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
 @pytest.fixture(scope='module')
 def simulator(processes: Processes) -> Process:
     """A simulator of N rockets, level 7."""
-    return processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    return processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
 
 
 @pytest.fixture

@@ -37,12 +37,12 @@ actions = partial(random_actions, N)
 @pytest.fixture
 def simulator(processes: Processes) -> Process:
     """A simulator of N rockets, level 7."""
-    return processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    return processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
 
 
 def test_the_largest_batch_is_flown_and_restored(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=conversion.MOST_ENVS)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=conversion.MOST_ENVS)
     client = make_client(resend_after=5.0)  # as a slow machine is no lost message
     world = make('rocket', num_envs=conversion.MOST_ENVS)
     client.reset(1)
@@ -57,7 +57,7 @@ def test_the_largest_batch_is_flown_and_restored(
 
 
 def test_silent_agent_loses_control(processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=0.5)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=0.5)
     first = make_client()
     first.reset(1)
     second = make_client()
@@ -69,7 +69,7 @@ def test_silent_agent_loses_control(processes: Processes, make_client: MakeClien
 def test_computing_agent_keeps_control(
         processes: Processes, make_client: MakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('rocket_sim_node.wire.client.connection._KEEP_PERIOD', 0.2)
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=3.0)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=3.0)
     first, second = make_client(), make_client(patience=6.0)
     first.reset(1)
     first.step(actions(1)[0])
@@ -99,7 +99,7 @@ def test_a_simulator_restarted_with_other_settings_is_refused_by_name(
     client.reset(9)
     simulator.signal(signal.SIGKILL)
     simulator.wait(5.0)
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, max_thrust=500000.0)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, max_thrust=500000.0)
     with pytest.raises(EnvironmentRestarted):
         client.step(actions(1)[0])
     with pytest.raises(ValueError, match=r'max_thrust is 500000\.0, expected 470880\.0'):
@@ -116,7 +116,7 @@ def test_restarted_simulator_is_noticed_and_restored(
     expected = client.step(actions(1)[0])
     simulator.signal(signal.SIGKILL)
     simulator.wait(5.0)
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     with pytest.raises(EnvironmentRestarted):
         client.step(actions(1)[0])
     client.restore(state)
@@ -163,7 +163,7 @@ def test_a_missing_simulator_is_an_error_and_not_a_hang(make_client: MakeClient)
 def test_client_may_start_first(processes: Processes, make_client: MakeClient) -> None:
     client = make_client()
     starter = threading.Timer(
-        1.0, lambda: processes.run_node('rocket_sim_node', 'simulator', num_envs=N))
+        1.0, lambda: processes.fork_node('rocket_sim_node', 'simulator', num_envs=N))
     starter.start()
     client.reset(1)
     client.step(actions(1)[0])
@@ -178,7 +178,7 @@ def still(client: Client, states: list[msg.RocketState]) -> bool:
 
 def test_realtime_holds_the_action_and_cuts_the_engine(
         processes: Processes, make_client: MakeClient) -> None:
-    process = processes.run_node(
+    process = processes.fork_node(
         'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
         realtime_factor=2.0, agent_lease=1.0)
     client = make_client()
@@ -200,7 +200,7 @@ def test_realtime_holds_the_action_and_cuts_the_engine(
 
 def test_an_action_that_comes_late_is_not_flown_in_realtime(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node(
+    processes.fork_node(
         'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=60.0,
         agent_lease=60.0)
     client = make_client()
@@ -240,7 +240,7 @@ def test_a_simulator_of_another_name_is_found_by_remapped_services(
         processes: Processes, make_client: MakeClient, make_node: Callable[..., Any],
         monkeypatch: pytest.MonkeyPatch) -> None:
     """Without them, the agent says which to remap."""
-    processes.run_node('rocket_sim_node', 'simulator', ('__node:=falcon',), num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', ('__node:=falcon',), num_envs=N)
     client = make_client(patience=60.0)
     client.connect()
     monkeypatch.setattr(client.connection, '_options', ConnectionOptions(patience=1.0))

@@ -39,7 +39,7 @@ def test_same_rollout_in_process_over_dds_and_across_a_kill(
 ) -> None:
     """A killed simulator is put back from a snapshot taken with landers on the ground."""
     start = {'world': world, 'num_envs': N, **settings}
-    simulator = processes.run_node('rocket_sim_node', 'simulator', **start)
+    simulator = processes.fork_node('rocket_sim_node', 'simulator', **start)
     client = make_client(patience=30.0)
     local = worlds.make(world, num_envs=N, seed=3, **settings)
     client.connect()
@@ -66,7 +66,7 @@ def test_same_rollout_in_process_over_dds_and_across_a_kill(
     assert state == local.snapshot()
     simulator.signal(signal.SIGKILL)
     simulator.wait(5.0)
-    processes.run_node('rocket_sim_node', 'simulator', **start)
+    processes.fork_node('rocket_sim_node', 'simulator', **start)
     with pytest.raises(EnvironmentRestarted):
         client.step(pilot(observation))
     np.testing.assert_array_equal(client.restore(state), observation)
@@ -79,7 +79,7 @@ def test_same_rollout_in_process_over_dds_and_across_a_kill(
 def test_state_holds_legs_contact_and_ground(
     world: str, processes: Processes, make_client: MakeClient,
 ) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', world=world, num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', world=world, num_envs=N)
     client = make_client()
     states: list[msg.RocketState] = []
     client.node.create_subscription(msg.RocketState, 'state', states.append, qos.EVENTS)

@@ -121,7 +121,7 @@ def realtime(
 
     The engine is cut if an agent sends no action soon after its reset.
     """
-    process = processes.run_node(
+    process = processes.fork_node(
         'rocket_sim_node', 'simulator', num_envs=N, **{**REALTIME, **options})
     client = make_client()
     client.connect()
@@ -241,7 +241,7 @@ def flood(connection: Connection) -> Iterator[None]:
 
 def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client, stranger = make_client(), make_client(agent=STRANGER)
     client.reset(1)
     watch = Watch(client)
@@ -271,7 +271,7 @@ def test_a_flood_delays_neither_real_time_steps_nor_the_watchdog(
 def test_slow_motion_alone_does_not_cut_the_engine(
         processes: Processes, make_client: MakeClient) -> None:
     """The next action can only come after a step, 0.67 s here."""
-    process = processes.run_node(
+    process = processes.fork_node(
         'rocket_sim_node', 'simulator', num_envs=N, mode='realtime', action_timeout=0.3,
         realtime_factor=0.03)
     client = make_client()
@@ -313,7 +313,7 @@ def test_a_repeated_action_does_not_count_as_a_new_one(
 def test_a_second_agent_cannot_take_over_in_flight(
         processes: Processes, make_client: MakeClient, mode: str) -> None:
     options = {**REALTIME, 'action_timeout': 5.0} if mode == 'realtime' else {}
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **options)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, **options)
     client, world = make_client(), make('rocket', num_envs=N)
     client.reset(1)
     world.reset(1)
@@ -356,7 +356,7 @@ def test_a_second_agent_cannot_take_over_in_flight(
 
 
 def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> None:
-    process = processes.run_node(
+    process = processes.fork_node(
         'rocket_sim_node', 'simulator', mode='realtime', action_timeout=1.0, agent_lease=0.5)
     assert process.wait(30.0) == 2
     assert ('agent_lease: got 0.5 s, expected at least action_timeout and 2.5 steps, 1 s: '
@@ -366,7 +366,7 @@ def test_a_lease_shorter_than_the_watchdog_is_refused(processes: Processes) -> N
 def test_no_parameter_can_be_changed_after_start(
         processes: Processes, make_client: MakeClient, tmp_path: Path) -> None:
     """A client keeps control meanwhile: the other nodes wait, and serve their parameters."""
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
     waits = {'patience': 600.0}  # for control, until all nodes have been examined
@@ -376,9 +376,7 @@ def test_no_parameter_can_be_changed_after_start(
         'bag_recorder': {'output': tmp_path / 'bag', 'topics': 'world'}}
     for name, (package, _) in NODES.items():
         if name != 'simulator':
-            torch = name in ('ppo_agent', 'evaluate')
-            start = processes.fork_node if torch else processes.run_node
-            start(package, name, **given.get(name, {}))
+            processes.fork_node(package, name, **given.get(name, {}))
 
     def names(node: str) -> set[str]:
         return set(call(client, ListParameters, f'/{node}/list_parameters').result.names)
@@ -398,7 +396,7 @@ def test_no_parameter_can_be_changed_after_start(
 
 def test_use_sim_time_can_be_set_and_does_not_stop_the_simulation(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client = make_client()
     client.reset(1)
     watch = Watch(client)
@@ -412,7 +410,7 @@ def test_use_sim_time_can_be_set_and_does_not_stop_the_simulation(
 
 def test_commands_beyond_limits_are_clipped_and_counted_in_real_time(
         processes: Processes, make_client: MakeClient) -> None:
-    process = processes.run_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
+    process = processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, **REALTIME)
     client = make_client()
     client.reset(1)
     watch = Watch(client)
@@ -433,7 +431,7 @@ def test_commands_beyond_limits_are_clipped_and_counted_in_real_time(
 
 def test_commands_beyond_limits_are_flown_as_in_process_and_counted_in_lockstep(
         processes: Processes, make_client: MakeClient) -> None:
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N)
     client, world = make_client(), make('rocket', num_envs=N)
     client.reset(1)
     world.reset(1)
@@ -474,7 +472,7 @@ def test_diagnostics_hold_name_status_agent_and_counters(
 def test_a_refusal_is_reported_at_once_and_by_name(
         processes: Processes, make_client: MakeClient) -> None:
     """It is reported before the response. Then the level falls back, and the text stays."""
-    processes.run_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
+    processes.fork_node('rocket_sim_node', 'simulator', num_envs=N, agent_lease=600.0)
     client = make_client()
     client.reset(1)
     watch = Watch(client)

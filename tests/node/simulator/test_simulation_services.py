@@ -162,7 +162,7 @@ def group(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Processes]:
     for namespace, parameters in (
             ('/lock', {'agent_lease': 1.0}),
             ('/real', {'mode': 'realtime', 'realtime_factor': 10.0})):
-        group.run_node(
+        group.fork_node(
             'rocket_sim_node', 'simulator', (f'__ns:={namespace}',), num_envs=N, seed=SEED,
             **parameters)
     yield group
@@ -455,7 +455,7 @@ def test_an_agent_that_takes_control_aborts_the_action(call: Caller, pilot: Clie
 
 
 def test_a_simulator_that_stops_aborts_the_action(call: Caller, group: Processes) -> None:
-    simulator = group.run_node('rocket_sim_node', 'simulator', ('__ns:=/stopped',), num_envs=1)
+    simulator = group.fork_node('rocket_sim_node', 'simulator', ('__ns:=/stopped',), num_envs=1)
     action = ActionClient(call.node, SimulateSteps, '/stopped/simulator/simulate_steps')
     call.wait_until(action.server_is_ready)
     flown: list[int] = []

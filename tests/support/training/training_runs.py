@@ -52,7 +52,7 @@ LOW = {'spawn_height': 40.0, 'time_limit': 6.0}
 
 def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
     """Start a simulator of eight rockets."""
-    return processes.run_node(
+    return processes.fork_node(
         'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (),
         world=world, num_envs=8, **_start(world))
 
