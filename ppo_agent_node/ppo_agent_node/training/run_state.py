@@ -22,7 +22,7 @@ from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
 
-_FREE_TO_CHANGE = frozenset({
+FREE_TO_CHANGE = frozenset({
     'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed', 'plots'})
 """Settings that change results by rounding at most, so that they may differ in a resumed run."""
 
@@ -101,7 +101,7 @@ def check_alike(descriptions: Sequence[dict[str, Any]]) -> None:
     for rank, other in enumerate(others, start=1):
         for name, expected in first.items():
             found = other.get(name, _NOTHING)
-            if name not in _FREE_TO_CHANGE and found != expected:
+            if name not in FREE_TO_CHANGE and found != expected:
                 value = 'none' if found is _NOTHING else found
                 raise ValueError(
                     f'{name}: rank {rank} has {value!s:.200}, rank 0 has {expected!s:.200}, '
@@ -193,7 +193,7 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
         ] + [
             (name, {**before[group], **found[group]}.get(name, _NOTHING), value)
             for group in ('training', 'world_settings')
-            for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
+            for name, value in expected[group].items() if name not in FREE_TO_CHANGE
         ]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f'{path}: has no description of its run: {error!r}') from error

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks import machine
+from benchmarks.experiments.statistics import over_seeds
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import train as train_in_process
 from ppo_agent_node.config.presets import preset_num_envs
@@ -117,6 +118,38 @@ def gain(clone: EvaluationResult, policy: EvaluationResult) -> dict[str, Any]:
     return {'gain': float(difference.mean()), 'gain_interval': mean_interval(difference)}
 
 
+def of_all_seeds(
+    task: str, flown: Sequence[tuple[EvaluationResult, EvaluationResult]],
+) -> dict[str, Any]:
+    """Print and return what PPO does to the mean return of several seeds together.
+
+    The gain has two intervals: one over all flights, for these training seeds, and Student's over
+    the means of the seeds, for further ones.
+
+    :param flown: the flights of clone and policy of each training seed.
+    """
+    clones, policies = (
+        np.stack([pair[which].episodes.episode_return for pair in flown]) for which in (0, 1))
+    gains = policies - clones
+    found = {
+        'task': task, 'seeds': len(flown), 'clones': float(clones.mean()),
+        'clones_interval': mean_interval(clones.ravel()), 'policies': float(policies.mean()),
+        'policies_interval': mean_interval(policies.ravel()), 'gain': float(gains.mean()),
+        'gain_interval': mean_interval(gains.ravel()),
+        'gain_interval_over_seeds': over_seeds(gains.mean(1))[1:]}
+
+    def interval(name: str, signed: str = '') -> str:
+        return '[{:{}.3f}, {:{}.3f}]'.format(*(
+            one for limit in found[name] for one in (limit, signed)))
+
+    print(f'{len(flown)} seeds together, {task}: clones {found["clones"]:.3f} '
+          f'{interval("clones_interval")}, policies {found["policies"]:.3f} '
+          f'{interval("policies_interval")}, PPO {found["gain"]:+.3f} '
+          f'{interval("gain_interval", "+")}, over seeds '
+          f'{interval("gain_interval_over_seeds", "+")}', flush=True)
+    return found
+
+
 def markdown(flown: Sequence[dict[str, Any]]) -> str:
     """Return a Markdown table: one line per pilot, two columns per task."""
     tasks = list(dict.fromkeys(one['task'] for one in flown))
@@ -193,6 +226,7 @@ def main() -> None:
         for task in options.tasks:
             show(name, task, name)
     policies: dict[str, Path] = {}
+    pairs: dict[str, list[tuple[EvaluationResult, EvaluationResult]]] = {}
     for seed in options.seeds:
         run, seconds = train(options, seed)
         assert RunFolder(run, resume=True).read_config()['training']['seed'] == seed
@@ -203,8 +237,13 @@ def main() -> None:
         cloned, policy = run / 'cloned.safetensors', run / 'policy.safetensors'
         for task in options.tasks:
             flown = show(f'clone {seed}', task, cloned) if cloned.exists() else None
-            show(f'policy {seed}', task, policy, flown)
+            better = show(f'policy {seed}', task, policy, flown)
+            if flown is not None:
+                pairs.setdefault(task, []).append((flown, better))
         policies[f'policy {seed}'] = policy
+    print()
+    found['all_seeds'] = [
+        of_all_seeds(task, each) for task, each in pairs.items() if len(each) > 1]
     print(f'\n{markdown(found["flown"])}')
     if options.table:
         world = worlds.make(options.world, ROCKETS, observation='extended')

@@ -67,7 +67,8 @@ def save(figure: Figure, path: Path) -> Path:
     """
     figure.set_dpi(mpl.rcParams['savefig.dpi'])
     data = BytesIO()
-    FigureCanvasAgg(figure).print_png(data)  # savefig would lay it out twice
+    # savefig would lay it out twice.
+    FigureCanvasAgg(figure).print_png(data)  # type: ignore[no-untyped-call]
     write_atomically(path, data.getvalue())
     return path
 
