@@ -2,6 +2,7 @@
 """Processes for tests: each has its own log, and all are ended at the end of a test."""
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import socket
@@ -156,6 +157,7 @@ class Processes:
                 break
             self._release()
         self._started: list[Process] = []
+        self._numbers = itertools.count()
 
     @property
     def env(self) -> dict[str, str]:
@@ -174,7 +176,7 @@ class Processes:
     def _start(
         self, command: tuple[str, ...], variables: dict[str, str], forked: bool = False,
     ) -> Process:
-        log = self.folder / f'process_{len(self._started)}.log'
+        log = self.folder / f'process_{next(self._numbers)}.log'
         process = Process(list(command), log, {**self.env, **variables}, forked)
         self._started.append(process)
         return process

@@ -44,6 +44,16 @@ def write_report(folder: Path) -> Path:
     return _write(load(folder))
 
 
+def remove_report(folder: Path) -> None:
+    """Remove the page and the pictures of evaluations from a folder, if it has them.
+
+    :raises OSError: when something cannot be removed.
+    """
+    for name in catalogue.OF_EVALUATIONS:
+        (folder / PLOTS / f'{name}.png').unlink(missing_ok=True)
+    (folder / REPORT).unlink(missing_ok=True)
+
+
 def _write(run: Run) -> Path:
     """Draw and write a run's report, and return its path."""
     drawn = catalogue.draw(run, run.path / PLOTS)

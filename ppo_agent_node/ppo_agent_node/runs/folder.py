@@ -2,6 +2,7 @@
 """Folder of a training run: settings, log, checkpoints, policy, evaluation, plots."""
 from __future__ import annotations
 
+import errno
 import fcntl
 import json
 import math
@@ -64,6 +65,8 @@ class RunFolder:
                 f'{self.path}: already holds a run; resume it or name another folder')
         try:
             self.checkpoints.mkdir(parents=True, exist_ok=True)
+            if self.plots.exists() and not self.plots.is_dir():
+                raise NotADirectoryError(errno.ENOTDIR, 'plots is no folder')
             tempfile.TemporaryFile(dir=self.path).close()
         except OSError as error:
             raise RunFolderError(f'{self.path}: not writable: {error.strerror}') from error

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ppo_agent_node import __version__
+from ppo_agent_node.config.training_config import FREE_TO_CHANGE
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import describe
 from ppo_agent_node.runs.tensor_file import TensorFile
@@ -21,10 +22,6 @@ from ppo_agent_node.training.selection import Score
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
-
-FREE_TO_CHANGE = frozenset({
-    'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed', 'plots'})
-"""Settings that change results by rounding at most, so that they may differ in a resumed run."""
 
 _NOTHING = object()
 """Placeholder for a setting that a description does not have."""

@@ -38,6 +38,7 @@ class SimulateStepsServer:
         self._goal: Any = None
         """that is being executed"""
         self._done, self._session = 0, 0
+        self._closing = False
         self._timer = create_timer(node, _PERIOD, self._fly)
         self._timer.cancel()  # it runs while there is a goal
         self._action = DeferredActionServer(
@@ -55,13 +56,16 @@ class SimulateStepsServer:
         """
         if self.active:
             self._end(_STOPPING)
-        deliver_results((self._action,), executor)
-        self._action.destroy()
+        self._closing = True
+        try:
+            deliver_results((self._action,), executor)
+        finally:
+            self._action.destroy()
 
     def _begin(self, goal: Any) -> None:
         """Take the goal on, or send why not."""
         code, why = self._refusal()
-        if stopping.requested():
+        if self._closing or stopping.requested():
             code, why = Result.RESULT_OPERATION_FAILED, _STOPPING
         if code != Result.RESULT_OK:
             self._finish(goal, code, why)

@@ -123,8 +123,9 @@ def of_all_seeds(
 ) -> dict[str, Any]:
     """Print and return what PPO does to the mean return of several seeds together.
 
-    The gain has two intervals: one over all flights, for these training seeds, and Student's over
-    the means of the seeds, for further ones.
+    All fly the same starts, so the returns of a start are averaged over the seeds first. The gain
+    has two intervals: one over the starts, for these policies, and Student's over the seeds, for
+    further seeds on these starts.
 
     :param flown: the flights of clone and policy of each training seed.
     """
@@ -133,9 +134,9 @@ def of_all_seeds(
     gains = policies - clones
     found = {
         'task': task, 'seeds': len(flown), 'clones': float(clones.mean()),
-        'clones_interval': mean_interval(clones.ravel()), 'policies': float(policies.mean()),
-        'policies_interval': mean_interval(policies.ravel()), 'gain': float(gains.mean()),
-        'gain_interval': mean_interval(gains.ravel()),
+        'clones_interval': mean_interval(clones.mean(0)), 'policies': float(policies.mean()),
+        'policies_interval': mean_interval(policies.mean(0)), 'gain': float(gains.mean()),
+        'gain_interval': mean_interval(gains.mean(0)),
         'gain_interval_over_seeds': over_seeds(gains.mean(1))[1:]}
 
     def interval(name: str, signed: str = '') -> str:

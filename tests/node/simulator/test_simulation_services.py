@@ -454,18 +454,26 @@ def test_an_agent_that_takes_control_aborts_the_action(call: Caller, pilot: Clie
     assert f'agent {pilot.connection.agent}' in asked.result().result.result.error_message
 
 
-def test_a_simulator_that_stops_aborts_the_action(call: Caller, group: Processes) -> None:
-    simulator = group.fork_node('rocket_sim_node', 'simulator', ('__ns:=/stopped',), num_envs=1)
+@pytest.mark.parametrize('late', [False, True])
+def test_a_simulator_that_stops_aborts_the_action(
+        call: Caller, group: Processes, late: bool) -> None:
+    simulator = group.run_node('rocket_sim_node', 'simulator', ('__ns:=/stopped',), num_envs=1)
     action = ActionClient(call.node, SimulateSteps, '/stopped/simulator/simulate_steps')
     call.wait_until(action.server_is_ready)
     flown: list[int] = []
     sent = action.send_goal_async(SimulateSteps.Goal(steps=2**63), lambda message: (
         flown.append(message.feedback.completed_steps)))
     call.wait_until(sent.done)
+    goal = sent.result()
     call.wait_until(lambda: flown)
-    simulator.signal(signal.SIGINT)
-    time.sleep(0.7)  # the goal ends before its result is asked for
-    asked = sent.result().get_result_async()
+    if late:  # the goal ends before its result is asked for
+        simulator.signal(signal.SIGINT)
+        call.wait_until(lambda: goal.status == GoalStatus.STATUS_ABORTED)
+        asked = goal.get_result_async()
+    else:
+        asked = goal.get_result_async()
+        call.wait_until(lambda: goal.status == GoalStatus.STATUS_EXECUTING)
+        simulator.signal(signal.SIGINT)
     call.wait_until(asked.done)
     assert asked.result().status == GoalStatus.STATUS_ABORTED
     result = asked.result().result.result

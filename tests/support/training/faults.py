@@ -16,7 +16,7 @@ from support.processes import Process
 from support.processes import Processes
 from support.processes import wait_until
 from support.training.training_runs import fresh_agent
-from support.training.training_runs import simulator
+from support.training.training_runs import fresh_simulator
 
 LONGEST_STOP = 2.5
 """s; longer than the time after which a service call is repeated"""
@@ -52,7 +52,7 @@ class Training:
         self.processes, self.run, self.moments = processes, run, moments
         self.recording = run.with_suffix('.rrd')
         self._settings = settings
-        self.simulator = simulator(processes)
+        self.simulator = fresh_simulator(processes)
         self.recorder = self._start_recorder()
         self.agent = self._start_agent()
 
@@ -79,7 +79,7 @@ class Training:
     def restart(self, process: Process) -> None:
         """Restart a process that has ended."""
         if process is self.simulator:
-            self.simulator = simulator(self.processes)
+            self.simulator = fresh_simulator(self.processes)
         elif process is self.recorder:
             self.recorder = self._start_recorder()
         else:

@@ -46,20 +46,33 @@ GENTLE: dict[str, Any] = {
 }
 """Settings of a run in process, with a gentle teacher, which lands in spite of the noise."""
 
+_NODE = 'rocket_sim_node', 'simulator'
+
 LOW = {'spawn_height': 40.0, 'time_limit': 6.0}
 """Settings of its world: a flight takes 4 s, and the expert lands on the levels of `SMALL`."""
 
 
 def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
-    """Start a simulator of eight rockets."""
-    return processes.fork_node(
-        'rocket_sim_node', 'simulator', (f'__ns:={namespace}',) if namespace else (),
-        world=world, num_envs=8, **_start(world))
+    """Start a simulator of eight rockets, forked (see `support.forking`)."""
+    return processes.fork_node(*_NODE, _remap(namespace), **_simulated(world))
+
+
+def fresh_simulator(processes: Processes) -> Process:
+    """Start the same as a user does, for tests of starts and of their interruption."""
+    return processes.run_node(*_NODE, **_simulated('rocket'))
 
 
 def make_world(world: str = 'rocket') -> VectorEnv:
     """Make the world of such a simulator in this process."""
     return make(world, num_envs=8, **_start(world))
+
+
+def _remap(namespace: str) -> tuple[str, ...]:
+    return (f'__ns:={namespace}',) if namespace else ()
+
+
+def _simulated(world: str) -> dict[str, Any]:
+    return {'world': world, 'num_envs': 8, **_start(world)}
 
 
 def _start(world: str) -> dict[str, float]:

@@ -13,7 +13,7 @@ from support.training.faults import END
 from support.training.faults import Moments
 from support.training.training_runs import agent
 from support.training.training_runs import fresh_agent
-from support.training.training_runs import simulator
+from support.training.training_runs import fresh_simulator
 
 ROUNDS, NIGHTLY_ROUNDS = 2, 50
 START = 2.0
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.timeout(900)
 def start(processes: Processes, node: str, folder: Path) -> Process:
     """Start a node that would write into a folder."""
     if node == 'simulator':
-        return simulator(processes)
+        return fresh_simulator(processes)
     if node == 'agent':
         return fresh_agent(processes, folder / 'run')
     return processes.run_node('rocket_sim_node', 'rerun_recorder', output=folder / 'flights.rrd')

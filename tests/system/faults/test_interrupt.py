@@ -84,7 +84,7 @@ def test_a_run_interrupted_at_every_stage_ends_the_same(
             process.signal(signal.SIGINT)
         assert_stopped_well(process, run, 130, 3 + (os.cpu_count() > 1) if many else 2)
         arguments = (f'run_dir:={run}', 'resume:=true')
-    last = train(processes, *ALONE, *arguments, 'plots:=false')
+    last = train(processes, *ALONE, *arguments)
     assert last.wait(120.0) == 0, processes.logs()
     assert last.output().splitlines()[-1] == f'run: {run}'
     # Trained to the end already: only the evaluation was done again.

@@ -35,7 +35,7 @@ def test_a_training_killed_at_each_moment_learns_the_same(
     undisturbed = train_in_process(tmp_path / 'undisturbed')
     moments = Moments()
     for number in range(ROUNDS):
-        training = Training(processes, tmp_path / f'run_{number}', moments)
+        training = Training(processes, tmp_path / f'run_{number}', moments, plots=True)
         for text in MOMENTS:
             training.agent.wait_for(text, HANGS)
             moments.wait(LONGEST_WAIT)

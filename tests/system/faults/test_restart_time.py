@@ -27,7 +27,7 @@ from support.processes import ros_args
 from support.processes import wait_until
 from support.training.faults import Moments
 from support.training.training_runs import SMALL
-from support.training.training_runs import simulator
+from support.training.training_runs import fresh_simulator
 
 ROUNDS, MORE_ROUNDS, NIGHTLY_ROUNDS = 3, 9, 50
 """kills; more of them where the machine was busy with something else in most of the first"""
@@ -72,7 +72,7 @@ AGENTS = {'simulator': exchanging_agent, 'agent': training_agent}
 def test_messages_flow_within_half_a_second_of_a_restart(
         processes: Processes, tmp_path: Path, nightly: bool, killed: str) -> None:
     moments = Moments()
-    world = simulator(processes)
+    world = fresh_simulator(processes)
     agent = AGENTS[killed](processes, tmp_path / 'run', False)
     time_printed(agent, EXCHANGE)
     if killed == 'agent':  # so that it goes on from a checkpoint each time
@@ -88,7 +88,7 @@ def test_messages_flow_within_half_a_second_of_a_restart(
         process.wait(5.0)
         before = len(agent.output())
         if killed == 'simulator':
-            world = simulator(processes)
+            world = fresh_simulator(processes)
             ready = time_printed(world, WAITING)
         else:
             agent, before = AGENTS[killed](processes, tmp_path / 'run', True), 0

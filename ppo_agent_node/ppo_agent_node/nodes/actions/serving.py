@@ -47,6 +47,7 @@ class Actions:
         self._scratch = ExitStack()
         """kills the processes of that goal and removes its temporary folder"""
         self._running_until = self._told = -math.inf
+        self._closing = False
         self._untold = False
         """whether flights have ended since the last feedback"""
         self._servers = {
@@ -83,10 +84,13 @@ class Actions:
 
         :param executor: the node's, which sends the results of goals that have ended.
         """
+        self._closing = True
         self._scratch.close()
-        deliver_results(self._servers.values(), executor)
-        for server in self._servers.values():  # destroying the node does not
-            server.destroy()
+        try:
+            deliver_results(self._servers.values(), executor)
+        finally:
+            for server in self._servers.values():  # destroying the node does not
+                server.destroy()
 
     @property
     def _stopped(self) -> str:
@@ -103,7 +107,7 @@ class Actions:
             code, why = kind.BUSY, (
                 f'{self._execution.command}: a goal of it is being executed, expected none; wait '
                 'for its result or cancel it')
-        elif stopping.requested():
+        elif self._closing or stopping.requested():
             code, why = kind.FAILED, _STOPPED
         else:
             try:

@@ -11,6 +11,7 @@ from typing import Any
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation.conditions_table import Cell
+from ppo_agent_node.nodes.flights.report import renew_report
 from ppo_agent_node.pilots.choice import Chosen
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
@@ -58,11 +59,7 @@ def fly_and_write_table(
     def write() -> None:
         if folder is not None:
             conditions_files.write(folder, table)
-        if folder is not None and plots:
-            # Imported here: plotting libraries are slow to import, and must not delay the start.
-            from ppo_agent_node.commands.report import write_report
-
-            write_report(folder)
+            renew_report(folder, plots)
 
     stopping.abandonable(write)
     return table

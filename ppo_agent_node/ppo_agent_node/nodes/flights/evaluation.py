@@ -16,6 +16,7 @@ from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.flying.pilot import Pilot
+from ppo_agent_node.nodes.flights.report import renew_report
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
@@ -79,11 +80,7 @@ def fly_and_write(
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(
                 folder / 'episodes.csv', episode_table.from_result(result, optimum))
-        if folder is not None and plots:
-            # Imported here: plotting libraries are slow to import, and must not delay the start.
-            from ppo_agent_node.commands.report import write_report
-
-            write_report(folder)
+            renew_report(folder, plots)
         return summary
 
     return stopping.abandonable(write)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ppo_agent_node.config.training_config import FREE_TO_CHANGE
 from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.pictures.training_curves import smooth
 from ppo_agent_node.reporting.run_files import Run
@@ -27,7 +28,7 @@ _FIRST = ('world', 'pilot', 'level')
 
 @dataclass(frozen=True)
 class Group:
-    """Runs whose settings differ in the seed only."""
+    """Runs that differ only in the seed, and in settings on which no curve depends."""
 
     mark: str
     """A letter, '' if there is one group only."""
@@ -59,11 +60,13 @@ class Band:
 
 
 def settings(run: Run) -> dict[str, str]:
-    """Return all settings of a run except its seed, as text by name."""
+    """Return the settings that a run's curves depend on, except its seed, as text by name."""
     flown = run.figures or {}
     values: dict[str, Any] = {
         'world': run.world, 'num_envs': run.config.get('num_envs', flown.get('num_envs'))}
-    values |= {name: value for name, value in run.training.items() if name != 'seed'}
+    values |= {
+        name: value for name, value in run.training.items()
+        if name not in {'seed', *FREE_TO_CHANGE}}
     if not run.training:  # an evaluation alone
         values |= {'pilot': flown.get('policy'), 'level': flown.get('level')}
     trained_in = run.config.get('world_settings') or run.world_settings

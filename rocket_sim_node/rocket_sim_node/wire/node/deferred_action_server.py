@@ -14,9 +14,11 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 
 _DELIVERY = 0.2
-"""Seconds after which a result that was sent has been delivered."""
+"""Seconds that are allowed for the delivery of a result."""
 _PATIENCE = 2.0
-"""Most seconds for which a server that stops waits for the clients of its goals."""
+"""Most seconds for which a server that stops waits until its results have been asked for."""
+_SPINS = 16
+"""Events that are served at least while a server stops: requests may have arrived."""
 
 
 class DeferredActionServer(ActionServer):
@@ -32,55 +34,62 @@ class DeferredActionServer(ActionServer):
     ) -> None:
         """Offer the action; every request to cancel a goal is accepted.
 
-        :param kind: type of the action.
         :param begin: called with the handle of each goal, which is being executed or cancelled.
         :param options: further arguments of `rclpy.action.ActionServer`.
         """
         super().__init__(
             node, kind, name, begin, cancel_callback=lambda _: CancelResponse.ACCEPT, **options)
-        self._asked: set[bytes] = set()
+        self._begun: dict[bytes, bool] = {}
+        """Goals that have not ended, each with whether a client has asked for its result."""
         self._unasked: set[bytes] = set()
-        """goals whose result a client has asked for, and those that ended before it did"""
-        self._sent = -math.inf
-        """time of the newest result"""
+        """Goals that have ended, and whose result no client has asked for."""
+        self.changed = -math.inf
+        """Time at which a goal last ended or its result was last asked for."""
 
     @property
-    def delivered(self) -> bool:
-        """Whether clients have asked for all results, and received them."""
-        return not self._unasked and time.monotonic() > self._sent + _DELIVERY
+    def has_unasked_result(self) -> bool:
+        """Whether no client has asked yet for the result of a goal that has ended."""
+        return bool(self._unasked)
 
     async def execute(self, taken_data: Any) -> None:
         """Handle a client's request; called by rclpy."""
         await super().execute(taken_data)
         if 'result' in taken_data:
             goal = bytes(taken_data['result'][1].goal_id.uuid)
-            self._asked.add(goal)
-            if goal in self._unasked:
-                self._unasked.remove(goal)
-                self._sent = time.monotonic()
+            if goal in self._begun:
+                self._begun[goal] = True
+            self._unasked.discard(goal)
+            self.changed = time.monotonic()
         for expired in taken_data.get('expired', ()):
-            self._asked.discard(bytes(expired.goal_id.uuid))
             self._unasked.discard(bytes(expired.goal_id.uuid))
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
         """Begin a goal; called by rclpy."""
+        self._begun[bytes(goal_handle.goal_id.uuid)] = False
         (execute_callback or self._execute_callback)(goal_handle)
 
     def finish(self, goal_handle: Any, result: Any) -> None:
         """Send the result of a goal, whose final state must have been set."""
         super().notify_execute(goal_handle, lambda _: result)
         goal = bytes(goal_handle.goal_id.uuid)
-        if goal not in self._asked:
+        if not self._begun.pop(goal):
             self._unasked.add(goal)
-        self._sent = time.monotonic()
+        self.changed = time.monotonic()
 
 
 def deliver_results(servers: Collection[DeferredActionServer], executor: Executor) -> None:
-    """Serve until the clients have the results, before the servers are destroyed.
+    """Serve until the clients have all results, before the servers are destroyed.
 
-    The request for a result may arrive after the goal has ended. Clients that never ask for it
-    are waited for during two seconds.
+    A client may ask for a result after the goal has ended. One that never asks is waited for, for
+    two seconds.
     """
-    end = time.monotonic() + _PATIENCE
-    while not all(server.delivered for server in servers) and time.monotonic() < end:
-        executor.spin_once(timeout_sec=0.05)
+    end, changed, spins = time.monotonic() + _PATIENCE, -math.inf, 0
+    while (now := time.monotonic()) < end:
+        newest = max(server.changed for server in servers)
+        if newest > changed:
+            changed, spins = newest, 0
+        waiting = now < changed + _DELIVERY or any(server.has_unasked_result for server in servers)
+        if not waiting and spins >= _SPINS:
+            return
+        executor.spin_once(timeout_sec=0.02 if waiting else 0.0)
+        spins += 1

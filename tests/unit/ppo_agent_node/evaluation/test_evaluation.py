@@ -250,7 +250,7 @@ def test_the_lunar_lander_is_evaluated(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
+def test_the_files_of_a_node_and_level_0_which_is_that_of_the_world(tmp_path: Path) -> None:
     env, statuses = worlds.make('rocket', 4, spawn_height=20.0), []
     pilot = RandomPilot(env.spec, 1)
     summary = fly_and_write(SerialFleet(env), pilot, 8, 1, 0, tmp_path, statuses.append)
@@ -263,6 +263,13 @@ def test_level_0_of_the_nodes_is_the_level_of_the_world(tmp_path: Path) -> None:
     asked = fly_and_write(
         SerialFleet(env), RandomPilot(env.spec, 1), 8, 1, 7, None, statuses.append)
     assert {**asked, 'reset_settings': {}} == summary
+    (tmp_path / 'plots' / 'training.png').touch()
+    again = fly_and_write(
+        SerialFleet(env), pilot, 8, 2, 0, tmp_path, statuses.append, plots=False)
+    assert again['seed'] == 2
+    # Pictures of the earlier episodes would be false.
+    assert [path.name for path in (tmp_path / 'plots').iterdir()] == ['training.png']
+    assert not (tmp_path / 'report.html').exists()
 
 
 def test_writing_replaces_the_file_whole_or_not_at_all(tmp_path: Path) -> None:
