@@ -168,11 +168,6 @@ class RunConfig:
         True, '', 'after the final evaluation, draw plots and write a report, which takes seconds')
 
 
-FREE_TO_CHANGE = frozenset({
-    'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed', 'plots'})
-"""Settings that change results by rounding at most, so that they may differ in a resumed run."""
-
-
 @dataclass(frozen=True)
 class Config:
     """All settings of a run, by concern."""

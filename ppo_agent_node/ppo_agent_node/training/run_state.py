@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from ppo_agent_node import __version__
-from ppo_agent_node.config.training_config import FREE_TO_CHANGE
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import describe
 from ppo_agent_node.runs.tensor_file import TensorFile
@@ -22,6 +21,11 @@ from ppo_agent_node.training.selection import Score
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
+
+_FREE_TO_CHANGE = frozenset({
+    'threads', 'device', 'checkpoint_interval', 'evaluation_episodes', 'evaluation_seed', 'plots'})
+"""Settings on which the weights depend by rounding at most, so that they may differ in a resumed
+run."""
 
 _NOTHING = object()
 """Placeholder for a setting that a description does not have."""
@@ -98,7 +102,7 @@ def check_alike(descriptions: Sequence[dict[str, Any]]) -> None:
     for rank, other in enumerate(others, start=1):
         for name, expected in first.items():
             found = other.get(name, _NOTHING)
-            if name not in FREE_TO_CHANGE and found != expected:
+            if name not in _FREE_TO_CHANGE and found != expected:
                 value = 'none' if found is _NOTHING else found
                 raise ValueError(
                     f'{name}: rank {rank} has {value!s:.200}, rank 0 has {expected!s:.200}, '
@@ -190,7 +194,7 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
         ] + [
             (name, {**before[group], **found[group]}.get(name, _NOTHING), value)
             for group in ('training', 'world_settings')
-            for name, value in expected[group].items() if name not in FREE_TO_CHANGE
+            for name, value in expected[group].items() if name not in _FREE_TO_CHANGE
         ]
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f'{path}: has no description of its run: {error!r}') from error

@@ -54,10 +54,10 @@ class SimulateStepsServer:
 
         :param executor: the node's, which sends the result.
         """
-        if self.active:
-            self._end(_STOPPING)
         self._closing = True
         try:
+            if self.active:
+                self._end(_STOPPING)
             deliver_results((self._action,), executor)
         finally:
             self._action.destroy()

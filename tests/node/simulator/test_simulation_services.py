@@ -472,7 +472,7 @@ def test_a_simulator_that_stops_aborts_the_action(
         asked = goal.get_result_async()
     else:
         asked = goal.get_result_async()
-        call.wait_until(lambda: goal.status == GoalStatus.STATUS_EXECUTING)
+        call('/stopped', 'GetSimulationState')  # the simulator has received the request before
         simulator.signal(signal.SIGINT)
     call.wait_until(asked.done)
     assert asked.result().status == GoalStatus.STATUS_ABORTED

@@ -85,12 +85,22 @@ class Actions:
         :param executor: the node's, which sends the results of goals that have ended.
         """
         self._closing = True
-        self._scratch.close()
         try:
+            if self._execution is not None:
+                self._abandon(self._execution)
             deliver_results(self._servers.values(), executor)
         finally:
             for server in self._servers.values():  # destroying the node does not
                 server.destroy()
+
+    def _abandon(self, execution: Execution) -> None:
+        """Kill the processes of a goal and abort it."""
+        kind = KINDS[execution.command].Result
+        self._execution = None
+        with self._scratch:
+            self._handle.abort()
+            self._servers[execution.command].finish(
+                self._handle, kind(code=kind.FAILED, figures=no_figures(), message=_STOPPED))
 
     @property
     def _stopped(self) -> str:

@@ -59,7 +59,7 @@ def fly_and_write_table(
     def write() -> None:
         if folder is not None:
             conditions_files.write(folder, table)
-            renew_report(folder, plots)
+            renew_report(folder, plots, 'Conditions')
 
     stopping.abandonable(write)
     return table

@@ -80,7 +80,7 @@ def fly_and_write(
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(
                 folder / 'episodes.csv', episode_table.from_result(result, optimum))
-            renew_report(folder, plots)
+            renew_report(folder, plots, 'Evaluation')
         return summary
 
     return stopping.abandonable(write)

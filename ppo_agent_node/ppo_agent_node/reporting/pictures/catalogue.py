@@ -182,6 +182,3 @@ CATALOGUE = {
         'The score of each training episode, in the order in which they ended, and the average '
         'of the last 50.')),
 }
-
-OF_EVALUATIONS = tuple(name for name, entry in CATALOGUE.items() if entry.section != TRAINING)
-"""Names of the pictures that become false when the episodes are flown again."""

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ppo_agent_node.config.training_config import FREE_TO_CHANGE
 from ppo_agent_node.reporting.pictures import style
 from ppo_agent_node.reporting.pictures.training_curves import smooth
 from ppo_agent_node.reporting.run_files import Run
@@ -24,11 +23,13 @@ _NAMED = 3
 """Maximum number of settings in a label."""
 _MISSING = 'not set'
 _FIRST = ('world', 'pilot', 'level')
+_IRRELEVANT = {'seed', 'plots', 'checkpoint_interval'}
+"""Settings that do not part groups."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """Runs that differ only in the seed, and in settings on which no curve depends."""
+    """Runs with equal settings, apart from the seed and what no curve or figure depends on."""
 
     mark: str
     """A letter, '' if there is one group only."""
@@ -60,13 +61,13 @@ class Band:
 
 
 def settings(run: Run) -> dict[str, str]:
-    """Return the settings that a run's curves depend on, except its seed, as text by name."""
+    """Return the settings of a run that part groups, as text by name."""
     flown = run.figures or {}
     values: dict[str, Any] = {
         'world': run.world, 'num_envs': run.config.get('num_envs', flown.get('num_envs'))}
     values |= {
         name: value for name, value in run.training.items()
-        if name not in {'seed', *FREE_TO_CHANGE}}
+        if name not in _IRRELEVANT}
     if not run.training:  # an evaluation alone
         values |= {'pilot': flown.get('policy'), 'level': flown.get('level')}
     trained_in = run.config.get('world_settings') or run.world_settings

@@ -18,7 +18,7 @@ _DELIVERY = 0.2
 _PATIENCE = 2.0
 """Most seconds for which a server that stops waits until its results have been asked for."""
 _SPINS = 16
-"""Events that are served at least while a server stops: requests may have arrived."""
+"""Callbacks that are served at least while a server stops, of those that are due already."""
 
 
 class DeferredActionServer(ActionServer):
@@ -70,10 +70,10 @@ class DeferredActionServer(ActionServer):
 
     def finish(self, goal_handle: Any, result: Any) -> None:
         """Send the result of a goal, whose final state must have been set."""
-        super().notify_execute(goal_handle, lambda _: result)
         goal = bytes(goal_handle.goal_id.uuid)
         if not self._begun.pop(goal):
             self._unasked.add(goal)
+        super().notify_execute(goal_handle, lambda _: result)
         self.changed = time.monotonic()
 
 
