@@ -54,8 +54,8 @@ class DemonstrationConfig:
         '', '', "scripted pilot that demonstrates; empty: the one for the world's engine",
         choices=('', 'expert', 'expert_estimator', 'hoverslam'))
     teacher_braking_share: float = setting(
-        float(UNSET), '', "planned deceleration of the teacher, as a fraction of full throttle; "
-        "-1: the teacher's own value", UNSET, 1.0)
+        float(UNSET), '', "deceleration that the teacher plans, as a share of that at full "
+        "throttle; -1: the teacher's own value", UNSET, 1.0)
     teacher_flare_rate: float = setting(
         float(UNSET), '1/s', "speed per height of the teacher in the flare; -1: the teacher's own "
         'value', UNSET,
@@ -100,8 +100,8 @@ class CloneConfig:
         'error throughout',
         0.0, 2.0)
     clone_margin: float = setting(
-        0.0, '', 'distance beyond a bound at which actions on that bound are aimed, so that small '
-        'errors still give the bound', 0.0, 2.0)
+        0.0, '', 'distance beyond a bound to which targets on that bound are moved, so that small '
+        'errors are clipped to the bound', 0.0, 2.0)
     clone_validation_fraction: float = setting(
         0.1, '', 'fraction of the episodes held out for validation', 0.0, 0.9)
     clone_patience: int = setting(
