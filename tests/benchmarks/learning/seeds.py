@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks import machine
+from benchmarks.experiments.statistics import Estimate
 from benchmarks.experiments.statistics import over_seeds
 from benchmarks.experiments.training import Recipe
 from benchmarks.experiments.training import train as train_in_process
@@ -132,22 +133,18 @@ def of_all_seeds(
     clones, policies = (
         np.stack([pair[which].episodes.episode_return for pair in flown]) for which in (0, 1))
     gains = policies - clones
+    gain = Estimate(float(gains.mean()), *mean_interval(gains.mean(0)))
+    further = over_seeds(gains.mean(1))
     found = {
-        'task': task, 'seeds': len(flown), 'clones': float(clones.mean()),
-        'clones_interval': mean_interval(clones.mean(0)), 'policies': float(policies.mean()),
-        'policies_interval': mean_interval(policies.mean(0)), 'gain': float(gains.mean()),
-        'gain_interval': mean_interval(gains.mean(0)),
-        'gain_interval_over_seeds': over_seeds(gains.mean(1))[1:]}
-
-    def interval(name: str, signed: str = '') -> str:
-        return '[{:{}.3f}, {:{}.3f}]'.format(*(
-            one for limit in found[name] for one in (limit, signed)))
-
-    print(f'{len(flown)} seeds together, {task}: clones {found["clones"]:.3f} '
-          f'{interval("clones_interval")}, policies {found["policies"]:.3f} '
-          f'{interval("policies_interval")}, PPO {found["gain"]:+.3f} '
-          f'{interval("gain_interval", "+")}, over seeds '
-          f'{interval("gain_interval_over_seeds", "+")}', flush=True)
+        'task': task, 'seeds': len(flown), 'gain': gain.value, 'gain_interval': gain[1:],
+        'gain_interval_over_seeds': further[1:]}
+    means = []
+    for name, returns in (('clones', clones), ('policies', policies)):
+        mean, (low, high) = float(returns.mean()), mean_interval(returns.mean(0))
+        found |= {name: mean, f'{name}_interval': (low, high)}
+        means.append(f'{name} {mean:.3f} [{low:.3f}, {high:.3f}]')
+    print(f'{len(flown)} seeds together, {task}: {", ".join(means)}, PPO {gain.text(3)}, '
+          f'over seeds {further.text(3)}', flush=True)
     return found
 
 
@@ -242,7 +239,6 @@ def main() -> None:
             if flown is not None:
                 pairs.setdefault(task, []).append((flown, better))
         policies[f'policy {seed}'] = policy
-    print()
     found['all_seeds'] = [
         of_all_seeds(task, each) for task, each in pairs.items() if len(each) > 1]
     print(f'\n{markdown(found["flown"])}')

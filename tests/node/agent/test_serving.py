@@ -176,9 +176,11 @@ def test_a_goal_that_comes_while_the_server_stops_is_answered(
 def test_closing_kills_the_processes_of_a_goal(
         bench: Bench, made: list[Execution], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench.actions, 'poll', lambda: None)
-    bench.begin()
+    asked = bench.begin()
     assert bench.actions.busy
     bench.actions.close(bench.executor)
+    assert asked.result().status == GoalStatus.STATUS_ABORTED
+    assert asked.result().result.code == Land.Result.FAILED
     assert made[0].killed
     assert not made[0].scratch.exists()
     bench.wait(lambda: not bench.client.server_is_ready())

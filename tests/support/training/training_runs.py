@@ -54,7 +54,8 @@ LOW = {'spawn_height': 40.0, 'time_limit': 6.0}
 
 def simulator(processes: Processes, world: str = 'rocket', namespace: str = '') -> Process:
     """Start a simulator of eight rockets, forked (see `support.forking`)."""
-    return processes.fork_node(*_NODE, _remap(namespace), **_simulated(world))
+    remap = (f'__ns:={namespace}',) if namespace else ()
+    return processes.fork_node(*_NODE, remap, **_simulated(world))
 
 
 def fresh_simulator(processes: Processes) -> Process:
@@ -65,10 +66,6 @@ def fresh_simulator(processes: Processes) -> Process:
 def make_world(world: str = 'rocket') -> VectorEnv:
     """Make the world of such a simulator in this process."""
     return make(world, num_envs=8, **_start(world))
-
-
-def _remap(namespace: str) -> tuple[str, ...]:
-    return (f'__ns:={namespace}',) if namespace else ()
 
 
 def _simulated(world: str) -> dict[str, Any]:

@@ -95,12 +95,16 @@ class Actions:
 
     def _abandon(self, execution: Execution) -> None:
         """Kill the processes of a goal and abort it."""
-        kind = KINDS[execution.command].Result
+        name = execution.command
         self._execution = None
         with self._scratch:
-            self._handle.abort()
-            self._servers[execution.command].finish(
-                self._handle, kind(code=kind.FAILED, figures=no_figures(), message=_STOPPED))
+            self._abort(name, self._handle, KINDS[name].Result.FAILED, _STOPPED)
+
+    def _abort(self, name: str, handle: Any, code: int, why: str) -> None:
+        """Abort a goal without figures."""
+        handle.abort()
+        self._servers[name].finish(
+            handle, KINDS[name].Result(code=code, figures=no_figures(), message=why))
 
     @property
     def _stopped(self) -> str:
@@ -133,9 +137,7 @@ class Actions:
                 self._running_until = time.monotonic()
                 self._node.get_logger().info(f'{name}: started')
                 return
-        handle.abort()
-        self._servers[name].finish(
-            handle, kind(code=code, figures=no_figures(), message=why))
+        self._abort(name, handle, code, why)
 
     def _finish(self, execution: Execution) -> None:
         """Send the result of the goal, whose processes have ended."""

@@ -34,6 +34,7 @@ class DeferredActionServer(ActionServer):
     ) -> None:
         """Offer the action; every request to cancel a goal is accepted.
 
+        :param kind: type of the action.
         :param begin: called with the handle of each goal, which is being executed or cancelled.
         :param options: further arguments of `rclpy.action.ActionServer`.
         """
@@ -80,8 +81,8 @@ class DeferredActionServer(ActionServer):
 def deliver_results(servers: Collection[DeferredActionServer], executor: Executor) -> None:
     """Serve until the clients have all results, before the servers are destroyed.
 
-    A client may ask for a result after the goal has ended. One that never asks is waited for, for
-    two seconds.
+    A client may ask for a result after the goal has ended. For one that never asks, it serves two
+    seconds.
     """
     end, changed, spins = time.monotonic() + _PATIENCE, -math.inf, 0
     while (now := time.monotonic()) < end:
