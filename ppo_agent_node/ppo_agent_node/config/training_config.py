@@ -54,6 +54,11 @@ class NetworkConfig:
         "action and the same value; mirrors: across x and z, a lander's across x; turns: also "
         'quarter turns about the vertical. Layers need multiples of 4 (mirrors), 2 (landers) or '
         '8 (turns) units', choices=('none', 'mirrors', 'turns'))
+    exploration: str = setting(
+        'independent', '', 'noise of continuous actions in roll-outs; independent: drawn anew for '
+        'each step; state_dependent: the same function of the state throughout an episode '
+        '(start_copies) or roll-out, so that each rocket flies a slightly different policy',
+        choices=('independent', 'state_dependent'))
     log_std_init: float = setting(
         -2.8, '', 'initial log standard deviation of the actions', -10.0, 2.0)
     log_std_final: float = setting(

@@ -98,7 +98,7 @@ class EpisodeRollout:
         log_prob = torch.empty(_CHUNK, len(returns))
         step = 0
         while flying.any():
-            if step % _CHUNK == 0:
+            if not step or not (policy.noise_lasts or step % _CHUNK):
                 sample = policy.sampler(log_prob, generator)
             seen = torch.tensor(observation)
             action = sample(step % _CHUNK, seen)

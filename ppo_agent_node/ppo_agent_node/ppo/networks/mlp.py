@@ -62,16 +62,27 @@ class Perceptron(nn.Sequential):
 
     def without_gradients(self) -> Callable[[Tensor], Tensor]:
         """Return a function that computes these layers without gradients."""
+        hidden, output = self.parts_without_gradients()
+        return lambda x: output(hidden(x))
+
+    def parts_without_gradients(
+        self,
+    ) -> tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tensor]]:
+        """Return two functions: one computes the hidden layers, the other the last layer."""
         *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
         activation = self.activation
 
         @torch.no_grad()
-        def output(x: Tensor) -> Tensor:
+        def features(x: Tensor) -> Tensor:
             for weight, bias in hidden:
                 x = dense(x, weight, bias, activation)
+            return x
+
+        @torch.no_grad()
+        def output(x: Tensor) -> Tensor:
             return functional.linear(x, *last)
 
-        return output
+        return features, output
 
 
 def mlp(
@@ -196,16 +207,19 @@ class Normaliser(nn.Module):
         self.scale.masked_fill_(other.scale == 0, 1.0).masked_fill_(hidden, 0.0)
 
 
-def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Tensor]:
-    """Return a function that computes `network(normaliser(x))` bit for bit, with less overhead.
+def quick(
+    normaliser: Normaliser, layers: Callable[[Tensor], Tensor],
+) -> Callable[[Tensor], Tensor]:
+    """Return a function that computes `layers(normaliser(x))` bit for bit, with less overhead.
 
     In flight a batch is a few hundred observations, for which module calls take as long as the
     arithmetic. The function uses the current values of the weights, but not parameters that
     replace them. It takes from now which entries have a `width`.
+
+    :param layers: a network without gradients, as `Perceptron.without_gradients` returns it.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features
-    outputs = network.without_gradients()
 
     @torch.no_grad()
     def output(observation: Tensor) -> Tensor:
@@ -217,7 +231,7 @@ def quick(normaliser: Normaliser, network: Perceptron) -> Callable[[Tensor], Ten
         else:
             x = x.sub_(mean) if bends else x - mean
         x.mul_(scale)
-        return outputs(x)
+        return layers(x)
 
     return output
 

@@ -31,14 +31,16 @@ class Policy(nn.Module):
     """Shape of one rocket's action: `(A,)` continuous, `()` discrete."""
     action_dtype: torch.dtype
     normaliser: Normaliser
+    noise_lasts = False
+    """Whether random numbers of a sampler are the same for all steps, so that it never ends."""
 
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
         """Draw all random numbers of T steps with N rockets; return a sampling function.
 
-        Called with a step, from 0, and the observations `(N, D)`, it returns actions
-        `(N, *action_shape)`.
+        Called with a step, from 0 to T - 1, and the observations `(N, D)`, it returns actions
+        `(N, *action_shape)`. With `noise_lasts` it may be called again from step 0.
 
         :param log_prob: `(T, N)`, output for the log-probabilities of sampled actions.
         """

@@ -58,7 +58,7 @@ class CategoricalPolicy(Policy):
         count = self._actions
         uniform = torch.rand(*log_prob.shape, count, generator=generator)
         gumbel = uniform.log_().neg_().log_().neg_()
-        logits = quick(self.normaliser, self.logits)
+        logits = quick(self.normaliser, self.logits.without_gradients())
 
         def sample(step: int, observation: Tensor) -> Tensor:
             log_p = _finite(logits(observation).log_softmax(-1))

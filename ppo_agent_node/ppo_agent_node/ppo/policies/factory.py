@@ -28,7 +28,8 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
     It computes on the policy's device. See `quick` for what it takes from the policy now, and what
     later.
     """
-    outputs, device = quick(policy.normaliser, policy.network), policy.normaliser.mean.device
+    outputs = quick(policy.normaliser, policy.network.without_gradients())
+    device = policy.normaliser.mean.device
 
     @torch.inference_mode()
     def fly(observation: NDArray[np.float32]) -> NDArray[Any]:
@@ -62,4 +63,4 @@ def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Genera
     return GaussianPolicy(
         spec.observation_size, spec.action_size, network.hidden_sizes, generator,
         network.log_std_init, network.log_std_final, network.log_std_floor, network.activation,
-        features, symmetry_of(spec, network))
+        features, symmetry_of(spec, network), network.exploration)

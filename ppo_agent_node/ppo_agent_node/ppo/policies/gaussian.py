@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 from torch import nn
+from torch.nn import functional
 
 from ppo_agent_node.ppo.networks.features import DescentFeatures
 from ppo_agent_node.ppo.networks.mlp import Normaliser
@@ -40,12 +41,15 @@ class GaussianPolicy(Policy):
         activation: str = 'tanh',
         features: DescentFeatures | None = None,
         symmetry: Symmetry | None = None,
+        exploration: str = 'independent',
     ) -> None:
         """Create a policy D -> hidden_sizes -> A whose initial actions are near 0.
 
         The learned log standard deviation begins at `log_std_init` and stays above its floor. If
         `log_std_final` is below the initial value, it is also clamped, after each update, below a
         line from the initial to the final value.
+
+        :param exploration: how the noise of successive steps is related; see `sampler`.
         """
         super().__init__()
         self.action_shape = (action_size,)
@@ -57,17 +61,47 @@ class GaussianPolicy(Policy):
         self.log_std = nn.Parameter(torch.full((action_size,), float(log_std_init)))
         self.log_std_init, self.log_std_final = log_std_init, log_std_final
         self.log_std_floor = log_std_floor
+        self.noise_lasts = exploration == 'state_dependent'
 
     @torch.no_grad()
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
-        """Return a function that samples actions `(N, A)`; see :class:`Policy`."""
+        """Return a function that samples actions `(N, A)`; see :class:`Policy`.
+
+        With independent exploration, each step has its own noise. With state-dependent
+        exploration the noise is a linear function of the last hidden layer h, drawn once for each
+        rocket: std W h / |h|, with W `(A, H)` standard normal. Similar states get similar noise,
+        so each rocket flies a slightly different policy. In each single state the noise has the
+        same distribution as with independent exploration, and so the same log-probability
+        (Raffin, Kober and Stulp, 'Smooth exploration for robotic reinforcement learning', 2021;
+        theirs is not divided by |h|).
+        """
+        if self.noise_lasts:
+            return self._state_dependent(log_prob, generator)
         noise = torch.randn(*log_prob.shape, len(self.log_std), generator=generator)
         log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
         noise *= self.log_std.exp()
-        mean = quick(self.normaliser, self.mean)
+        mean = quick(self.normaliser, self.mean.without_gradients())
         return lambda step, observation: mean(observation).add_(noise[step])
+
+    def _state_dependent(
+        self, log_prob: Tensor, generator: torch.Generator,
+    ) -> Callable[[int, Tensor], Tensor]:
+        hidden, mean = self.mean.parts_without_gradients()
+        features = quick(self.normaliser, hidden)
+        deviation = self.log_std.exp()
+        weights = torch.randn(
+            log_prob.shape[1], len(deviation), self.mean.linear[-1].in_features,
+            generator=generator)
+
+        def sample(step: int, observation: Tensor) -> Tensor:
+            seen = features(observation)
+            noise = torch.linalg.vecdot(weights, functional.normalize(seen)[:, None])
+            log_prob[step] = self._log_prob(noise.T)
+            return mean(seen).add_(noise.mul_(deviation))
+
+        return sample
 
     @property
     def network(self) -> Perceptron:
