@@ -82,6 +82,9 @@ class PPOConfig:
         1, '', 'number of rockets that fly each start, in roll-outs of one whole episode per '
         'rocket. The advantage is the return of an episode relative to those of its copies. '
         'Reduced if num_envs is no multiple. 1: roll-outs of n_steps with a critic', 1, 4096)
+    normalise_starts: bool = setting(
+        True, '', "whether the advantages of a start's copies (start_copies) are divided by the "
+        'standard deviation of their returns, so that all starts count alike')
     scatter_steps: int = setting(
         512, 'steps', "steps flown after a change of level, about an episode, so that the "
         "rockets' episodes are out of phase; 0: none", 0, 1_000_000)

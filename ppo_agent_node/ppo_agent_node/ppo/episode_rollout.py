@@ -7,9 +7,10 @@ copies of a start differ by their actions alone.
 
 The advantage of an episode is its return less the mean of the other copies (the leave-one-out
 baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
-for free!', 2019), over their standard deviation, as in group relative policy optimization (Shao et
-al., 'DeepSeekMath', 2024, section 4.1), so that starts that always fail do not dominate the
-others.
+for free!', 2019). With `normalise_starts` it is divided by their standard deviation, as in group
+relative policy optimization (Shao et al., 'DeepSeekMath', 2024, section 4.1), so that all starts
+count alike. Otherwise a start counts the more, the more its copies differ, as it does in the
+gradient of the mean return (Liu et al., 'Understanding R1-Zero-like training', 2025, section 3).
 
 The last step of an episode gets the whole advantage, a step k earlier gamma^k of it: the rewards
 are paid at the end, and feedback corrects most of what an early action's noise did, so that early
@@ -47,15 +48,18 @@ _LEAST_WEIGHT = 1e-3
 """Minimum of gamma^k for a step to be a sample."""
 
 
-def relative_advantages(returns: F64, copies: int) -> F64:
+def relative_advantages(returns: F64, copies: int, normalise: bool = True) -> F64:
     """Return the advantages `(E,)` of episodes relative to the copies of their starts.
 
     :param returns: `(E,)`, the copies of a start consecutively.
     :param copies: K, number of copies, 2 or more.
+    :param normalise: whether to divide those of a start by the standard deviation of its copies'
+        returns.
     """
     groups = returns.reshape(-1, copies)
-    above = (groups - groups.mean(1, keepdims=True)) * (copies / (copies - 1))
-    relative = above / (groups.std(1, keepdims=True) + _LEAST_DEVIATION)
+    relative = (groups - groups.mean(1, keepdims=True)) * (copies / (copies - 1))
+    if normalise:
+        relative /= groups.std(1, keepdims=True) + _LEAST_DEVIATION
     scale = np.quantile(np.abs(relative), 0.9)
     advantage: F64 = np.clip(relative / max(scale, 1e-6), -_LIMIT, _LIMIT).ravel()
     return advantage
@@ -64,16 +68,19 @@ def relative_advantages(returns: F64, copies: int) -> F64:
 class EpisodeRollout:
     """One episode of each of N rockets in G groups; same interface as `rollout_buffer.Rollout`."""
 
-    def __init__(self, rockets: int, copies: int, groups: int = 1) -> None:
+    def __init__(
+        self, rockets: int, copies: int, groups: int = 1, normalise_starts: bool = True,
+    ) -> None:
         """Prepare for N rockets in each of G groups; every K consecutive ones share a start.
 
+        :param normalise_starts: see `relative_advantages`.
         :raises ValueError: when K does not divide N.
         """
         if rockets % copies:
             raise ValueError(
                 f"start_copies: got {copies}, expected a divisor of the simulator's num_envs, "
                 f'{rockets}')
-        self._copies = copies
+        self._copies, self._normalise_starts = copies, normalise_starts
         self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
         self._returns = np.zeros((groups, rockets))
         self._last = np.zeros((groups, rockets), np.int64)
@@ -128,7 +135,7 @@ class EpisodeRollout:
         not used.
         """
         advantage = torch.from_numpy(relative_advantages(
-            self._returns.ravel(), self._copies).astype(np.float32))
+            self._returns.ravel(), self._copies, self._normalise_starts).astype(np.float32))
         first = 0
         parts = []
         for flown, last in zip(self._flown, torch.from_numpy(self._last), strict=True):

@@ -103,7 +103,7 @@ class Trainer:
             ReverseCurriculum.begin(config.curriculum, spec))
         groups = config.ppo.num_groups // ranks.count
         self._rollout = EpisodeRollout(
-            spec.num_envs, config.ppo.start_copies, groups,
+            spec.num_envs, config.ppo.start_copies, groups, config.ppo.normalise_starts,
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             groups)

@@ -36,6 +36,14 @@ def test_an_advantage_is_the_return_less_the_mean_of_the_other_copies() -> None:
     assert advantage[:3] / advantage[0] == pytest.approx(expected / expected[0])
 
 
+def test_without_division_a_start_counts_by_how_much_its_copies_differ() -> None:
+    returns = np.array([1.0, 2.0, 6.0, 5.0, 5.1, 5.2])
+    advantage = relative_advantages(returns, 3, normalise=False)
+    # By hand: 1 - (2 + 6) / 2 and so on.
+    assert advantage / advantage[0] == pytest.approx(
+        np.array([-3.0, -1.5, 4.5, -0.15, 0.0, 0.15]) / -3.0)
+
+
 def test_a_start_that_always_fails_gives_no_advantage() -> None:
     lost, easy = np.full(4, -104.0), np.array([295.0, 295.1, 295.2, 295.3])
     advantage = relative_advantages(np.concatenate((lost, easy)), 4)
