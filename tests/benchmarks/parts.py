@@ -4,7 +4,7 @@ from __future__ import annotations
 
 _FOLDERS = {
     'evaluation': ('heuristic', 'optimum', 'transfer', 'tune'),
-    'learning': ('examples', 'seeds'),
+    'learning': ('examples', 'gradients', 'seeds'),
     'networks': ('learner', 'onnx'),
     'reliability': ('soak', 'stopping'),
     'reports': ('performance',),
