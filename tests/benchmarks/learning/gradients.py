@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument('--conditions', default='mix', choices=conditions.NAMES,
                         help='conditions')
     parser.add_argument('--level', type=int, default=7, help='level')
-    parser.add_argument('--log-std', type=float, nargs='+', default=[-2.5, -3.5, -4.5],
+    parser.add_argument('--log-std', type=float, nargs='+', default=[-2.5, -3.5, -4.5, -5.5],
                         help='log standard deviations of the noise')
     parser.add_argument('--gamma', type=float, default=0.95, help='discount of the advantages')
     parser.add_argument('--rollouts', type=int, default=24, help='roll-outs, 2 or more')

@@ -103,15 +103,30 @@ def test_a_roll_out_holds_each_first_episode_whole() -> None:
     torch.testing.assert_close(log_prob, batch.log_prob)
 
 
-def train(run: Path, stop_at: str = 'never', resume: bool = False) -> Path:
+def train(
+    run: Path, stop_at: str = 'never', resume: bool = False, **settings: object,
+) -> Path:
     """Train a little, until a checkpoint is there, and return the folder."""
     values = {
-        **SMALL, 'hidden_sizes': [16, 16], 'iterations': 3, 'demonstration_episodes': 0, **COPIES}
+        **SMALL, 'hidden_sizes': [16, 16], 'iterations': 3, 'demonstration_episodes': 0, **COPIES,
+        **settings}
     Trainer(
         SerialFleet(make('rocket', num_envs=8, time_limit=8.0)), load_preset('default', **values),
         RunFolder(run, resume=resume),
         stop_requested=(run / 'checkpoints' / stop_at).exists).run()
     return run
+
+
+@pytest.mark.slow
+def test_exploration_by_state_is_the_same_bits_again_and_after_a_resume(tmp_path: Path) -> None:
+    by_state = {'exploration': 'state_dependent', 'normalise_starts': False}
+    whole = train(tmp_path / 'whole', **by_state)
+    assert_same_run(whole, train(tmp_path / 'again', **by_state))
+    parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors', **by_state)
+    assert_same_run(whole, train(parts, resume=True, **by_state))
+    kl = [line['approx_kl'] for line in log_without_times(whole) if 'approx_kl' in line]
+    assert min(kl) > 0
+    assert max(kl) < 1  # the probabilities of the flown actions were right
 
 
 @pytest.mark.slow
