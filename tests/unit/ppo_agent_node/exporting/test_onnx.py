@@ -82,7 +82,7 @@ def test_a_file_describes_its_policy(files: dict[str, Path]) -> None:
     assert description['action_choices'] == []
     assert (description['action_low'], description['action_high']) == ([-1.0] * 3, [1.0] * 3)
     assert (description['world'], description['seed'], description['training']['run']) == (
-        'rocket', 5, 'rocket-robust-5')
+        'rocket', 65, 'rocket-robust-65')
     assert description['provenance']['conditions'] == 'mix'
     assert description['provenance']['commit']
     lander = worlds.make('lunar_lander', 1)
