@@ -40,6 +40,7 @@ TASKS: dict[str, dict[str, dict[str, Any]]] = {
     'rocket': _LEVELS, 'rocket_planar': _LEVELS, 'lunar_lander': {'default settings': {}},
     'robust': {
         'level 7': {'level': 7}, 'level 7, conditions mix': {'level': 7, 'conditions': 'mix'},
+        'level 8, conditions mix': {'level': 8, 'conditions': 'mix'},
         'level 7, conditions harsh': {'level': 7, 'conditions': 'harsh'}},
     'hoverslam': {'level 7, conditions hoverslam': {'level': 7, 'conditions': 'hoverslam'}},
     'from_scratch': {'level 7': {'level': 7}}}

@@ -33,6 +33,7 @@ def test_the_planar_policy_that_ships_flies_as_it_was_measured(
     ('default', {'level': 8}, 252, 289.0),
     ('robust', {'level': 7}, 256, 291.0),
     ('robust', {'level': 7, 'conditions': 'mix'}, 255, 286.5),
+    ('robust', {'level': 8, 'conditions': 'mix'}, 254, 283.0),
     ('from_scratch', {'level': 7}, 254, 290.0),
     ('hoverslam', {'level': 7, 'conditions': 'hoverslam'}, 255, 292.5),
 ])
