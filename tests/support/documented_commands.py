@@ -210,7 +210,7 @@ KINDS = (
     Kind(r'\./launch_scripts/bench peers( .*)?', tested=f'{_BENCH}peers'),
     Kind(r'\./launch_scripts/bench transfer .*', '--policy $LANDER --episodes 4'),
     Kind(r'\./launch_scripts/bench key_latency', '--presses 3'),
-    Kind(r'\./launch_scripts/bench gradients .*', '--rollouts 2 --rockets 8 --log-std -2.5 '
+    Kind(r'\./launch_scripts/bench gradients( .*)?', '--rollouts 3 --rockets 8 --log-std -2.5 '
          '--policy ppo_agent_node/ppo_agent_node/policies/robust.safetensors'),
     Kind(r'\./launch_scripts/bench optimum', '--starts 1 --fine 1 --blocks 60 --levels 1'),
     Kind(r'\./launch_scripts/bench onnx',

@@ -9,8 +9,9 @@ The advantage of an episode is its return less the mean of the other copies (the
 baseline of Kool, van Hoof and Welling, 'Buy 4 REINFORCE samples, get a baseline
 for free!', 2019). With `normalise_starts` it is divided by their standard deviation, as in group
 relative policy optimization (Shao et al., 'DeepSeekMath', 2024, section 4.1), so that all starts
-count alike. Otherwise a start counts the more, the more its copies differ, as it does in the
-gradient of the mean return (Liu et al., 'Understanding R1-Zero-like training', 2025, section 3).
+count alike. Otherwise a start counts the more, the more its copies differ, up to a limit, as it
+does in the gradient of the mean return (Liu et al., 'Understanding R1-Zero-like training', 2025,
+section 3).
 
 The last step of an episode gets the whole advantage, a step k earlier gamma^k of it: the rewards
 are paid at the end, and feedback corrects most of what an early action's noise did, so that early
@@ -73,14 +74,16 @@ class EpisodeRollout:
     ) -> None:
         """Prepare for N rockets in each of G groups; every K consecutive ones share a start.
 
-        :param normalise_starts: see `relative_advantages`.
+        :param normalise_starts: the `normalise` of `relative_advantages`.
         :raises ValueError: when K does not divide N.
         """
         if rockets % copies:
             raise ValueError(
                 f"start_copies: got {copies}, expected a divisor of the simulator's num_envs, "
                 f'{rockets}')
-        self._copies, self._normalise_starts = copies, normalise_starts
+        self._copies = copies
+        self.normalise_starts = normalise_starts
+        """Applies to the next batch."""
         self._flown: list[list[tuple[Tensor, Tensor, Tensor, Tensor]]] = [[]] * groups
         self._returns = np.zeros((groups, rockets))
         self._last = np.zeros((groups, rockets), np.int64)
@@ -105,7 +108,7 @@ class EpisodeRollout:
         log_prob = torch.empty(_CHUNK, len(returns))
         step = 0
         while flying.any():
-            if not step or not (policy.noise_lasts or step % _CHUNK):
+            if step == 0 or (step % _CHUNK == 0 and not policy.noise_lasts):
                 sample = policy.sampler(log_prob, generator)
             seen = torch.tensor(observation)
             action = sample(step % _CHUNK, seen)
@@ -135,7 +138,7 @@ class EpisodeRollout:
         not used.
         """
         advantage = torch.from_numpy(relative_advantages(
-            self._returns.ravel(), self._copies, self._normalise_starts).astype(np.float32))
+            self._returns.ravel(), self._copies, self.normalise_starts).astype(np.float32))
         first = 0
         parts = []
         for flown, last in zip(self._flown, torch.from_numpy(self._last), strict=True):

@@ -2,13 +2,16 @@
 """Measures how well policy gradients from different roll-outs agree, by kind of exploration.
 
 Several roll-outs of a policy give a gradient each. The agreement is the mean dot product of two of
-them over their mean square: 1 if a roll-out gives the exact gradient, 0 if it gives only noise.
-The deviation is that of the returns of a start's copies, which differ in their noise alone.
+them over their mean square: 1 if all are the same, 0 if they have nothing in common. Its standard
+error is that of the jackknife (Efron, 'The jackknife, the bootstrap and other resampling plans',
+1982). The deviation is that of the returns of a start's copies, which differ in their noise alone.
 """
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -33,26 +36,34 @@ POLICY = Path(ppo_agent_node.__file__).parent / 'policies' / 'robust.safetensors
 EXPLORATIONS = ('independent', 'state_dependent')
 
 
-def gradient(policy: GaussianPolicy, batch: Batch, rockets: int) -> Tensor:
+def gradient(policy: GaussianPolicy, batch: Batch) -> Tensor:
     """Return the gradient of the advantage-weighted log-probability by all weights, flat."""
     with torch.enable_grad():
         log_prob, _ = policy.log_prob_entropy(batch.observation, batch.action)
-        loss = (log_prob * batch.advantage).sum() / rockets
+        loss = (log_prob * batch.advantage).sum()
         found = torch.autograd.grad(loss, list(policy.network.parameters()))
     return torch.cat([one.flatten() for one in found]).double()
 
 
-def agreement(gradients: list[Tensor]) -> float:
-    """Return the mean dot product of two gradients over their mean square."""
+def agreement(gradients: list[Tensor]) -> tuple[float, float]:
+    """Return the mean dot product of two gradients over their mean square, and its error."""
     products = torch.stack(gradients) @ torch.stack(gradients).T
-    count, own = len(gradients), float(products.trace())
-    return (float(products.sum()) - own) / (count - 1) / own
+    count = len(gradients)
+
+    def of(some: Tensor) -> float:
+        found = products[some][:, some]
+        own = found.trace()
+        return float((found.sum() - own) / (len(some) - 1) / own)
+
+    every = torch.arange(count)
+    without = [of(every[every != one]) for one in every]
+    return of(every), math.sqrt((count - 1) * float(np.var(without)))
 
 
 def measure(
     env: VectorEnv, policy: GaussianPolicy, options: argparse.Namespace, exploration: str,
     log_std: float,
-) -> dict[str, float | str]:
+) -> dict[str, Any]:
     """Fly the roll-outs with one kind of noise and return their figures."""
     policy.noise_lasts = exploration == 'state_dependent'
     with torch.no_grad():
@@ -60,15 +71,16 @@ def measure(
     settings = {**conditions.settings(options.conditions), 'level': options.level,
                 'spawn_copies': options.copies}
     gradients: dict[bool, list[Tensor]] = {True: [], False: []}
+    rollout = EpisodeRollout(env.spec.num_envs, options.copies)
     returns = []
     for number in range(options.rollouts):
         seed = options.seed + number
+        ended, _ = fly(env, rollout.flight(
+            0, Reset(seed, settings), policy, random_streams.generator(seed, 'gradients')))
         for normalise, found in gradients.items():
-            rollout = EpisodeRollout(env.spec.num_envs, options.copies, 1, normalise)
-            ended, _ = fly(env, rollout.flight(
-                0, Reset(seed, settings), policy, random_streams.generator(seed, 'gradients')))
+            rollout.normalise_starts = normalise
             batch = rollout.batch(lambda seen: seen[:, 0], options.gamma, 1.0, 1.0)
-            found.append(gradient(policy, batch, env.spec.num_envs))
+            found.append(gradient(policy, batch))
         by_row = np.zeros(env.spec.num_envs)
         for _, episodes in ended:
             by_row[episodes.row] = episodes.episode_return
@@ -94,14 +106,17 @@ def main() -> None:
     parser.add_argument('--log-std', type=float, nargs='+', default=[-2.5, -3.5, -4.5, -5.5],
                         help='log standard deviations of the noise')
     parser.add_argument('--gamma', type=float, default=0.95, help='discount of the advantages')
-    parser.add_argument('--rollouts', type=int, default=24, help='roll-outs, 2 or more')
+    parser.add_argument('--rollouts', type=int, default=24, help='roll-outs, 3 or more')
     parser.add_argument('--rockets', type=int, default=256, help='rockets of a roll-out')
     parser.add_argument('--copies', type=int, default=8, help='rockets that fly each start')
     parser.add_argument('--seed', type=int, default=700_000, help='seed of the first roll-out')
     parser.add_argument('--output', type=Path, help='JSON file for the figures')
     options = parser.parse_args()
-    if options.rollouts < 2:
-        parser.error(f'--rollouts: got {options.rollouts}, expected 2 or more')
+    if options.rollouts < 3:
+        parser.error(f'--rollouts: got {options.rollouts}, expected 3 or more')
+    if options.copies < 2 or options.rockets % options.copies:
+        parser.error(f'--copies: got {options.copies}, expected 2 or more and a divisor of '
+                     f'--rockets, {options.rockets}')
     torch.set_num_threads(1)
     env = worlds.make(options.world, options.rockets, observation='extended')
     policy, description = load_policy(options.policy, env.spec)
@@ -117,8 +132,9 @@ def main() -> None:
             one = measure(env, policy, options, exploration, log_std)
             found.append(one)
             lines.append([exploration, f'{log_std:g}', f'{one["mean_return"]:.2f}',
-                          f'{one["deviation"]:.2f}', f'{one["agreement"]:.3f}',
-                          f'{one["agreement_normalised"]:.3f}'])
+                          f'{one["deviation"]:.2f}', *(
+                '{:.3f} ± {:.3f}'.format(*one[name])
+                for name in ('agreement', 'agreement_normalised'))])
             print(' '.join(lines[-1]), flush=True)
     print(f'\n{aligned(lines)}')
     if options.output:

@@ -62,27 +62,31 @@ class Perceptron(nn.Sequential):
 
     def without_gradients(self) -> Callable[[Tensor], Tensor]:
         """Return a function that computes these layers without gradients."""
-        hidden, output = self.parts_without_gradients()
-        return lambda x: output(hidden(x))
+        hidden, last = self.parts_without_gradients()
+        return lambda x: last(hidden(x))
 
     def parts_without_gradients(
         self,
     ) -> tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tensor]]:
-        """Return two functions: one computes the hidden layers, the other the last layer."""
-        *hidden, last = [(layer.weight, layer.bias) for layer in self.linear]
+        """Return two functions, for the hidden layers and for the last layer.
+
+        The first maps inputs `(..., D)` to the units of the last hidden layer `(..., H)`, the
+        second maps these to the outputs `(..., K)`.
+        """
+        *before, output = [(layer.weight, layer.bias) for layer in self.linear]
         activation = self.activation
 
         @torch.no_grad()
-        def features(x: Tensor) -> Tensor:
-            for weight, bias in hidden:
+        def hidden(x: Tensor) -> Tensor:
+            for weight, bias in before:
                 x = dense(x, weight, bias, activation)
             return x
 
         @torch.no_grad()
-        def output(x: Tensor) -> Tensor:
-            return functional.linear(x, *last)
+        def last(h: Tensor) -> Tensor:
+            return functional.linear(h, *output)
 
-        return features, output
+        return hidden, last
 
 
 def mlp(
@@ -216,7 +220,7 @@ def quick(
     arithmetic. The function uses the current values of the weights, but not parameters that
     replace them. It takes from now which entries have a `width`.
 
-    :param layers: a network without gradients, as `Perceptron.without_gradients` returns it.
+    :param layers: what `Perceptron.without_gradients` or one of its parts computes.
     """
     bends = [(int(k), normaliser.width[k]) for k in normaliser.width.nonzero()[:, 0]]
     mean, scale, features = normaliser.mean, normaliser.scale, normaliser.features

@@ -32,7 +32,7 @@ class Policy(nn.Module):
     action_dtype: torch.dtype
     normaliser: Normaliser
     noise_lasts = False
-    """Whether random numbers of a sampler are the same for all steps, so that it never ends."""
+    """Whether the random numbers of a sampler serve any number of steps, not only T."""
 
     def sampler(
         self, log_prob: Tensor, generator: torch.Generator,

@@ -52,7 +52,7 @@ def symmetry_of(spec: WorldSpec, network: NetworkConfig) -> Symmetry | None:
 def make_policy(spec: WorldSpec, network: NetworkConfig, generator: torch.Generator) -> Policy:
     """Return a policy for a world's kind of action.
 
-    :param network: its shape; settings of the deviation apply to continuous actions only.
+    :param network: its shape; settings of the noise apply to continuous actions only.
     :raises ValueError: for features that cannot be computed from the world's observations.
     """
     features = make_features(network.features, spec.observation_names, spec.settings)

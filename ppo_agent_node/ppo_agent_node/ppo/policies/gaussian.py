@@ -72,10 +72,11 @@ class GaussianPolicy(Policy):
         With independent exploration, each step has its own noise. With state-dependent
         exploration the noise is a linear function of the last hidden layer h, drawn once for each
         rocket: std W h / |h|, with W `(A, H)` standard normal. Similar states get similar noise,
-        so each rocket flies a slightly different policy. In each single state the noise has the
-        same distribution as with independent exploration, and so the same log-probability
-        (Raffin, Kober and Stulp, 'Smooth exploration for robotic reinforcement learning', 2021;
-        theirs is not divided by |h|).
+        so each rocket flies a slightly different policy. In a given state the noise has the same
+        distribution as independent noise, and the log-probability is the one of that single
+        action. A simplification of gSDE (Raffin, Kober and Stulp, 'Smooth exploration for robotic
+        reinforcement learning', 2021): one deviation for each action instead of one for each
+        feature and action.
         """
         if self.noise_lasts:
             return self._state_dependent(log_prob, generator)
@@ -88,18 +89,19 @@ class GaussianPolicy(Policy):
     def _state_dependent(
         self, log_prob: Tensor, generator: torch.Generator,
     ) -> Callable[[int, Tensor], Tensor]:
-        hidden, mean = self.mean.parts_without_gradients()
-        features = quick(self.normaliser, hidden)
+        hidden, last = self.mean.parts_without_gradients()
+        hidden = quick(self.normaliser, hidden)
         deviation = self.log_std.exp()
         weights = torch.randn(
             log_prob.shape[1], len(deviation), self.mean.linear[-1].in_features,
             generator=generator)
 
+        @torch.no_grad()
         def sample(step: int, observation: Tensor) -> Tensor:
-            seen = features(observation)
-            noise = torch.linalg.vecdot(weights, functional.normalize(seen)[:, None])
+            h = hidden(observation)
+            noise = torch.linalg.vecdot(weights, functional.normalize(h)[:, None])
             log_prob[step] = self._log_prob(noise.T)
-            return mean(seen).add_(noise.mul_(deviation))
+            return last(h).add_(noise.mul_(deviation))
 
         return sample
 

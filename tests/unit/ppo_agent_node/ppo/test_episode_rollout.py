@@ -51,10 +51,14 @@ def test_a_start_that_always_fails_gives_no_advantage() -> None:
     assert np.sort(advantage[4:]).tolist() == advantage[4:].tolist()
 
 
-def test_one_crash_among_many_landings_is_limited() -> None:
+@pytest.mark.parametrize('normalise', [True, False])
+def test_one_crash_among_many_landings_is_limited(normalise: bool) -> None:
     returns = np.tile([295.0, 295.1, 295.2, 295.3], 20)
     returns[0] = -100.0
-    assert relative_advantages(returns, 4).min() >= -4.0
+    advantage = relative_advantages(returns, 4, normalise)
+    assert advantage.min() >= -4.0
+    assert advantage.max() <= 4.0
+    assert advantage.argmin() == 0
 
 
 def test_equal_returns_give_no_advantage() -> None:
@@ -66,9 +70,11 @@ def test_copies_that_do_not_divide_the_rockets_are_refused() -> None:
         EpisodeRollout(8, 3)
 
 
-def test_a_roll_out_holds_each_first_episode_whole() -> None:
+@pytest.mark.parametrize('exploration', ['independent', 'state_dependent'])
+def test_a_roll_out_holds_each_first_episode_whole(exploration: str) -> None:
     env = make('rocket', 8, spawn_copies=4)
-    learner = Learner(env.spec, load_preset('default', hidden_sizes=[8], log_std_init=-1.0))
+    learner = Learner(env.spec, load_preset(
+        'default', hidden_sizes=[8], log_std_init=-1.0, exploration=exploration))
     rollout = EpisodeRollout(8, 4)
     finished, _ = fly(env, rollout.flight(
         0, Reset(5, {'spawn_copies': 4}), learner.policy, random_streams.generator(1, 'test')))
@@ -124,9 +130,9 @@ def test_exploration_by_state_is_the_same_bits_again_and_after_a_resume(tmp_path
     assert_same_run(whole, train(tmp_path / 'again', **by_state))
     parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors', **by_state)
     assert_same_run(whole, train(parts, resume=True, **by_state))
-    kl = [line['approx_kl'] for line in log_without_times(whole) if 'approx_kl' in line]
-    assert min(kl) > 0
-    assert max(kl) < 1  # the probabilities of the flown actions were right
+    normalised = train(tmp_path / 'normalised', **{**by_state, 'normalise_starts': True})
+    with pytest.raises(AssertionError):
+        assert_same_run(whole, normalised)
 
 
 @pytest.mark.slow

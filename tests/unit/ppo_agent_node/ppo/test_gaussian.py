@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ from ppo_agent_node.config.presets import load_preset
 from ppo_agent_node.ppo.episode_rollout import EpisodeRollout
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.policies.factory import GaussianPolicy
+from ppo_agent_node.ppo.rollout_buffer import Rollout
 from rocket_sim_node.worlds import make
 from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.jobs import fly
@@ -93,24 +95,50 @@ def test_equal_streams_give_equal_noise_and_others_differ() -> None:
     assert not torch.equal(first, other)
 
 
-@pytest.mark.parametrize(('exploration', 'drawn'), [('state_dependent', 1), ('independent', 2)])
-def test_an_episode_keeps_its_noise_to_the_end(
-    exploration: str, drawn: int, monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize('exploration', ['state_dependent', 'independent'])
+def test_noise_is_drawn_once_for_an_episode_or_every_128_steps(
+    exploration: str, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """An episode is longer than the steps for which independent noise is drawn at once."""
     env = make('rocket', 4, spawn_copies=2)
-    learner = Learner(env.spec, load_preset(
-        'default', hidden_sizes=[8], exploration=exploration))
-    calls = []
-    sampler = learner.policy.sampler
+    policy = Learner(env.spec, load_preset(
+        'default', hidden_sizes=[8], exploration=exploration)).policy
+    drawn = []
+    sampler = policy.sampler
 
-    def counted(log_prob: torch.Tensor, generator: torch.Generator) -> object:
-        calls.append(log_prob.shape)
+    def counted(
+        log_prob: torch.Tensor, generator: torch.Generator,
+    ) -> Callable[[int, torch.Tensor], torch.Tensor]:
+        drawn.append(log_prob.shape)
         return sampler(log_prob, generator)
 
-    monkeypatch.setattr(learner.policy, 'sampler', counted)
+    monkeypatch.setattr(policy, 'sampler', counted)
     finished, _ = fly(env, EpisodeRollout(4, 2).flight(
-        0, Reset(5, {'spawn_copies': 2}), learner.policy, random_streams.generator(1, 'test')))
+        0, Reset(5, {'spawn_copies': 2}), policy, random_streams.generator(1, 'test')))
     longest = max(step for step, _ in finished) + 1
     assert longest > 128
-    assert len(calls) == (1 if drawn == 1 else -(-longest // 128))
+    assert len(drawn) == (1 if exploration == 'state_dependent' else math.ceil(longest / 128))
+
+
+@pytest.mark.parametrize('exploration', ['state_dependent', 'independent'])
+def test_log_probabilities_have_no_gradient(exploration: str) -> None:
+    log_prob = torch.empty(1, 3)
+    action = policy(exploration).sampler(
+        log_prob, random_streams.generator(1, 'noise'))(0, torch.ones(3, 6))
+    assert not log_prob.requires_grad
+    assert not action.requires_grad
+
+
+def test_a_roll_out_of_fixed_length_keeps_its_noise() -> None:
+    """Also across the end of an episode, after which the same state has the same noise."""
+    env = make('rocket', 4, time_limit=0.5)
+    policy = Learner(env.spec, load_preset(
+        'default', hidden_sizes=[8], exploration='state_dependent', log_std_init=-1.0)).policy
+    rollout = Rollout(60, 4, env.spec.observation_size, policy)
+    fly(env, rollout.flight(0, Reset(5, {}), policy, random_streams.generator(1, 'test')))
+    assert rollout.terminated.any()
+    expected = policy.sampler(torch.empty(60, 4), random_streams.generator(1, 'test'))
+    for step, observation in enumerate(rollout.observation[:60]):
+        assert torch.equal(rollout.action[step], expected(step, observation))
+    log_prob, _ = policy.log_prob_entropy(
+        rollout.observation[:60].flatten(0, 1), rollout.action.flatten(0, 1))
+    torch.testing.assert_close(log_prob.detach(), rollout.log_prob.flatten())

@@ -16,8 +16,10 @@ from rocket_sim_node.worlds.jobs import Reset
 from rocket_sim_node.worlds.rocket import conditions
 
 ROBUST = load_preset('robust')
-LEARNING = {'nominal_share': ROBUST.curriculum.curriculum_nominal_share, 'level': 7}
-HARSH, MIX = ({**conditions.settings(name), **LEARNING} for name in ('harsh', 'mix'))
+HARSH, MIX = (
+    {**conditions.settings(name), 'level': level,
+     'nominal_share': ROBUST.curriculum.curriculum_nominal_share}
+    for name, level in (('harsh', 8), ('mix', 7)))
 
 
 class Simulators:
