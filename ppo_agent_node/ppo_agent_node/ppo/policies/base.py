@@ -11,6 +11,7 @@ from torch import nn
 
 from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import Perceptron
+from ppo_agent_node.ppo.networks.mlp import quick
 
 
 class Likelihood(NamedTuple):
@@ -61,6 +62,10 @@ class Policy(nn.Module):
         """Return the network's outputs for observations, `(S, K)`."""
         output: Tensor = self.network(self.normaliser(observation))
         return output
+
+    def quick_output(self) -> Callable[[Tensor], Tensor]:
+        """Return a function for flight that computes `output` without gradients; see `quick`."""
+        return quick(self.normaliser, self.network.without_gradients())
 
     def likelihood(self, output: Tensor, action: Tensor) -> Likelihood:
         """Return the likelihood of actions `(S, *action_shape)` given outputs `(K, S)`."""

@@ -11,7 +11,6 @@ from torch import Tensor
 from ppo_agent_node.ppo.networks.mlp import Normaliser
 from ppo_agent_node.ppo.networks.mlp import Perceptron
 from ppo_agent_node.ppo.networks.mlp import mlp
-from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.networks.symmetry import Symmetry
 from ppo_agent_node.ppo.policies.base import Likelihood
 from ppo_agent_node.ppo.policies.base import Policy
@@ -58,7 +57,7 @@ class CategoricalPolicy(Policy):
         count = self._actions
         uniform = torch.rand(*log_prob.shape, count, generator=generator)
         gumbel = uniform.log_().neg_().log_().neg_()
-        logits = quick(self.normaliser, self.logits.without_gradients())
+        logits = self.quick_output()
 
         def sample(step: int, observation: Tensor) -> Tensor:
             log_p = _finite(logits(observation).log_softmax(-1))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ppo_agent_node.config.training_config import NetworkConfig
 from ppo_agent_node.ppo.networks.features import feature_names
 from ppo_agent_node.ppo.networks.features import make_features
-from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.networks.symmetry import Symmetry
 from ppo_agent_node.ppo.networks.symmetry import make_symmetry
 from ppo_agent_node.ppo.policies.base import Policy as Policy
@@ -28,7 +27,7 @@ def without_noise(policy: Policy) -> Callable[[NDArray[np.float32]], NDArray[Any
     It computes on the policy's device. See `quick` for what it takes from the policy now, and what
     later.
     """
-    outputs = quick(policy.normaliser, policy.network.without_gradients())
+    outputs = policy.quick_output()
     device = policy.normaliser.mean.device
 
     @torch.inference_mode()

@@ -83,7 +83,7 @@ class GaussianPolicy(Policy):
         noise = torch.randn(*log_prob.shape, len(self.log_std), generator=generator)
         log_prob.copy_(self._log_prob(noise.movedim(-1, 0)))
         noise *= self.log_std.exp()
-        mean = quick(self.normaliser, self.mean.without_gradients())
+        mean = self.quick_output()
         return lambda step, observation: mean(observation).add_(noise[step])
 
     def _state_dependent(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,28 +125,32 @@ def train(
 
 
 @pytest.mark.slow
-def test_exploration_by_state_is_the_same_bits_again_and_after_a_resume(tmp_path: Path) -> None:
-    by_state = {'exploration': 'state_dependent', 'normalise_starts': False}
-    whole = train(tmp_path / 'whole', **by_state)
-    assert_same_run(whole, train(tmp_path / 'again', **by_state))
-    parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors', **by_state)
-    assert_same_run(whole, train(parts, resume=True, **by_state))
-    normalised = train(tmp_path / 'normalised', **{**by_state, 'normalise_starts': True})
-    with pytest.raises(AssertionError):
-        assert_same_run(whole, normalised)
-
-
-@pytest.mark.slow
-def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(tmp_path: Path) -> None:
-    whole = train(tmp_path / 'whole')
-    assert_same_run(whole, train(tmp_path / 'again'))
-    parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors')
+@pytest.mark.parametrize('settings', [
+    {}, {'exploration': 'state_dependent', 'normalise_starts': False}])
+def test_training_by_copies_is_the_same_bits_again_and_after_a_resume(
+        tmp_path: Path, settings: dict[str, Any]) -> None:
+    whole = train(tmp_path / 'whole', **settings)
+    assert_same_run(whole, train(tmp_path / 'again', **settings))
+    parts = train(tmp_path / 'parts', stop_at='iteration_000002.safetensors', **settings)
     assert not (parts / 'checkpoints' / 'iteration_000003.safetensors').exists()
-    assert_same_run(whole, train(parts, resume=True))
+    assert_same_run(whole, train(parts, resume=True, **settings))
     # The policy has learnt, and its rate has been adapted.
     rates = [line['learning_rate'] for line in log_without_times(whole) if 'approx_kl' in line]
     assert len(rates) == 3
     assert rates[2] * 3 != pytest.approx(rates[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('settings', [
+    {'exploration': 'state_dependent'}, {'normalise_starts': False}])
+def test_a_training_depends_on_its_exploration_and_its_advantages(
+        tmp_path: Path, settings: dict[str, Any]) -> None:
+    plain, other = (
+        [line['approx_kl'] for line in log_without_times(train(
+            tmp_path / name, iterations=1, **asked)) if 'approx_kl' in line]
+        for name, asked in (('plain', {}), ('other', settings)))
+    assert len(plain) == len(other) == 1
+    assert plain != other
 
 
 @pytest.mark.parametrize(('rockets', 'copies'), [(8, 4), (6, 2), (3, 1)])

@@ -16,7 +16,6 @@ from ppo_agent_node.ppo.networks.features import DescentFeatures
 from ppo_agent_node.ppo.networks.features import asinh
 from ppo_agent_node.ppo.networks.features import make_features
 from ppo_agent_node.ppo.networks.mlp import Normaliser
-from ppo_agent_node.ppo.networks.mlp import quick
 from ppo_agent_node.ppo.policies.factory import without_noise
 from ppo_agent_node.ppo.policies.file import load_policy
 from ppo_agent_node.ppo.policies.file import save_policy
@@ -86,8 +85,7 @@ def test_the_fast_path_normalises_as_the_module_does() -> None:
     learner.policy.normaliser.copy_from(normaliser)
     expected = learner.policy.network(normaliser(observation))
     torch.testing.assert_close(
-        quick(learner.policy.normaliser, learner.policy.network.without_gradients())(observation),
-        expected)
+        learner.policy.quick_output()(observation), expected)
     assert normaliser(observation).shape == (4, 15 + features().count)
 
 
