@@ -72,10 +72,14 @@ class Solver:
     """Parameters of the solver for contacts and joints."""
 
     iterations: int
+    """In a step, starting from the impulses of the last one."""
     slop: float
     """m of penetration that is not corrected."""
     bias: float
     """Part of a penetration that remains after 1 s."""
+    cold_iterations: int = 500
+    """In the step after the impulses were cleared: with as few as usual, a vehicle at rest jumps
+    and is no longer at rest."""
 
 
 class LaneBlock:
@@ -109,6 +113,7 @@ class LaneBlock:
             design.ground(space.static_body, lane * design.lane_width) for lane in range(lanes)]
         for ground in self.grounds:
             space.add(*ground)
+        self._solver = solver
         self._limits = [[joint.max_force for joint in v.joints] for v in self.vehicles]
         self._moved = 0
         self._field = self.grounds[0][0].bb
@@ -124,6 +129,11 @@ class LaneBlock:
     def set_push(self) -> None:
         """Set the forces of all bodies from `push`, for one step."""
         batch.set_space_bodies(self.space, PUSH, self._push_buffer)
+
+    def use_iterations(self, cold: bool) -> None:
+        """Use the iterations of the step after the memory was cleared, or those of all others."""
+        self.space.iterations = (
+            self._solver.cold_iterations if cold else self._solver.iterations)
 
     def hold(self, lane: int, on: bool) -> None:
         """Switch the joints of a vehicle on or off; a step without them clears their memory."""

@@ -16,7 +16,7 @@ penetration still to be corrected) can be neither read nor written. So a vehicle
 spends its first step out of reach of the ground with its joints off, which clears that state, and
 NumPy moves it as one rigid body meanwhile: no episode depends on the one before. `forget` clears
 the state of all vehicles at once, so that a world restored from a snapshot goes on like the
-original.
+original. The next step then solves all impulses from 0, with more iterations.
 
 No vehicle depends on its neighbours, bit for bit: see LaneBlock on the order of contacts.
 """
@@ -127,6 +127,7 @@ class Lanes:
         self._index = row[:, None] * bodies + np.arange(bodies) + (row // LANES)[:, None]
         self._origin = self._lane * design.lane_width
         self._fresh = np.zeros(count, np.bool_)
+        self._cold = False
         self.pose = np.zeros((count, bodies, 3))
         self.velocity = np.zeros((count, bodies, 3))
         number = min(threads, len(self._blocks))
@@ -168,12 +169,19 @@ class Lanes:
         fresh = self._fresh.nonzero()[0]
         self._push[self._index] = force
         self._step_shares()
+        if self._cold:
+            self._use_iterations(cold=False)
         if fresh.size:
             self._let_go(fresh, force[fresh])
         state = self._state[self._index]
         self.velocity = state[:, :, 3:]
         self.pose = state[:, :, :3] + self.velocity * self._dt
         self.pose[:, :, 0] -= self._origin[:, None]
+
+    def _use_iterations(self, cold: bool) -> None:
+        self._cold = cold
+        for block in self._blocks:
+            block.use_iterations(cold)
 
     def _step_shares(self) -> None:
         """Step all Spaces and read them, the first share in this thread."""
@@ -305,3 +313,4 @@ class Lanes:
             block.space.step(self._dt)
         self._write(rows[~self._fresh], state[~self._fresh], hold=True)
         self._write(rows[self._fresh], state[self._fresh], hold=False)
+        self._use_iterations(cold=True)

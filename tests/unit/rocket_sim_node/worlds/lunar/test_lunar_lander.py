@@ -157,6 +157,27 @@ def test_a_restored_world_flies_on_bit_for_bit(num_envs: int) -> None:
     assert_equal(fly(world, 500, 8), onwards)
 
 
+def test_snapshots_do_not_keep_a_lander_from_resting() -> None:
+    """A lander rests for 25 steps before it counts as landed; a snapshot must not move it."""
+    def lengths(every: int) -> NDArray[np.int64]:
+        world = make(16)
+        pilot, observation = LunarHeuristic(world.spec), world.observe()
+        found = np.zeros(16, np.int64)
+        for step in range(1, 501):
+            observation, _, _, _, info = world.step(pilot(observation))
+            episodes = info['episodes']
+            first = (episodes.episode == 0) & (episodes.outcome == LANDED)
+            found[episodes.row[first]] = episodes.length[first]
+            if step % every == 0:
+                world.snapshot()
+        return found
+
+    undisturbed, disturbed = lengths(1000), lengths(20)
+    landed = undisturbed > 0
+    assert landed.sum() > 10
+    assert (np.abs(disturbed - undisturbed)[landed] < 50).all()
+
+
 def test_a_snapshot_just_after_a_reset_is_exact() -> None:
     world = make(3)
     state = world.snapshot()
@@ -387,7 +408,7 @@ def test_bad_actions_and_resets_are_refused() -> None:
     for action in (np.full(5, 4), np.full(5, -1), np.zeros(4, np.int64), np.zeros(5)):
         with pytest.raises(ValueError, match='action'):
             world.step(action)
-    with pytest.raises(ValueError, match="unknown setting 'level', expected none"):
+    with pytest.raises(ValueError, match="unknown setting 'level', expected spawn_reach"):
         world.reset(level=7)
     with pytest.raises(ValueError, match='seed: got -1'):
         world.reset(-1)
