@@ -51,7 +51,7 @@ class DemonstrationConfig:
         0, '', 'number of DAgger rounds: the clone flies, the expert labels the states it visits, '
         'and cloning is repeated on all samples', 0, 1000)
     teacher: str = setting(
-        '', '', "scripted pilot that demonstrates; empty: the one for the world's engine",
+        '', '', 'scripted pilot that demonstrates; empty: that of the world, for its engine',
         choices=('', 'expert', 'expert_estimator', 'hoverslam'))
     teacher_braking_share: float = setting(
         float(UNSET), '', "deceleration that the teacher plans, as a share of that at full "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ppo_agent_node.config.imitation_config import DemonstrationConfig
 from ppo_agent_node.flying.pilot import Pilot
 from ppo_agent_node.pilots.scripted import ROCKET_PILOTS
-from ppo_agent_node.pilots.scripted import rocket_pilot
+from ppo_agent_node.pilots.scripted import scripted_pilot
 from rocket_sim_node.worlds import WorldSpec
 
 
@@ -15,8 +15,12 @@ def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
     :raises ValueError: when it cannot fly the world.
     """
     try:
-        teacher = ROCKET_PILOTS[config.teacher] if config.teacher else rocket_pilot(spec)
-        return teacher(spec, **config.teacher_gains())
+        gains = config.teacher_gains()
+        if config.teacher:
+            return ROCKET_PILOTS[config.teacher](spec, **gains)
+        if spec.name == 'lunar_lander' and gains:
+            raise ValueError(f'got a gain, teacher_{min(gains)}, which its pilot does not have')
+        return scripted_pilot(spec, **gains)
     except ValueError as error:
         raise ValueError(
             f'demonstration_episodes: got {config.demonstration_episodes}, expected 0, as no '

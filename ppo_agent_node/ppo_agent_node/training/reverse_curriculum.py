@@ -15,7 +15,7 @@ from dataclasses import replace
 from ppo_agent_node.config.curriculum_config import CurriculumConfig
 from ppo_agent_node.ppo.rollout_buffer import Ended
 from rocket_sim_node.worlds import WorldSpec
-from rocket_sim_node.worlds.rocket import spawn
+from rocket_sim_node.worlds import start_heights
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class ReverseCurriculum:
         :raises ValueError: when the first reach is more than the world's drop.
         """
         first = config.curriculum_start_reach
-        full = spec.settings['spawn_height'] - spec.settings['touchdown_height'] if first else 0.0
+        full = start_heights.full_reach(spec) if first else 0.0
         if first > full:
             raise ValueError(
-                f'curriculum_start_reach: got {first:g}, expected at most spawn_height less '
-                f'touchdown_height, {full:g} m')
+                f'curriculum_start_reach: got {first:g}, expected at most the full drop of the '
+                f'task, {full:g} m')
         return cls(config, full, first)
 
     @property
@@ -95,5 +95,5 @@ class ReverseCurriculum:
         least = 1.0 - self.config.curriculum_reach_hardest
         return [
             (step, episodes.take(
-                spawn.reach_share(world_seed, episodes.row, episodes.episode) > least))
+                start_heights.reach_share(world_seed, episodes.row, episodes.episode) > least))
             for step, episodes in ended]

@@ -54,6 +54,11 @@ class RunState:
         """Highest mean return of an evaluation without noise so far."""
         return self.best.mean_return if self.best else -math.inf
 
+    @property
+    def landing_rate(self) -> float:
+        """Landing rate of the last episodes that count for a curriculum; NaN before the first."""
+        return (self.curriculum if self.reverse.over else self.reverse).landing_rate
+
     def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
         """Return the state with the curriculum after more episodes, in the order they ended.
 
@@ -187,7 +192,9 @@ def _count(found: dict[str, Any], name: str) -> int:
 
 def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     # A setting's default is the behaviour before the setting existed.
-    before = {'training': {info.name: info.default for info in describe()}, 'world_settings': {}}
+    before: dict[str, dict[str, Any]] = {
+        'training': {info.name: info.default for info in describe()},
+        'world_settings': {'spawn_reach': 0.0}}
     try:
         pairs = [
             (name, found[name], expected[name]) for name in ('world', 'num_envs')

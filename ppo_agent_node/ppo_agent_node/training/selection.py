@@ -104,7 +104,7 @@ class Selector:
     def due(self, iteration: int, landing_rate: float) -> bool:
         """Return whether an evaluation of the policy is due, and worthwhile.
 
-        :param landing_rate: of the last episodes of roll-outs; NaN before the first.
+        :param landing_rate: see `RunState.landing_rate`.
         """
         config, least = self._config.run, self._config.run.selection_from_landing_rate
         return iteration % config.selection_interval == 0 and (

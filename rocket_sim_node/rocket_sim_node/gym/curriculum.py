@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rocket_sim_node import worlds
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
+from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.base import F32
 
 
@@ -33,7 +34,7 @@ class ReverseCurriculum(VectorWrapper):
         self, env: Any, reach: float = 0.4, growth: float = 1.25, landing_rate: float = 0.95,
         window: int = 1000,
     ) -> None:
-        """Wrap a vector environment of rockets.
+        """Wrap a vector environment.
 
         :param env: from `gymnasium.make_vec`, with autoreset mode SAME_STEP; it may be
             wrapped in a `RecordRerun`.
@@ -51,7 +52,7 @@ class ReverseCurriculum(VectorWrapper):
         spec = unwrapped.world_spec
         if 'spawn_reach' not in worlds.reset_settings(spec.name):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
-        full = spec.settings['spawn_height'] - spec.settings['touchdown_height']
+        full = start_heights.full_reach(spec)
         if not 0 < reach <= full:
             raise ValueError(f'reach: got {reach}, expected more than 0, to {full:g} m')
         if not growth > 1:

@@ -51,7 +51,7 @@ _WORLDS = {
     'rocket_planar': _Entry(
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(
-        LunarLanderWorld, LunarSettings, (), threaded=True,
+        LunarLanderWorld, LunarSettings, LunarLanderWorld.reset_settings, threaded=True,
         derived=(('field_half_width', 'm'), ('max_thrust', 'N'))),
 }
 

@@ -7,6 +7,8 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -38,11 +40,13 @@ def pack(spec: WorldSpec, arrays: Arrays) -> bytes:
 
 def unpack(
     spec: WorldSpec, state: bytes, like: Arrays, any_length: tuple[str, ...] = (),
+    before: Mapping[str, NDArray[Any]] = MappingProxyType({}),
 ) -> Arrays:
     """Return the arrays in a snapshot, checked against those of a world of the same kind.
 
     :param like: arrays with the expected names, shapes and types.
     :param any_length: names of arrays whose length may differ.
+    :param before: values of arrays that older snapshots do not have.
     :raises ValueError: when the bytes are damaged, of another world or size, or not finite.
     """
     if not hasattr(state, '__len__'):
@@ -54,6 +58,7 @@ def unpack(
     world = str(arrays.pop('world', '?'))
     if world != spec.name:
         raise ValueError(f'snapshot: of world {world!r}, expected {spec.name!r}')
+    arrays = {**before, **arrays}
     if set(arrays) != set(like):
         raise ValueError(f'snapshot: holds {sorted(arrays)}, expected {sorted(like)}')
     for name, expected in like.items():
@@ -125,12 +130,13 @@ def _arrays(state: bytes) -> Arrays:
     return arrays
 
 
-def check_settings(spec: WorldSpec, found: NDArray[np.float64]) -> None:
+def check_settings(settings: Mapping[str, float], found: NDArray[np.float64]) -> None:
     """Check that a snapshot is of a world with the same constants.
 
-    :param found: values in the order of `spec.settings`.
+    :param settings: those of this world.
+    :param found: values in the same order.
     :raises ValueError: naming the first that differs.
     """
-    for (name, ours), its in zip(spec.settings.items(), found.tolist(), strict=True):
+    for (name, ours), its in zip(settings.items(), found.tolist(), strict=True):
         if float(ours) != its:
             raise ValueError(f'snapshot: of a world with {name} {its:g}, expected {ours:g}')

@@ -41,9 +41,9 @@ class Settings:
 
     num_envs: int = 64
     n_steps: int = 64
-    batch_size: int = 256
+    batch_size: int = 512
     n_epochs: int = 8
-    learning_rate: float = 2e-3
+    learning_rate: float = 3e-3
     decay_steps: int = 614_400
     """steps after which the linearly falling learning rate would be 0; it stays at 5 % or more"""
     gamma: float = 0.999

@@ -2,6 +2,7 @@
 """The runs of `bench result`, from the start of their processes to a passing evaluation."""
 from __future__ import annotations
 
+import functools
 import json
 import math
 import tempfile
@@ -28,10 +29,9 @@ from ppo_agent_node.runs import tensor_file
 from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
-LANDERS = preset_num_envs('quick', 'lunar_lander')
-"""number of landers, for which the preset is made; each flies twice in an evaluation"""
-SIMULATORS = 1
-"""number of simulators; two are not faster, because the agent is the bottleneck"""
+OURS = {'ours': 'quick', 'ours_from_scratch': 'from_scratch'}
+"""presets of our contestants in the lander; each with one simulator of the preset's number of
+landers: two are not faster, because the agent is the bottleneck"""
 ROCKETS, ROCKET_SIMULATORS = 256, 2
 """number of rockets, for which the preset is made; it trains on two levels, one a simulator"""
 NEEDED_RATE = 0.99
@@ -129,36 +129,40 @@ def peer(module: str, seed: int, options: Options) -> TimedRun:
 
 
 def nodes(
-    simulators: int, simulator: dict[str, object], agent: dict[str, object],
+    preset: str, simulators: int, simulator: dict[str, object], agent: dict[str, object],
 ) -> Start:
-    """Return a function that starts our nodes with these parameters and preset `quick`."""
+    """Return a function that starts our nodes with a preset and these parameters."""
     def start(processes: Processes) -> tuple[Process, Path]:
         folder = processes.folder / 'run'
         for number in range(simulators):
             processes.run_node(
                 'rocket_sim_node', 'simulator', (f'__ns:=/sim_{number}',), **simulator)
         return processes.run_node(
-            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset='quick', simulators='/sim_*',
+            'ppo_agent_node', 'ppo_agent', run_dir=folder, preset=preset, simulators='/sim_*',
             num_groups=simulators, **agent,
         ), folder / 'train.jsonl'
 
     return start
 
 
-def ours(seed: int, options: Options) -> TimedRun:
+def ours(contestant: str, seed: int, options: Options) -> TimedRun:
     """Run our simulator and our agent as nodes over DDS."""
-    run = TimedRun('ours', seed)
-    start = nodes(SIMULATORS, {'world': 'lunar_lander', 'num_envs': LANDERS // SIMULATORS}, {
+    run, preset = TimedRun(contestant, seed), OURS[contestant]
+    landers = preset_num_envs(preset, 'lunar_lander')
+    start = nodes(preset, 1, {'world': 'lunar_lander', 'num_envs': landers}, {
         'seed': seed, 'target_return': options.target, **options.extra})
     with begun(start) as (agent, log, began):
-        folder, learning = log.parent, 0.0
+        folder, learning, imitation = log.parent, 0.0, 0
         for line in follow(log, agent, began + options.cap):
             learning += line['seconds']
+            if line['stage'] != 'finetune':
+                imitation = line['steps']
             if 'selection_return' not in line:
                 continue
             run.settings = training = read_config(folder / 'config.yaml')['training']
             run.evaluations.append(Point(
-                time.monotonic() - began, line['iteration'] * training['n_steps'] * LANDERS,
+                time.monotonic() - began,
+                imitation + line['iteration'] * training['n_steps'] * landers,
                 line['selection_return'], line['selection_landing_rate']))
             if line['selection_return'] >= options.target:
                 run.passed = True
@@ -190,7 +194,7 @@ def saved_iteration(path: Path) -> int:
 
 
 CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
-    'ours': ours,
+    **{name: functools.partial(ours, name) for name in OURS},
     'envpool_ppo': lambda seed, options: peer('envpool_ppo', seed, options),
     'sb3_lander': lambda seed, options: peer('sb3_lander', seed, options),
 }
@@ -200,8 +204,8 @@ CONTESTANTS: dict[str, Callable[[int, Options], TimedRun]] = {
 def rocket(seed: int, cap: float, extra: dict[str, str]) -> TimedRun:
     """Train the rocket with preset `quick`, up to its evaluation on 2 000 fresh starts."""
     run = TimedRun('rocket', seed)
-    start = nodes(
-        ROCKET_SIMULATORS, {'num_envs': ROCKETS // ROCKET_SIMULATORS}, {'seed': seed, **extra})
+    start = nodes('quick', ROCKET_SIMULATORS, {'num_envs': ROCKETS // ROCKET_SIMULATORS}, {
+        'seed': seed, **extra})
     with begun(start) as (agent, log, began):
         folder, end = log.parent, began + cap
         found = folder / 'evaluation.json'

@@ -348,15 +348,19 @@ def test_result(tmp_path: Path) -> None:
     # Any policy returns so much.
     text, figures = run(
         'result', tmp_path / 'out.json', '--worlds', 'lunar_lander', '--contestants', 'ours',
-        'envpool_ppo', '--seeds', '13', '--target', '-100000', '--verify', '20')
+        'ours_from_scratch', 'envpool_ppo', '--seeds', '13', '--target', '-100000', '--verify',
+        '20')
     lander = figures['lunar_lander']
-    assert [run['contestant'] for run in lander['runs']] == ['ours', 'envpool_ppo']
+    names = ['ours', 'ours_from_scratch', 'envpool_ppo']
+    assert [run['contestant'] for run in lander['runs']] == names
     for flown in lander['runs']:
         assert flown['passed']
         assert flown['seconds'] > flown['learning_seconds'] > 0
         assert flown['gymnasium']['episodes'] == 20
         assert flown['evaluations'][-1]['seconds'] == pytest.approx(flown['seconds'])
-    ours, peer = (lander['summary'][name]['seconds'] for name in ('ours', 'envpool_ppo'))
-    assert lander['ratios'] == {'envpool_ppo': pytest.approx(peer / ours)}
-    assert 'PPO on EnvPool takes' in text
+    imitated, alone, peer = (lander['summary'][name]['seconds'] for name in names)
+    assert lander['ratios'] == {
+        'ours': {'envpool_ppo': pytest.approx(imitated / peer)},
+        'ours_from_scratch': {'envpool_ppo': pytest.approx(alone / peer)}}
+    assert 'times as long as PPO on EnvPool' in text
     assert (tmp_path / 'out_lunar_lander.png').stat().st_size > 10_000

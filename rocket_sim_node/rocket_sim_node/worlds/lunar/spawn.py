@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.base import F64
 from rocket_sim_node.worlds.lunar import vehicle as vehicle
 from rocket_sim_node.worlds.pymunk_batch.lanes import Lanes
@@ -63,7 +64,7 @@ def _pushed() -> tuple[float, float, float]:
 _PUSH_X, _PUSH_Y, _PUSH_TURN = _pushed()
 
 
-_START_HEIGHT = 2 * vehicle.HALF_HEIGHT + vehicle.HULL_CENTRE
+_START_HEIGHT = vehicle.START_HEIGHT + vehicle.HULL_CENTRE
 """Height, m, of the hull's own centre of gravity, relative to which the bodies are placed."""
 _PLACES = (
     (0.0, vehicle.BODY_CENTRE - vehicle.HULL_CENTRE, 0.0),
@@ -77,13 +78,20 @@ _PLACES = (
 class Starts:
     """Draws the starts of N landers; each is a function of (seed, row, episode)."""
 
-    def __init__(self, seed: int, num_envs: int, dt: float, gravity: float) -> None:
-        """Prepare; starts are drawn on demand."""
+    def __init__(
+        self, seed: int, num_envs: int, dt: float, gravity: float, reach: float = 0.0,
+    ) -> None:
+        """Prepare; starts are drawn on demand.
+
+        :param reach: m, the setting `spawn_reach`.
+        """
         def make(
             rows: NDArray[np.integer], episodes: NDArray[np.integer],
         ) -> tuple[NDArray[np.uint64], F64]:
             key = random_streams.keys(seed, rows, episodes)
-            return key, derive(random_streams.numbers(key, DRAWS), dt, gravity)
+            height = reach * start_heights.reach_share(
+                seed, rows, episodes) if reach else np.full(len(rows), vehicle.DROP)
+            return key, derive(random_streams.numbers(key, DRAWS), dt, gravity, height)
 
         self._drawn = random_streams.DrawnAhead(num_envs, make)
 
@@ -95,16 +103,17 @@ class Starts:
             flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)
 
 
-def derive(unit: F64, dt: float, gravity: float) -> F64:
+def derive(unit: F64, dt: float, gravity: float, height: F64 | float = vehicle.DROP) -> F64:
     """Return terrain, poses, velocities and wind phases, concatenated `(K, 31)`.
 
     :param unit: `(16, K)` random numbers in [-1, 1): heights of the terrain, the push along x and
         y, the initial phases of wind and turbulence.
+    :param height: `(K,)` m above touchdown; the push is in proportion.
     """
     count = unit.shape[1]
     start = np.empty((count, 31))
     start[:, _TERRAIN] = _terrain(unit[:_HEIGHTS])
-    push = unit[_HEIGHTS:_HEIGHTS + 2] * vehicle.START_PUSH * dt
+    push = unit[_HEIGHTS:_HEIGHTS + 2] * vehicle.START_PUSH * dt * (height / vehicle.DROP)
     start[:, _WIND] = np.floor(unit[_HEIGHTS + 2:] * _WIND_PLACES).T
     velocity_x, spin = push[0] * _PUSH_X, push[0] * _PUSH_TURN
     velocity_y = push[1] * _PUSH_Y - gravity * dt
@@ -115,7 +124,7 @@ def derive(unit: F64, dt: float, gravity: float) -> F64:
     for body, (x, y, turned) in enumerate(_PLACES):
         arm_x, arm_y = cos * x - sin * y, sin * x + cos * y
         pose[:, body, 0] = velocity_x * dt + arm_x
-        pose[:, body, 1] = _START_HEIGHT + velocity_y * dt + arm_y
+        pose[:, body, 1] = _START_HEIGHT - (vehicle.DROP - height) + velocity_y * dt + arm_y
         pose[:, body, 2] = angle + turned
         velocity[:, body, 0] = velocity_x - spin * arm_y
         velocity[:, body, 1] = velocity_y + spin * arm_x

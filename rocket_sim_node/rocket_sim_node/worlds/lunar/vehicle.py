@@ -57,6 +57,10 @@ _VEHICLE, _GROUND = 0x2, 0x1
 LEFT, RIGHT = 1, 2
 """Indices of the leg bodies; 0 is the hull."""
 SIDE = {LEFT: -1.0, RIGHT: 1.0}
+START_HEIGHT = 2 * HALF_HEIGHT
+"""m, height of the hull's origin at the start."""
+DROP = START_HEIGHT - PAD_GROUND - LEG_DOWN
+"""m, from the start to the height at which a lander stands on the pad."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,9 @@ class LunarSettings:
     side_engine_power: float = setting(
         0.6, 'N s/m', 'impulse of a side engine per step and metre of its offset, which is 0.4 '
         'm', 0.0, 1e3)
+    spawn_reach: float = setting(
+        0.0, 'm', 'maximum start height above touchdown: starts are uniform up to it, above the '
+        'pad, with a push in proportion; 0: all start at the top', 0.0, DROP)
     time_limit: float = setting(
         20.0, 's', 'maximum length of an episode; a longer one is truncated', 0.02, 1e5)
     rest_time: float = setting(

@@ -46,6 +46,7 @@ class LunarLanderWorld(StateCapture):
     Row k of every array is lander k.
     """
 
+    reset_settings: ClassVar[tuple[str, ...]] = ('spawn_reach',)
     captured: ClassVar[Mapping[str, str]] = {
         'age': 'age', 'main': '_main', 'side': '_side', 'pose': '_poses',
         'velocity': '_hull_motion', 'ground_force': '_contact_force.T',
@@ -59,7 +60,7 @@ class LunarLanderWorld(StateCapture):
         :param step_threads: threads that step the landers; the results are the same bits.
         :raises ValueError: for a setting that is unknown or out of range.
         """
-        self.settings = s = settings_module.build(LunarSettings, settings)
+        self._made_with = self.settings = s = settings_module.build(LunarSettings, settings)
         if s.rest_time > s.time_limit:
             raise ValueError(
                 f"setting 'rest_time': got {s.rest_time}, "
@@ -103,16 +104,20 @@ class LunarLanderWorld(StateCapture):
         self.reset(seed)
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
-        """Start new episodes of all landers; this world has no curriculum settings."""
-        if settings:
+        """Start new episodes of all landers; see :class:`VectorEnv`."""
+        unknown = sorted(set(settings) - set(self.reset_settings))
+        if unknown:
             raise ValueError(
-                f'unknown setting {", ".join(map(repr, sorted(settings)))}, expected none, as '
-                'a reset of lunar_lander changes the seed only')
+                f'unknown setting {", ".join(map(repr, unknown))}, '
+                f'expected {", ".join(self.reset_settings)}')
+        checked = settings_module.build(
+            LunarSettings, {**settings_module.as_dict(self._made_with), **settings})
         if seed is None:
             self.episode += 1
         else:
             self._seed = random_streams.check_seed(seed)
             self.episode[:] = 0
+        self.settings = checked
         self._starts = self._make_starts()
         self.reward[:] = 0
         self._finished = self._none_finished
@@ -120,8 +125,8 @@ class LunarLanderWorld(StateCapture):
 
     @property
     def flown_settings(self) -> dict[str, float]:
-        """The settings of `spec`: a reset of this world changes none."""
-        return dict(self.spec.settings)
+        """The settings of `spec` with those that the last reset or restore gave in their place."""
+        return {**self.spec.settings, **settings_module.as_dict(self.settings)}
 
     def step(self, action: NDArray[Any]) -> tuple[F32, F32, Bools, Bools, dict[str, Any]]:
         """Advance all landers by `dt`; see :class:`VectorEnv`."""
@@ -205,7 +210,8 @@ class LunarLanderWorld(StateCapture):
 
     def _make_starts(self) -> spawn.Starts:
         return spawn.Starts(
-            self._seed, self.spec.num_envs, self.settings.dt, self.settings.gravity)
+            self._seed, self.spec.num_envs, self.settings.dt, self.settings.gravity,
+            self.settings.spawn_reach)
 
     def _begin(self, rows: NDArray[np.int64]) -> F32:
         """Place landers at the start of their episodes; return their observations `(K, 8)`."""
@@ -274,14 +280,22 @@ class LunarLanderWorld(StateCapture):
     def restore(self, state: bytes) -> F32:
         """Restore all landers from a snapshot and return their observation."""
         ours = self._state_arrays()
-        arrays = snapshots.unpack(self.spec, state, like=ours)
-        snapshots.check_settings(self.spec, arrays.pop('settings'))
+        arrays = snapshots.unpack(
+            self.spec, state, like=ours, before={'spawn_reach': np.zeros(1)})
+        snapshots.check_settings(_unchanging(self.spec.settings), arrays.pop('settings'))
+        reach = float(arrays.pop('spawn_reach')[0])
+        try:
+            settings = settings_module.build(
+                LunarSettings, {**settings_module.as_dict(self._made_with), 'spawn_reach': reach})
+        except ValueError as error:
+            raise ValueError(f'snapshot: {error}') from error
         snapshots.check_counts(arrays, 'seed', 'age', 'episode', 'still')
         bodies = {
             name.removeprefix('lanes_'): arrays.pop(name)
             for name in list(arrays) if name.startswith('lanes_')}
         self._lanes.check(**bodies)
         self._lanes.load(**bodies)
+        self.settings = settings
         self._seed = int(arrays.pop('seed')[0])
         for name, array in arrays.items():
             ours[name][...] = array
@@ -303,6 +317,13 @@ class LunarLanderWorld(StateCapture):
             'touching': self._touching, 'wind': self._wind, 'age': self.age,
             'episode': self.episode, 'episode_return': self.episode_return,
             'seed': np.array([self._seed], np.int64),
-            'settings': np.array(list(self.spec.settings.values()), np.float64),
+            'settings': np.array(list(_unchanging(self.spec.settings).values()), np.float64),
+            'spawn_reach': np.array([self.settings.spawn_reach]),
             **{f'lanes_{name}': array for name, array in self._lanes.arrays().items()},
         }
+
+
+def _unchanging(settings: Mapping[str, float]) -> dict[str, float]:
+    """Return the settings that no reset changes."""
+    return {name: value for name, value in settings.items()
+            if name not in LunarLanderWorld.reset_settings}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket.vehicle import FROM_LEVEL
 from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
@@ -49,8 +50,6 @@ _MAX_ATTEMPTS = 1000
 _WIDEST = 4
 _OUT_OF_PLANE = [1, 4, 5, 6, 8]
 """Out-of-plane entries of a draw's ten numbers: position z, velocity z, spin x and y, pitch."""
-_HEIGHTS = 2**33
-"""Index of the random stream that draws an episode's height below `spawn_reach`."""
 
 
 class Spawn(NamedTuple):
@@ -112,21 +111,6 @@ def full_reach(task: TaskSettings) -> float:
     return task.spawn_height - task.touchdown_height
 
 
-def reach_share(
-    seed: int, row: NDArray[np.integer], episode: NDArray[np.integer],
-) -> F64:
-    """Return start heights as a fraction of `spawn_reach`, `(K,)`, uniform in (0, 1].
-
-    The fraction does not depend on the reach. So a learner, which knows the seed of its reset, can
-    tell hard starts from easy ones without inferring it from observations.
-
-    :param row: `(K,)` rockets.
-    :param episode: `(K,)` their episodes.
-    """
-    share: F64 = 0.5 - 0.5 * random_streams.uniform(seed, row, episode, 1, _HEIGHTS)[0]
-    return share
-
-
 def draw(
     seed: int,
     row: NDArray[np.integer],
@@ -159,7 +143,7 @@ def draw(
     angles = unit[8:10]
     half_width = np.full(len(row), np.deg2rad(ranges.angle))
     if task.spawn_reach:
-        height = task.spawn_reach * reach_share(seed, row, episode)
+        height = task.spawn_reach * start_heights.reach_share(seed, row, episode)
         part = height / full_reach(task)
         position *= part
         position[1] = task.touchdown_height + height

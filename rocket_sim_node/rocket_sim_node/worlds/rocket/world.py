@@ -144,7 +144,7 @@ class RocketWorld(RocketDynamics):
         """Restore all rockets from a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(self.spec, state, like=ours, any_length=('commands',))
-        snapshots.check_settings(self.spec, arrays.pop('settings'))
+        snapshots.check_settings(self.spec.settings, arrays.pop('settings'))
         values = dict(zip(self.reset_settings, arrays.pop('curriculum').tolist(), strict=True))
         try:
             settings = settings_module.build(

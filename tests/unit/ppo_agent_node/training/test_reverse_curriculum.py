@@ -13,7 +13,7 @@ from ppo_agent_node.config.curriculum_config import CurriculumConfig
 from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
-from rocket_sim_node.worlds.rocket import spawn
+from rocket_sim_node.worlds import start_heights
 
 CONFIG = CurriculumConfig(
     curriculum_start_reach=0.4, curriculum_reach_growth=1.2, curriculum_reach_hardest=0.2,
@@ -84,7 +84,7 @@ def test_the_hardest_episodes_are_those_that_began_highest() -> None:
     found = Episodes.concatenate([episodes for _, episodes in hardest])
     first = found.take(found.episode == 0)
     assert set(first.row) == set(np.flatnonzero(height > 0.8 * 3.0)) != set()
-    assert (spawn.reach_share(6, found.row, found.episode) > 0.8).all()
+    assert (start_heights.reach_share(6, found.row, found.episode) > 0.8).all()
     everyone = Episodes.concatenate([e for _, e in begun(curriculum_reach_hardest=1.0).hardest(
         ended, 6)])
     assert len(everyone) == sum(len(episodes) for _, episodes in ended)

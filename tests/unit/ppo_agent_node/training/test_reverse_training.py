@@ -2,15 +2,25 @@
 """Training runs by the reverse curriculum: heights grow, and an interrupted run ends alike."""
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
+from support.invalid_data.forged_files import contents
+from support.invalid_data.forged_files import packed
 from support.training.training_runs import left_by
 from support.training.training_runs import log_without_times
 
+from ppo_agent_node.config.presets import load_preset
+from ppo_agent_node.config.training_config import check_world
 from ppo_agent_node.config.training_config import make_config
+from ppo_agent_node.runs import tensor_file
+from ppo_agent_node.runs.folder import CHECKPOINT
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training.stop_criterion import Result
 from ppo_agent_node.training.trainer import Trainer
@@ -54,10 +64,11 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert messages[1] == 'reach 0.20 -> 0.30 m'  # a fall from 0.2 m lands, at 2 m/s
     over = next(k for k, text in enumerate(messages) if text.startswith('the whole task, level 7'))
     assert reaches[over] == pytest.approx(0.8)
-    # Only then levels count, and what is flown without noise.
+    # Only then levels count.
     levels = [line['level'] for line in found]
     assert set(levels[:over + 1]) == {7} and levels[-1] == 8
-    assert ['selection_return' in line for line in found].index(True) > over
+    selections = [line['iteration'] for line in found if 'selection_return' in line]
+    assert selections == [4, 12]  # at 8 the reach has just grown, and no episode has ended
     return path
 
 
@@ -86,11 +97,44 @@ def test_a_run_stopped_anywhere_and_resumed_ends_the_same(
 def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r'curriculum_start_reach: got 1, .* 0\.8 m'):
         train(tmp_path / 'run', curriculum_start_reach=1.0)
+    lander = {'curriculum_start_level': 0, 'curriculum_final_level': 0,
+              'demonstration_episodes': 0}
     env = worlds.make('lunar_lander', num_envs=2)
-    config = make_config({'curriculum_start_reach': 1.0, 'curriculum_start_level': 0,
-                          'curriculum_final_level': 0, 'demonstration_episodes': 0})
-    with pytest.raises(ValueError, match=r"curriculum_start_reach: .*'lunar_lander' has no"):
+    config = make_config({'curriculum_start_reach': 9.5, **lander})
+    with pytest.raises(ValueError, match=r'curriculum_start_reach: got 9\.5, .* 9\.43333 m'):
         Trainer(SerialFleet(env), config, RunFolder(tmp_path / 'run', False))
+    settings = {name: value for name, value in env.spec.settings.items() if name != 'spawn_reach'}
+    with pytest.raises(ValueError, match=r"curriculum_start_reach: .*'lunar_lander' has no"):
+        check_world(make_config({'curriculum_start_reach': 1.0, **lander}),
+                    replace(env.spec, settings=settings))
+
+
+def test_a_run_from_before_the_starts_near_the_ground_is_resumed(tmp_path: Path) -> None:
+    """A lander's run does not need to know the newer setting of its world."""
+    def resume(stop_after: int) -> Result:
+        polls = [stop_after]
+
+        def stop() -> bool:
+            polls[0] -= 1
+            return polls[0] < 0
+
+        config = load_preset(
+            'from_scratch', 'lunar_lander', iterations=3, n_steps=8, batch_size=16, threads=1,
+            curriculum_start_reach=0.0, selection_interval=3, selection_episodes=2,
+            target_return=1e9)
+        return Trainer(
+            SerialFleet(worlds.make('lunar_lander', num_envs=2)), config,
+            RunFolder(tmp_path / 'run', True), stop_requested=stop).run()
+
+    assert not resume(30).finished
+    checkpoint = max((tmp_path / 'run' / 'checkpoints').iterdir())
+    tensors, content = tensor_file.read(checkpoint, CHECKPOINT)
+    del content['description']['world_settings']['spawn_reach']
+    arrays = contents(tensors['world'].numpy().tobytes())
+    del arrays['spawn_reach']
+    tensors['world'] = torch.from_numpy(np.frombuffer(packed(arrays), np.uint8).copy())
+    tensor_file.write(checkpoint, CHECKPOINT, tensors, content)
+    assert resume(sys.maxsize).finished
 
 
 @pytest.mark.slow

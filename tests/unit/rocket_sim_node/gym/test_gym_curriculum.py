@@ -89,7 +89,7 @@ def test_stable_baselines3_gets_the_truncated_episodes() -> None:
 
 
 @pytest.mark.parametrize(('name', 'keywords', 'message'), [
-    ('LunarLander', {}, 'env: got world lunar_lander, expected one with setting spawn_reach'),
+    ('LunarLander', {'reach': 9.5}, 'reach: got 9.5, expected more than 0, to 9.43'),
     ('Rocket', {'reach': 0.0}, 'reach: got 0.0, expected more than 0, to 194.8 m'),
     ('Rocket', {'reach': 300.0}, 'reach: got 300.0'),
     ('Rocket', {'growth': 1.0}, 'growth: got 1.0, expected more than 1'),
@@ -99,6 +99,12 @@ def test_stable_baselines3_gets_the_truncated_episodes() -> None:
 def test_bad_arguments_are_named(name: str, keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         ReverseCurriculum(gymnasium.make_vec(f'hoverslam/{name}-v1', num_envs=2), **keywords)
+
+
+def test_a_world_without_start_heights_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('rocket_sim_node.worlds.reset_settings', lambda name: ())
+    with pytest.raises(ValueError, match='expected one with setting spawn_reach'):
+        make()
 
 
 def test_another_autoreset_mode_is_refused() -> None:

@@ -10,6 +10,7 @@ from scipy import stats
 
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import random_streams
+from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.rocket import rotation
 from rocket_sim_node.worlds.rocket import spawn
 from rocket_sim_node.worlds.rocket.vehicle import TaskSettings
@@ -25,7 +26,7 @@ def drawn(episode: int = 0, **settings: Any) -> spawn.Spawn:
 
 
 def share(episode: int = 0) -> worlds.base.F64:
-    return spawn.reach_share(3, ROWS, np.full(COUNT, episode))
+    return start_heights.reach_share(3, ROWS, np.full(COUNT, episode))
 
 
 @pytest.mark.parametrize('reach', [0.4, 60.0, FULL])
@@ -82,7 +83,7 @@ def test_the_height_is_independent_of_the_other_quantities() -> None:
 def test_a_reset_sets_the_reach_and_snapshots_keep_it(name: str) -> None:
     env = worlds.make(name, 200, 1)
     env.reset(seed=9, level=7, spawn_reach=2.0)
-    expected = 2.0 * spawn.reach_share(9, np.arange(200), np.zeros(200, int))
+    expected = 2.0 * start_heights.reach_share(9, np.arange(200), np.zeros(200, int))
     assert env.position[1] - 5.2 == pytest.approx(expected, abs=1e-12)
     state = env.snapshot()
     fall = np.tile(np.float32([-1, 0, 0]), (200, 1))
@@ -108,7 +109,7 @@ def test_next_episodes_begin_by_their_own_share() -> None:
     for _ in range(11):
         rows = env.step(fall)[4]['final_rows']
         assert env.position[1, rows] - 5.2 == pytest.approx(
-            0.2 * spawn.reach_share(1, rows, env.episode[rows]), abs=1e-12)
+            0.2 * start_heights.reach_share(1, rows, env.episode[rows]), abs=1e-12)
     assert (env.episode > 0).all()
 
 
