@@ -82,7 +82,7 @@ def train(
     """Train a policy and return the runner.
 
     :param simulators: such as `/sim_*` to fly simulators over DDS; empty: in process.
-    :param curriculum: begin rockets' episodes near the ground, and ever higher.
+    :param curriculum: begin episodes near the ground, and ever higher.
     :param log: folder for TensorBoard and the policy.
     """
     torch.manual_seed(seed)
@@ -112,7 +112,7 @@ def main() -> None:
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')
     parser.add_argument(
         '--curriculum', action='store_true',
-        help="begin rockets' episodes near the ground, and ever higher")
+        help='begin episodes near the ground, and ever higher')
     parser.add_argument('--output', type=Path, default=Path('rsl_rl_ppo'), help='folder')
     options = vars(parser.parse_args())
     output = options.pop('output')

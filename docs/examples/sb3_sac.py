@@ -35,7 +35,7 @@ def train(
     """Train a policy and return the model.
 
     :param simulators: such as `/sim_*` to fly simulators over DDS; empty: in process.
-    :param curriculum: begin rockets' episodes near the ground, and ever higher.
+    :param curriculum: begin episodes near the ground, and ever higher.
     :param settings: of SAC, where they differ from those above.
     """
     torch.set_num_threads(1)
@@ -66,7 +66,7 @@ def main() -> None:
         '--simulators', default='', help='namespaces such as /sim_*; empty: in process')
     parser.add_argument(
         '--curriculum', action='store_true',
-        help="begin rockets' episodes near the ground, and ever higher")
+        help='begin episodes near the ground, and ever higher')
     parser.add_argument('--output', type=Path, default=Path('sb3_sac.zip'))
     options = vars(parser.parse_args())
     output = options.pop('output')

@@ -37,7 +37,7 @@ class Options:
     simulators: str = ''
     """Namespaces such as `/sim_*` to fly simulators over DDS; empty: in process."""
     curriculum: bool = False
-    """begin rockets' episodes near the ground, and ever higher"""
+    """begin episodes near the ground, and ever higher"""
     num_envs: int = 64
     num_steps: int = 64
     """steps of each environment in a roll-out"""

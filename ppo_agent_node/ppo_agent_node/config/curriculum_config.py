@@ -55,7 +55,8 @@ class CurriculumConfig:
     curriculum_reach_growth: float = setting(
         1.2, '', 'factor by which that height grows when the highest starts land', 1.000001, 1e4)
     curriculum_reach_landing_rate: float = setting(
-        0.95, '', 'landing rate of the highest starts at which the height grows', 0.0, 1.0)
+        0.95, '', 'landing rate of the highest starts at which the height grows; above 1: '
+        'never', 0.0, 2.0)
     curriculum_reach_hardest: float = setting(
         0.2, '', 'fraction of the starts that counts as the highest', 1e-3, 1.0)
     curriculum_heading: float = setting(

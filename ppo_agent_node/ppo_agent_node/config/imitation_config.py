@@ -45,13 +45,14 @@ class DemonstrationConfig:
         'only; -1: not rotated', UNSET, 180.0)
     demonstration_spawn_reach: float = setting(
         float(UNSET), 'm', "maximum start height above touchdown (the world's spawn_reach) of all "
-        'demonstrations but those of curriculum_wide_level; -1: all begin at spawn_height',
+        'demonstrations but those of curriculum_wide_level; -1: all begin at the usual height',
         UNSET, 1e4)
     dagger_rounds: int = setting(
         0, '', 'number of DAgger rounds: the clone flies, the expert labels the states it visits, '
         'and cloning is repeated on all samples', 0, 1000)
     teacher: str = setting(
-        '', '', 'scripted pilot that demonstrates; empty: that of the world, for its engine',
+        '', '', "scripted pilot that demonstrates; empty: the world's own, for rockets the one "
+        'for their engine',
         choices=('', 'expert', 'expert_estimator', 'hoverslam'))
     teacher_braking_share: float = setting(
         float(UNSET), '', "deceleration that the teacher plans, as a share of that at full "

@@ -20,8 +20,8 @@ def initial_conditions(
     """Return the initial conditions of K episodes, `(K,)` each; names include units.
 
     Rockets: height of the vehicle's origin, speed downwards, horizontal offset from the pad,
-    horizontal drift, tilt from vertical, spin. `lunar_lander`: the velocity of the push. Unknown
-    worlds: their observations, by name.
+    horizontal drift, tilt from vertical, spin. `lunar_lander`: the velocity of the push, and
+    with a `spawn_reach` the height above touchdown. Unknown worlds: their observations, by name.
 
     :param observation: `(K, D)` the first of each episode.
     :param settings: of the world during the evaluation.
@@ -31,8 +31,9 @@ def initial_conditions(
         return _rocket(seen, settings)
     if spec.name == 'lunar_lander':
         x, y = view.seen_velocity(observation)
-        return {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
-                'start_speed_m_s': np.hypot(x, y)}
+        height = {'start_height_m': view.seen_height(observation)}
+        return {**(height if settings.get('spawn_reach') else {}), 'start_velocity_x_m_s': x,
+                'start_velocity_y_m_s': y, 'start_speed_m_s': np.hypot(x, y)}
     return {f'start_{name}': values for name, values in seen.items()}
 
 

@@ -64,13 +64,18 @@ class Demonstrations(NamedTuple):
 
 
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
-    """Return the reset settings of demonstrations: the level, or wider if so configured."""
+    """Return the reset settings of demonstrations: the level, or wider if so configured.
+
+    Of the ranges, a world without levels has `spawn_reach` only.
+    """
     wider = {
         name.removeprefix('demonstration_'): getattr(config, name)
         for name in config.__dataclass_fields__ if name.startswith('demonstration_spawn_')
     }
     chosen = {name: value for name, value in wider.items() if value != UNSET}
-    return {'level': level, **chosen} if level else {}
+    if not level:
+        return {name: value for name, value in chosen.items() if name == 'spawn_reach'}
+    return {'level': level, **chosen}
 
 
 def start_settings(curriculum: CurriculumConfig, config: DemonstrationConfig) -> dict[str, float]:

@@ -12,14 +12,17 @@ from rocket_sim_node.worlds import WorldSpec
 def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
     """Return the world's scripted pilot with the gains of the settings.
 
-    :raises ValueError: when it cannot fly the world.
+    :raises ValueError: when it cannot fly the world, or does not have the gains.
     """
+    gains = config.teacher_gains()
+    if spec.name == 'lunar_lander' and not config.teacher:
+        for name, value in gains.items():
+            raise ValueError(
+                f'teacher_{name}: got {value:g}, expected -1, as the pilot of lunar_lander has '
+                'no gains')
     try:
-        gains = config.teacher_gains()
         if config.teacher:
             return ROCKET_PILOTS[config.teacher](spec, **gains)
-        if spec.name == 'lunar_lander' and gains:
-            raise ValueError(f'got a gain, teacher_{min(gains)}, which its pilot does not have')
         return scripted_pilot(spec, **gains)
     except ValueError as error:
         raise ValueError(

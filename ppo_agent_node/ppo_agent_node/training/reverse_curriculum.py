@@ -15,6 +15,7 @@ from dataclasses import replace
 from ppo_agent_node.config.curriculum_config import CurriculumConfig
 from ppo_agent_node.ppo.rollout_buffer import Ended
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds import full_reach
 from rocket_sim_node.worlds import start_heights
 
 
@@ -37,7 +38,7 @@ class ReverseCurriculum:
         :raises ValueError: when the first reach is more than the world's drop.
         """
         first = config.curriculum_start_reach
-        full = start_heights.full_reach(spec) if first else 0.0
+        full = full_reach(spec) if first else 0.0
         if first > full:
             raise ValueError(
                 f'curriculum_start_reach: got {first:g}, expected at most the full drop of the '

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rocket_sim_node import worlds
 from rocket_sim_node.gym.vector_env import HoverslamVectorEnv
 from rocket_sim_node.gym.vector_env import Step
-from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.base import F32
 
 
@@ -27,7 +26,7 @@ class ReverseCurriculum(VectorWrapper):
     to `reach` above touchdown (setting `spawn_reach`). When enough of the last episodes have
     landed, the reach grows and all environments begin a new episode: those that were in flight
     are truncated, with a last observation in `final_obs` and no entry in `final_info`. After the
-    full reach, episodes have the ordinary starts of the level.
+    full reach, episodes have the ordinary starts.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class ReverseCurriculum(VectorWrapper):
         spec = unwrapped.world_spec
         if 'spawn_reach' not in worlds.reset_settings(spec.name):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
-        full = start_heights.full_reach(spec)
+        full = worlds.full_reach(spec)
         if not 0 < reach <= full:
             raise ValueError(f'reach: got {reach}, expected more than 0, to {full:g} m')
         if not growth > 1:

@@ -12,6 +12,7 @@ from rocket_sim_node.worlds.base import Episodes
 from rocket_sim_node.worlds.base import VectorEnv
 from rocket_sim_node.worlds.base import WorldSpec
 from rocket_sim_node.worlds.registry import SteppingSettings
+from rocket_sim_node.worlds.registry import full_reach
 from rocket_sim_node.worlds.registry import make
 from rocket_sim_node.worlds.registry import names
 from rocket_sim_node.worlds.registry import reset_settings
@@ -22,6 +23,6 @@ from rocket_sim_node.worlds.registry import units
 
 __all__ = [
     'EnvironmentClosed', 'EnvironmentRestarted', 'Episodes', 'SteppingSettings', 'VectorEnv',
-    'WorldSpec', 'make', 'names', 'reset_settings', 'settings', 'settings_from',
+    'WorldSpec', 'full_reach', 'make', 'names', 'reset_settings', 'settings', 'settings_from',
     'stepping_settings', 'units',
 ]

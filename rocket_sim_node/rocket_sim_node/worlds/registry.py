@@ -13,6 +13,8 @@ from rocket_sim_node import settings as settings_module
 from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.base import SimulatedWorld
+from rocket_sim_node.worlds.base import WorldSpec
+from rocket_sim_node.worlds.lunar import vehicle as lander
 from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
@@ -29,6 +31,8 @@ class _Entry:
     threaded: bool = False
     derived: tuple[tuple[str, str], ...] = ()
     """Name and unit of the constants in the world's description that are no settings."""
+    drop: float = 0.0
+    """m, from the start to touchdown; 0: from setting `spawn_height` to `touchdown_height`."""
 
 
 _MOST_ENVS = 1_000_000
@@ -52,7 +56,7 @@ _WORLDS = {
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(
         LunarLanderWorld, LunarSettings, LunarLanderWorld.reset_settings, threaded=True,
-        derived=(('field_half_width', 'm'), ('max_thrust', 'N'))),
+        derived=(('field_half_width', 'm'), ('max_thrust', 'N')), drop=lander.DROP),
 }
 
 
@@ -114,6 +118,14 @@ def reset_settings(name: str) -> tuple[str, ...]:
     :raises ValueError: for an unknown world.
     """
     return _entry(name).reset_settings
+
+
+def full_reach(spec: WorldSpec) -> float:
+    """Return the largest `spawn_reach` of a world that has this setting, m: its full drop."""
+    known = _WORLDS.get(spec.name)
+    if known and known.drop:
+        return known.drop
+    return spec.settings['spawn_height'] - spec.settings['touchdown_height']
 
 
 def check_num_envs(num_envs: object) -> int:

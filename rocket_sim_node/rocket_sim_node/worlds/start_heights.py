@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from rocket_sim_node.worlds import random_streams
 from rocket_sim_node.worlds.base import F64
-from rocket_sim_node.worlds.base import WorldSpec
-from rocket_sim_node.worlds.lunar import vehicle as lander
 
 _HEIGHTS = 2**33
 """Index of the random stream that draws an episode's height."""
@@ -27,10 +25,3 @@ def reach_share(
     """
     share: F64 = 0.5 - 0.5 * random_streams.uniform(seed, row, episode, 1, _HEIGHTS)[0]
     return share
-
-
-def full_reach(spec: WorldSpec) -> float:
-    """Return the largest `spawn_reach` of a world, m: the full drop of its task."""
-    if spec.name == 'lunar_lander':
-        return lander.DROP
-    return spec.settings['spawn_height'] - spec.settings['touchdown_height']

@@ -193,15 +193,16 @@ def _result(f: Figures) -> str:
     lander = f['lunar_lander']
     return (
         'Wall clock from the start of the processes until a deterministic evaluation of 100 '
-        'episodes passes, measured in one run on the same cores. Ours is measured over DDS in '
-        'separate processes with two presets: `quick` imitates a scripted pilot, and '
-        '`from_scratch` is PPO alone, as are the peers: stable-baselines3 with the settings of '
-        'rl-baselines3-zoo, and a tuned PPO in one process on EnvPool. A run that '
+        'episodes or more passes, measured in one run on the same cores. Ours runs over DDS in '
+        'separate processes, with two presets: `quick` imitates a scripted pilot, and '
+        '`from_scratch` is PPO alone. The peers are PPO alone: that of stable-baselines3 with the '
+        'settings of rl-baselines3-zoo, and a tuned one in one process on EnvPool. A run that '
         f'reaches the cap, {lander["cap"]:.0f} s, counts as that long. Each program '
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
-        'numbers can differ. The settings of our presets and of the PPO on EnvPool were chosen '
-        'on seeds 1 to 10, 101 to 106 and 111 to 118. This benchmark refuses these seeds.')
+        'numbers can differ. The settings of our presets were chosen on seeds 1 to 10, 101 to 106 '
+        'and 111 to 118, those of the PPO on EnvPool on seeds 1 to 10, 101 to 106 and 111 to 117. '
+        'This benchmark refuses these seeds.')
 
 
 def _rocket_result(f: Figures) -> str:

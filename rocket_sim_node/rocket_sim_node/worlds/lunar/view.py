@@ -29,6 +29,12 @@ def seen_velocity(observation: NDArray[np.floating]) -> tuple[F64, F64]:
     return x * _FRAMES / vehicle.HALF_WIDTH, y * _FRAMES / vehicle.HALF_HEIGHT
 
 
+def seen_height(observation: NDArray[np.floating]) -> F64:
+    """Return heights above touchdown in m, `(K,)`, from scaled observations `(K, 8)`."""
+    height: F64 = observation[:, 1].astype(np.float64) * vehicle.HALF_HEIGHT
+    return height
+
+
 def hull_origin(pose: F64) -> tuple[F64, F64]:
     """Return the positions of the hulls' origins, `(K,)` m each, from body poses `(K, 3)`."""
     x, y, angle = pose.T

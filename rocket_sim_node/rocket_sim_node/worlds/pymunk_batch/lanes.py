@@ -309,6 +309,7 @@ class Lanes:
         parked[:, :, :3] = state[:, :, :3]
         parked[:, :, 1] += _PARK
         self._write(rows, parked, hold=False)
+        self._use_iterations(cold=False)
         for block in self._blocks:
             block.space.step(self._dt)
         self._write(rows[~self._fresh], state[~self._fresh], hold=True)

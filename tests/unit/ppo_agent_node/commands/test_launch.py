@@ -65,7 +65,8 @@ def parameters(path: str | Path) -> dict[str, object]:
 @pytest.mark.parametrize(('given', 'num_envs'), [
     ([], '256'), (['world:=rocket_planar'], '256'), (['world:=lunar_lander'], '128'),
     (['world:=lunar_lander', 'preset:=original'], '8'), (['preset:=original'], '256'),
-    (['world:=lunar_lander', 'preset:=from_scratch'], '64'), (['num_envs:=3'], '3')])
+    (['world:=lunar_lander', 'preset:=from_scratch'], '64'),
+    (['world:=lunar_lander', 'preset:=quick'], '128'), (['num_envs:=3'], '3')])
 def test_world_and_preset_set_the_number_of_environments(
         project: Project, given: list[str], num_envs: str) -> None:
     assert project.begin('train', *given)['num_envs'] == num_envs

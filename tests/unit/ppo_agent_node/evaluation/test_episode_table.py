@@ -12,6 +12,7 @@ from ppo_agent_node.evaluation import episode_table
 from ppo_agent_node.evaluation.episode_table import EpisodeTable
 from ppo_agent_node.evaluation.starts import initial_conditions
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import start_heights
 from rocket_sim_node.worlds.lunar import vehicle
 from rocket_sim_node.worlds.rocket import spawn
 
@@ -65,6 +66,13 @@ def test_the_push_of_a_lander_is_in_metres_per_second() -> None:
     assert start['start_velocity_y_m_s'] == pytest.approx(velocity[:, 1], abs=1e-5)
     assert start['start_speed_m_s'] == pytest.approx(
         np.hypot(velocity[:, 0], velocity[:, 1]), abs=1e-5)
+
+
+def test_the_height_of_a_lander_is_that_above_touchdown() -> None:
+    env = worlds.make('lunar_lander', num_envs=8, seed=3, spawn_reach=5.0)
+    start = initial_conditions(env.spec, env.observe(), env.spec.settings)
+    expected = 5.0 * start_heights.reach_share(3, np.arange(8), np.zeros(8, int))
+    assert start['start_height_m'] == pytest.approx(expected, abs=0.3)
 
 
 def test_columns_that_a_world_does_not_have_are_empty(tmp_path: Path) -> None:

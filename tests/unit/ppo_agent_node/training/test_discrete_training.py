@@ -23,7 +23,11 @@ from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.runner import evaluate
 from ppo_agent_node.flying.episodes import scatter
+from ppo_agent_node.imitation.demonstrations import fly_wave
+from ppo_agent_node.imitation.demonstrations import start_settings
+from ppo_agent_node.pilots.lunar_heuristic import LunarHeuristic
 from ppo_agent_node.pilots.policy import PolicyPilot
+from ppo_agent_node.pilots.teacher import scripted_teacher
 from ppo_agent_node.ppo.learner import Learner
 from ppo_agent_node.ppo.policies.factory import CategoricalPolicy
 from ppo_agent_node.ppo.rollout_buffer import Rollout
@@ -220,7 +224,7 @@ def test_scattered_walkers_are_in_all_phases() -> None:
 
 
 def test_the_lunar_lander_trains_with_its_presets(tmp_path: Path) -> None:
-    for name, landers in (('default', 4), ('original', 2)):
+    for name, landers in (('default', 4), ('from_scratch', 2), ('original', 2)):
         said: list[str] = []
         config = load_preset(
             name, 'lunar_lander', iterations=2, n_steps=120, selection_episodes=2, threads=1)
@@ -235,6 +239,46 @@ def test_the_lunar_lander_trains_with_its_presets(tmp_path: Path) -> None:
         assert sum(summary['outcomes'].values()) == 4
         json.dumps(summary, allow_nan=False)
     assert said[0].startswith('episode: 1/10000, score: ')
+
+
+def test_the_lander_imitates_its_scripted_pilot(tmp_path: Path) -> None:
+    world = worlds.make('lunar_lander', num_envs=16)
+    config = load_preset(
+        'quick', 'lunar_lander', demonstration_episodes=16, selection_episodes=2, threads=1,
+        target_return=-1e9)
+    assert Trainer(SerialFleet(world), config, RunFolder(tmp_path / 'run')).run().finished
+    lines = [json.loads(line) for line in (
+        tmp_path / 'run' / 'train.jsonl').read_text('utf-8').splitlines()]
+    flown = {line['stage']: line['landing_rate'] for line in reversed(lines)
+             if 'landing_rate' in line}
+    assert flown['demonstrate'] > 0.7
+    losses = [line['clone_validation_loss'] for line in lines if line['stage'] == 'clone']
+    # The logarithm of 4 actions is 1.39; the pilot's are predictable.
+    assert len(losses) == 12 and losses[-1] < 0.7
+    assert lines[-1]['iteration'] == 0 and 'selection_return' in lines[-1]
+
+
+def test_a_gain_that_the_landers_pilot_does_not_have_is_refused() -> None:
+    spec = worlds.make('lunar_lander').spec
+    with pytest.raises(ValueError, match=(
+            'teacher_flare_rate: got 2, expected -1, as the pilot of lunar_lander has no gains')):
+        scripted_teacher(spec, load_preset(
+            'quick', 'lunar_lander', teacher_flare_rate=2.0).demonstration)
+    with pytest.raises(ValueError, match='no scripted pilot can fly this'):
+        scripted_teacher(
+            spec, load_preset('quick', 'lunar_lander', teacher='expert').demonstration)
+
+
+@pytest.mark.parametrize('continuous', [False, True])
+def test_demonstrations_of_the_lander_begin_below_their_reach(continuous: bool) -> None:
+    world = worlds.make('lunar_lander', num_envs=4, continuous=continuous)
+    config = load_preset('quick', 'lunar_lander', demonstration_spawn_reach=2.0)
+    settings = start_settings(config.curriculum, config.demonstration)
+    assert settings == {'spawn_reach': 2.0}
+    samples, episodes = fly(world, fly_wave(
+        world.spec, LunarHeuristic(world.spec), config.demonstration, settings, 1, 0))
+    assert len(episodes) == 4
+    assert (samples.observation[:, 1] < 0.4).all()
 
 
 def test_a_resumed_run_in_the_lunar_lander_ends_the_same(tmp_path: Path) -> None:

@@ -52,6 +52,18 @@ def test_the_reach_grows_with_landings_and_truncates_other_episodes() -> None:
     assert cut > 0
 
 
+def test_the_lander_begins_near_the_ground() -> None:
+    envs = ReverseCurriculum(
+        gymnasium.make_vec('hoverslam/LunarLander-v1', num_envs=N, seed=1), reach=1.0, window=N,
+        landing_rate=0.0)
+    observation, _ = envs.reset()
+    assert (observation[:, 1] < 0.2).all()
+    while envs.reach == 1.0:
+        observation, *_ = envs.step(np.zeros(N, np.int64))
+    assert envs.reach == 1.25
+    assert (observation[:, 1] < 0.25).all()
+
+
 def test_equal_seeds_give_equal_flights() -> None:
     one, other = make(), make()
     np.testing.assert_array_equal(one.reset(seed=3)[0], other.reset(seed=3)[0])

@@ -19,7 +19,7 @@ from rocket_sim_node.worlds.lunar.world import LANDED
 from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 
 N = 64
-FULL = start_heights.full_reach(worlds.make('lunar_lander', 1).spec)
+FULL = worlds.full_reach(worlds.make('lunar_lander', 1).spec)
 STEP = 0.5 * vehicle.START_PUSH * 0.02**2
 """m, more than the push moves a lander before its first observation."""
 
