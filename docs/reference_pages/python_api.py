@@ -15,7 +15,8 @@ from typing import Any
 PUBLIC = {
     'rocket_sim_node.worlds': (
         'make', 'names', 'settings', 'reset_settings', 'full_reach', 'settings_from',
-        'stepping_settings', 'SteppingSettings', 'units', 'VectorEnv', 'WorldSpec', 'Episodes', 'EnvironmentRestarted', 'EnvironmentClosed'),
+        'stepping_settings', 'SteppingSettings', 'units', 'VectorEnv', 'WorldSpec', 'Episodes',
+        'EnvironmentRestarted', 'EnvironmentClosed'),
     'rocket_sim_node.worlds.jobs': ('Fleet', 'SerialFleet'),
     'rocket_sim_node.wire.client.client': ('Client',),
     'rocket_sim_node.wire.client.connection': ('ConnectionOptions',),
