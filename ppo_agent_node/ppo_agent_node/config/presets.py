@@ -16,7 +16,7 @@ _PRESETS = resources.files('ppo_agent_node') / 'presets'
 DEFAULT = 'default'
 """Preset of a run that names none."""
 _NUM_ENVS = {
-    ('lunar_lander', 'default'): 128, ('lunar_lander', 'from_scratch'): 64,
+    ('lunar_lander', 'default'): 128, ('lunar_lander', 'from_scratch'): 100,
     ('lunar_lander', 'original'): 8, ('lunar_lander', 'quick'): 128}
 """Number of vehicles of presets that do not have the usual 256, by world and name."""
 

@@ -65,7 +65,7 @@ def parameters(path: str | Path) -> dict[str, object]:
 @pytest.mark.parametrize(('given', 'num_envs'), [
     ([], '256'), (['world:=rocket_planar'], '256'), (['world:=lunar_lander'], '128'),
     (['world:=lunar_lander', 'preset:=original'], '8'), (['preset:=original'], '256'),
-    (['world:=lunar_lander', 'preset:=from_scratch'], '64'),
+    (['world:=lunar_lander', 'preset:=from_scratch'], '100'),
     (['world:=lunar_lander', 'preset:=quick'], '128'), (['num_envs:=3'], '3')])
 def test_world_and_preset_set_the_number_of_environments(
         project: Project, given: list[str], num_envs: str) -> None:
@@ -314,7 +314,7 @@ def test_help_names_each_argument_with_its_default(project: Project, command: st
 
 def test_help_shows_the_defaults_for_the_given_arguments(project: Project) -> None:
     printed = project.run('train', 'world:=lunar_lander', 'preset:=from_scratch', '--help')
-    assert 'one batch; the script train chooses the number by world and preset [64]' in ' '.join(
+    assert 'one batch; the script train chooses the number by world and preset [100]' in ' '.join(
         printed.split())
     assert 'hidden_sizes:=[64,64]' in printed and 'runs/lunar_lander-DATE' in printed
     assert 'engine_lag' not in printed
