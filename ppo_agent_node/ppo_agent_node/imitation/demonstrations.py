@@ -66,7 +66,7 @@ class Demonstrations(NamedTuple):
 def spawn_settings(config: DemonstrationConfig, level: int) -> dict[str, float]:
     """Return the reset settings of demonstrations: the level, or wider if so configured.
 
-    Of the ranges, a world without levels has `spawn_reach` only.
+    A world without levels has only one of these ranges, `spawn_reach`.
     """
     wider = {
         name.removeprefix('demonstration_'): getattr(config, name)

@@ -15,7 +15,10 @@ def scripted_teacher(spec: WorldSpec, config: DemonstrationConfig) -> Pilot:
     :raises ValueError: when it cannot fly the world, or does not have the gains.
     """
     gains = config.teacher_gains()
-    if spec.name == 'lunar_lander' and not config.teacher:
+    if spec.name == 'lunar_lander':
+        if config.teacher:
+            raise ValueError(
+                f"teacher: got {config.teacher!r}, expected '', as lunar_lander has its own pilot")
         for name, value in gains.items():
             raise ValueError(
                 f'teacher_{name}: got {value:g}, expected -1, as the pilot of lunar_lander has '

@@ -27,7 +27,7 @@ class ReverseCurriculum:
     full_reach: float
     """m, the full drop of the task."""
     reach: float
-    """m, the world's `spawn_reach`; 0: all episodes begin at the spawn height."""
+    """m, the world's `spawn_reach`; 0: all episodes begin at the usual height."""
     recent: tuple[bool, ...] = ()
     """Whether each of the last hard episodes landed, at most one window, oldest first."""
 

@@ -56,7 +56,8 @@ class RunState:
 
     @property
     def landing_rate(self) -> float:
-        """Landing rate of the last episodes that count for a curriculum; NaN before the first."""
+        """Landing rate in the window of the reverse curriculum, or after it of the levels; NaN if
+        empty."""
         return (self.curriculum if self.reverse.over else self.reverse).landing_rate
 
     def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:

@@ -126,7 +126,8 @@ def settings(contestants: Sequence[str]) -> dict[str, Any]:
 
 def lander(options: argparse.Namespace) -> dict[str, Any]:
     """Compare the contestants on the lander; print the table and return the figures."""
-    print(f'lunar_lander: seconds until 100 deterministic episodes return {options.target:g}')
+    print('lunar_lander: seconds until 100 deterministic episodes or more return '
+          f'{options.target:g}')
     print(f'{"":<20}{"seed":>5}{"s":>10}{"learning":>10}{"steps":>11}{"mean":>9}'
           f'{"Gymnasium":>16}')
     runs = fly(options)

@@ -13,7 +13,7 @@ class Options:
     """Fields that all runs have in common."""
 
     target: float
-    """mean return of 100 deterministic episodes that ends a run"""
+    """mean return of 100 deterministic episodes or more that ends a run"""
     cap: float
     """time limit of a run from its start, s"""
     verify: int

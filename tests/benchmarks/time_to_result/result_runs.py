@@ -30,8 +30,8 @@ from ppo_agent_node.runs.config_file import read_config
 from rocket_sim_node import worlds
 
 OURS = {'ours': 'quick', 'ours_from_scratch': 'from_scratch'}
-"""presets of our contestants in the lander; each with one simulator of the preset's number of
-landers: two are not faster, because the agent is the bottleneck"""
+"""presets of our contestants in the lander, by name; each run has one simulator with the preset's
+number of landers, as two are not faster: the agent is the bottleneck"""
 ROCKETS, ROCKET_SIMULATORS = 256, 2
 """number of rockets, for which the preset is made; it trains on two levels, one a simulator"""
 NEEDED_RATE = 0.99

@@ -345,16 +345,17 @@ def test_an_interrupted_soak_ends_its_nodes_and_writes_figures(
 
 def test_result(tmp_path: Path) -> None:
     pytest.importorskip('envpool')
-    # Any policy returns so much.
+    # Any policy returns so much, and is evaluated even if none lands.
     text, figures = run(
         'result', tmp_path / 'out.json', '--worlds', 'lunar_lander', '--contestants', 'ours',
         'ours_from_scratch', 'envpool_ppo', '--seeds', '13', '--target', '-100000', '--verify',
-        '20')
+        '20', '--set', 'selection_from_landing_rate=0.0')
     lander = figures['lunar_lander']
     names = ['ours', 'ours_from_scratch', 'envpool_ppo']
     assert [run['contestant'] for run in lander['runs']] == names
     for flown in lander['runs']:
         assert flown['passed']
+        assert flown['evaluations'][-1]['steps'] > 0
         assert flown['seconds'] > flown['learning_seconds'] > 0
         assert flown['gymnasium']['episodes'] == 20
         assert flown['evaluations'][-1]['seconds'] == pytest.approx(flown['seconds'])

@@ -31,7 +31,8 @@ def seen_velocity(observation: NDArray[np.floating]) -> tuple[F64, F64]:
 
 def seen_height(observation: NDArray[np.floating]) -> F64:
     """Return heights above touchdown in m, `(K,)`, from scaled observations `(K, 8)`."""
-    height: F64 = observation[:, 1].astype(np.float64) * vehicle.HALF_HEIGHT
+    above_flags = observation[:, 1].astype(np.float64) * vehicle.HALF_HEIGHT
+    height: F64 = above_flags + vehicle.PAD_HEIGHT - vehicle.PAD_GROUND
     return height
 
 

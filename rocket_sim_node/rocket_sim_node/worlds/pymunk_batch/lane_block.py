@@ -72,7 +72,7 @@ class Solver:
     """Parameters of the solver for contacts and joints."""
 
     iterations: int
-    """In a step, starting from the impulses of the last one."""
+    """Of a usual step, which starts from the impulses of the one before."""
     slop: float
     """m of penetration that is not corrected."""
     bias: float

@@ -69,10 +69,10 @@ def test_the_push_of_a_lander_is_in_metres_per_second() -> None:
 
 
 def test_the_height_of_a_lander_is_that_above_touchdown() -> None:
-    env = worlds.make('lunar_lander', num_envs=8, seed=3, spawn_reach=5.0)
+    env = worlds.make('lunar_lander', num_envs=8, seed=3, spawn_reach=0.5)
     start = initial_conditions(env.spec, env.observe(), env.spec.settings)
-    expected = 5.0 * start_heights.reach_share(3, np.arange(8), np.zeros(8, int))
-    assert start['start_height_m'] == pytest.approx(expected, abs=0.3)
+    expected = 0.5 * start_heights.reach_share(3, np.arange(8), np.zeros(8, int))
+    assert start['start_height_m'] == pytest.approx(expected, abs=0.01)
 
 
 def test_columns_that_a_world_does_not_have_are_empty(tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_a_reset_changes_the_reach_until_the_next() -> None:
         world.reset(spawn_reach=9.5)
 
 
-def test_the_lowest_starts_land_whatever_the_pilot_does() -> None:
+def test_the_lowest_starts_land_with_engines_off() -> None:
     world, outcomes = make(spawn_reach=0.01), []
     for _ in range(120):
         outcomes.extend(world.step(np.zeros(N, np.int64))[4]['episodes'].outcome.tolist())
