@@ -157,7 +157,7 @@ def headline(summary: dict[str, dict[str, float]]) -> str:
     """Return the median times of the contestants all of whose runs passed."""
     found = [f'{NAMES[name]} {row["seconds"]:.0f} s'
              for name, row in summary.items() if row['passed'] == row['seeds']]
-    return f'Median time to a result: {"; ".join(found) or "not all runs passed"}'
+    return f'Medians: {"; ".join(found) or "not all runs passed"}'
 
 
 def middle(row: dict[str, float], name: str, form: str, width: int) -> str:

@@ -50,7 +50,9 @@ def cloning_figure(lines: Lines) -> Figure:
         axes.plot(epoch[best], validation[best], color=VERMILION, marker='*', ms=15, ls='',
                   label='kept policy')
     title = 'Loss of the clone in each epoch'
-    if len(rounds):
+    if len(rounds) == 1:
+        title = f'Before its round of DAgger the clone lands {100 * landed[rounds[0]]:.0f} %'
+    elif len(rounds):
         title = (f'With DAgger the clone lands {100 * landed[rounds[-1]]:.0f} % instead of '
                  f'{100 * landed[rounds[0]]:.0f} %')
     _dress(axes, 'epoch', 'loss (no unit)', title)

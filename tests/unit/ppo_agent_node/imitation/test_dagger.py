@@ -260,6 +260,7 @@ def test_the_picture_marks_the_clone_of_the_last_round() -> None:
     (star,) = (line for line in axes.lines if line.get_label() == 'kept policy')
     assert (star.get_xdata().tolist(), star.get_ydata().tolist()) == ([3.0], [0.3])
     assert [text.get_text() for text in axes.texts] == ['81 % landed']
+    assert axes.get_title() == 'Before its round of DAgger the clone lands 81 %'
 
 
 def test_no_more_flights_are_learnt_from_than_are_asked_for() -> None:
