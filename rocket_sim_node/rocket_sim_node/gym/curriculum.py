@@ -22,8 +22,8 @@ class ReverseCurriculum(VectorWrapper):
     >>> envs = ReverseCurriculum(gymnasium.make_vec('hoverslam/Rocket-v1', num_envs=256))
 
     Florensa et al., 'Reverse curriculum generation for reinforcement learning', 2017: if the
-    reward comes only at the end of a flight, the end is learnt first. Starts are uniform in height up
-    to `reach` above touchdown (setting `spawn_reach`). When enough of the last episodes have
+    reward comes only at the end of a flight, the end is learnt first. Starts are uniform in height
+    up to `reach` above touchdown (setting `spawn_reach`). When enough of the last episodes have
     landed, the reach grows and all environments begin a new episode: those that were in flight
     are truncated, with a last observation in `final_obs` and no entry in `final_info`. After the
     full reach, episodes have the ordinary starts.
