@@ -56,7 +56,7 @@ class RunState:
 
     @property
     def landing_rate(self) -> float:
-        """Landing rate in the window of the reverse curriculum, later of the levels; may be NaN."""
+        """Landing rate in the window of the reverse curriculum, later of the levels, or NaN."""
         return (self.curriculum if self.reverse.over else self.reverse).landing_rate
 
     def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
