@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any
@@ -127,6 +128,20 @@ def build(cls: type[S], values: Mapping[str, object]) -> S:
         raise ValueError(
             f'unknown setting {", ".join(map(repr, unknown))}, expected {", ".join(infos)}')
     return cls(**{name: check(infos[name], value) for name, value in values.items()})
+
+
+def changed(settings: S, changes: Mapping[str, object], allowed: Sequence[str]) -> S:
+    """Return a settings dataclass with other values of some settings.
+
+    :param allowed: names of the settings that may change.
+    :raises ValueError: for a name that is not allowed or a value out of range.
+    :raises TypeError: for a value of the wrong type.
+    """
+    unknown = sorted(set(changes) - set(allowed))
+    if unknown:
+        raise ValueError(
+            f'unknown setting {", ".join(map(repr, unknown))}, expected {", ".join(allowed)}')
+    return build(type(settings), {**as_dict(settings), **changes})
 
 
 def as_dict(settings: object) -> dict[str, Any]:

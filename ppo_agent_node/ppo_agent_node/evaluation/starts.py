@@ -31,9 +31,11 @@ def initial_conditions(
         return _rocket(seen, settings)
     if spec.name == 'lunar_lander':
         x, y = view.seen_velocity(observation)
-        height = {'start_height_m': view.seen_height(observation)}
-        return {**(height if settings.get('spawn_reach') else {}), 'start_velocity_x_m_s': x,
-                'start_velocity_y_m_s': y, 'start_speed_m_s': np.hypot(x, y)}
+        push = {'start_velocity_x_m_s': x, 'start_velocity_y_m_s': y,
+                'start_speed_m_s': np.hypot(x, y)}
+        if not settings.get('spawn_reach'):
+            return push
+        return {'start_height_m': view.seen_height(observation), **push}
     return {f'start_{name}': values for name, values in seen.items()}
 
 

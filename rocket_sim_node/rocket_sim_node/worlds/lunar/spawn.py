@@ -90,7 +90,7 @@ class Starts:
         ) -> tuple[NDArray[np.uint64], F64]:
             key = random_streams.keys(seed, rows, episodes)
             height = reach * start_heights.reach_share(
-                seed, rows, episodes) if reach else np.full(len(rows), vehicle.DROP)
+                seed, rows, episodes) if reach else vehicle.DROP
             return key, derive(random_streams.numbers(key, DRAWS), dt, gravity, height)
 
         self._drawn = random_streams.DrawnAhead(num_envs, make)
@@ -108,7 +108,7 @@ def derive(unit: F64, dt: float, gravity: float, height: F64 | float = vehicle.D
 
     :param unit: `(16, K)` random numbers in [-1, 1): heights of the terrain, the push along x and
         y, the initial phases of wind and turbulence.
-    :param height: `(K,)` m above touchdown; the push is in proportion.
+    :param height: `(K,)` or one for all, m above touchdown; the push is in proportion.
     """
     count = unit.shape[1]
     start = np.empty((count, 31))

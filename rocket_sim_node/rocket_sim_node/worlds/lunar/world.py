@@ -105,13 +105,7 @@ class LunarLanderWorld(StateCapture):
 
     def reset(self, seed: int | None = None, **settings: float) -> F32:
         """Start new episodes of all landers; see :class:`VectorEnv`."""
-        unknown = sorted(set(settings) - set(self.reset_settings))
-        if unknown:
-            raise ValueError(
-                f'unknown setting {", ".join(map(repr, unknown))}, '
-                f'expected {", ".join(self.reset_settings)}')
-        checked = settings_module.build(
-            LunarSettings, {**settings_module.as_dict(self._made_with), **settings})
+        checked = settings_module.changed(self._made_with, settings, self.reset_settings)
         if seed is None:
             self.episode += 1
         else:
@@ -285,8 +279,8 @@ class LunarLanderWorld(StateCapture):
         snapshots.check_settings(_unchanging(self.spec.settings), arrays.pop('settings'))
         reach = float(arrays.pop('spawn_reach')[0])
         try:
-            settings = settings_module.build(
-                LunarSettings, {**settings_module.as_dict(self._made_with), 'spawn_reach': reach})
+            settings = settings_module.changed(
+                self._made_with, {'spawn_reach': reach}, self.reset_settings)
         except ValueError as error:
             raise ValueError(f'snapshot: {error}') from error
         snapshots.check_counts(arrays, 'seed', 'age', 'episode', 'still')

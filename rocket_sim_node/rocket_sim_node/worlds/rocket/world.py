@@ -69,17 +69,10 @@ class RocketWorld(RocketDynamics):
 
         Conditions may be given in any form that `conditions.flatten` takes.
         """
-        settings = conditions.flatten(settings)
-        unknown = sorted(set(settings) - set(self.reset_settings))
-        if unknown:
-            raise ValueError(
-                f'unknown setting {", ".join(map(repr, unknown))}, '
-                f'expected {", ".join(self.reset_settings)}'
-            )
+        checked = settings_module.changed(
+            self._made_with, conditions.flatten(settings), self.reset_settings)
         if seed is not None:
             seed = random_streams.check_seed(seed)
-        checked = settings_module.build(
-            self.settings_class, {**settings_module.as_dict(self._made_with), **settings})
         new_seed, episode = (
             (self._seed, self.episode + 1) if seed is None
             else (seed, np.zeros_like(self.episode)))
@@ -147,8 +140,7 @@ class RocketWorld(RocketDynamics):
         snapshots.check_settings(self.spec.settings, arrays.pop('settings'))
         values = dict(zip(self.reset_settings, arrays.pop('curriculum').tolist(), strict=True))
         try:
-            settings = settings_module.build(
-                self.settings_class, {**settings_module.as_dict(self._made_with), **values})
+            settings = settings_module.changed(self._made_with, values, self.reset_settings)
         except (TypeError, ValueError) as error:
             raise ValueError(f'snapshot: {error}') from error
         self._check_state(arrays, settings)
