@@ -127,7 +127,7 @@ def _ranks(f: Figures) -> str:
         'A model adds their time to that of flight and update: it differs from the measured '
         f'iterations by {100 * min(errors):+.0f} to {100 * max(errors):+.0f} %. By the model, the '
         'share of the time in which ranks work falls with their number; the last column of the '
-        'second table is the number of ranks from which on it is less than half. '
+        'second table is the smallest number of ranks at which it is less than half. '
         'gloo sums in a ring, nccl in a tree. More than two ranks '
         'were not measured. 10 000 simulators need thousands of ranks '
         '([how many one agent serves](#many-simulators)), so most of their time would be spent '
@@ -140,9 +140,11 @@ def _stepping(f: Figures) -> str:
     peer = 'EnvPool' if 'EnvPool' in rocket else 'Gymnasium'
     return (
         'Environment steps per second on one core, with random actions, episodes and resets '
-        'included, at the best batch size of each side. Our `lunar_lander` simulates the same '
-        f"task as the peers and makes {lander[peer]:.1f} times as many steps as {peer}'s "
-        'LunarLander. `rocket` has other physics, without joints or contacts, so its factor '
+        'included, at the best batch size of each side. Our `lunar_lander` has the task and the '
+        'reward of the peers, with fewer iterations of the solver '
+        '([differences](../explanation/physics-and-reward.md#lunar_lander)), and makes '
+        f"{lander[peer]:.1f} times as many steps as {peer}'s LunarLander. `rocket` has other "
+        'physics, without joints or contacts, so its factor '
         f'({rocket[peer]:.0f}) compares two different tasks.' + _stepping_limits(f))
 
 
@@ -184,7 +186,8 @@ def _learner(f: Figures) -> str:
     return (
         'This section compares a PPO update with that of stable-baselines3, with equal networks, '
         'minibatches, epochs and samples. The floor is the bare matrix products of the same '
-        'shapes. '
+        'shapes. Where two threads are slower than one, as with small networks, compare the best '
+        'rows of both. '
         '`tests/unit/ppo_agent_node/ppo/test_update_reference.py` compares losses and weights '
         'with an autograd reference.')
 
@@ -201,8 +204,11 @@ def _result(f: Figures) -> str:
         'evaluates in its own lander. The last column shows the return of the same policy in '
         "Gymnasium's lander. The lines with medians show how many seeds each program ran; these "
         'numbers can differ. The settings of our presets were chosen on seeds 1 to 10, 101 to 106 '
-        'and 111 to 118, those of the PPO on EnvPool on seeds 1 to 10, 101 to 106 and 111 to 117. '
-        'This benchmark refuses these seeds.')
+        'and 111 to 118, and `from_scratch` was changed once more after a measurement of seeds 31 '
+        'to 35; the settings of the PPO on EnvPool were chosen on seeds 1 to 10, 101 to 106 and '
+        '111 to 117. This benchmark refuses all of these seeds. Ours and the PPO on EnvPool are '
+        'evaluated only once many of their training episodes land; stable-baselines3 is evaluated '
+        'after every 32 768 steps.')
 
 
 def _rocket_result(f: Figures) -> str:

@@ -56,7 +56,7 @@ class Settings:
     evaluation_interval: int = 2
     """iterations between two evaluations"""
     evaluation_from: float = 0.45
-    """landing rate of the last 64 episodes from which on the policy is evaluated"""
+    """landing rate of the last 64 episodes above which the policy is evaluated"""
 
 
 def make_pool(num_envs: int, seed: int, threads: int) -> Any:

@@ -34,7 +34,7 @@ NAMES = {
     'ours': 'ours, imitation', 'ours_from_scratch': 'ours, PPO alone',
     'envpool_ppo': 'PPO on EnvPool', 'sb3_lander': 'stable-baselines3', 'rocket': 'rocket, ours'}
 WORLDS = ('lunar_lander', 'rocket')
-TUNED_ON = range(1, 11), range(101, 107), range(111, 119)
+TUNED_ON = range(1, 11), range(31, 36), range(101, 107), range(111, 119)
 """Seeds on which the settings of our presets and of the PPO on EnvPool were chosen: no seeds for a
 figure to be published."""
 REFUSED = ', '.join(f'{seeds.start} to {seeds.stop - 1}' for seeds in TUNED_ON)

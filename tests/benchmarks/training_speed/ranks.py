@@ -215,7 +215,7 @@ def main() -> None:
         print(f'{name:<20}{row["iteration"]:>10.3f}{row["speed_up"]:>10.2f}'
               f'{row["collectives"]:>6.0f}{1000 * row["sum"]:>11.2f}{model_time:>8}', flush=True)
     print('\nmodel: share of the time in which ranks work, each with '
-          f'{options.groups // 2} groups; ranks from which on it is less than half')
+          f'{options.groups // 2} groups; fewest ranks at which it is less than half')
     print(f'{"":<28}' + ''.join(f'{count:>8}' for count in RANKS[1:]) + f'{"half":>10}')
     model = {}
     for name, one in rows.items():
