@@ -73,8 +73,10 @@ class Ours:
         self.spec = worlds.make(case.world, num_envs=case.rockets).spec
         self.config = load_preset('default', case.world, **{
             'batch_size': case.batch_size, 'target_kl': 0.0, 'critic_warmup_iterations': 0,
-            # The other sides train a critic, too, and all layers, and have no symmetry.
-            'start_copies': 1, 'trained_layers': 0, 'symmetry': 'none',
+            # The other sides train a critic, too, and all layers, and have neither features nor a
+            # symmetry.
+            'start_copies': 1, 'trained_layers': 0, 'features': 'none', 'symmetry': 'none',
+            'exploration': 'independent',
             'threads': options.threads, 'device': options.device, **changes})
         self.learner = Learner(self.spec, self.config)
         count = options.samples or self.config.ppo.n_steps * case.rockets
