@@ -72,7 +72,8 @@ def _fleet(f: Figures) -> str:
         'This section shows what each further simulator costs its agent. Processor time of the '
         'agent for an '
         f'exchange: {rows[first]["cpu_us"]:.0f} us with {first}, {rows[last]["cpu_us"]:.0f} us '
-        f'with {last} ({rows[last]["ratio"]:.2f} times). Wall clock of an exchange: '
+        f'with {last} ({rows[last]["ratio"]:.2f} times). A large part of the former is polling, '
+        'with which the agent waits for a single simulator. Wall clock of an exchange: '
         f'{rows[first]["wall_us"]:.0f} us with {first}, {rows[last]["wall_us"]:.0f} us with '
         f'{last}. All simulators share the cores of this machine.\n\n' + _saturation(f))
 
