@@ -259,7 +259,7 @@ def fit_copies(config: Config, num_envs: int) -> Config:
 
 
 def check_world(config: Config, spec: WorldSpec) -> None:
-    """Check that a world has the requested levels and headings.
+    """Check that a world has what the settings request, and the usual starts.
 
     :raises ValueError: naming the setting.
     """
@@ -285,6 +285,10 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         raise ValueError(
             f'curriculum_start_reach: got {reach:g}, expected 0, as world {spec.name!r} has no '
             'heights to start from')
+    if own := spec.settings.get('spawn_reach'):
+        raise ValueError(
+            f'spawn_reach: got {own:g}, expected 0, as a training sets it by '
+            'curriculum_start_reach')
     for name, value, unset in (
         ('curriculum_heading', config.curriculum.curriculum_heading, 0),
         ('demonstration_spawn_heading', config.demonstration.demonstration_spawn_heading, UNSET),

@@ -114,6 +114,17 @@ def test_levels_are_for_worlds_that_have_them() -> None:
         check_world(load_preset('default', 'rocket'), lander)
 
 
+@pytest.mark.parametrize('world', ['rocket', 'lunar_lander'])
+def test_a_simulator_with_easy_starts_is_refused(world: str) -> None:
+    """Otherwise selections and evaluations would fly them as well."""
+    config = load_preset('default', world)
+    check_world(config, worlds.make(world, spawn_reach=0.0).spec)
+    with pytest.raises(ValueError, match=(
+            r'^spawn_reach: got 0\.5, expected 0, as a training sets it by '
+            r'curriculum_start_reach$')):
+        check_world(config, worlds.make(world, spawn_reach=0.5).spec)
+
+
 @pytest.mark.parametrize('name', ['conditions', 'curriculum_wide_conditions'])
 def test_conditions_are_for_worlds_that_have_them(name: str) -> None:
     asked = load_preset('default', 'lunar_lander', **{name: 'harsh'})
