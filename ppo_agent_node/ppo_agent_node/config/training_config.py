@@ -155,7 +155,8 @@ class RunConfig:
         1, 1_000_000)
     selection_from_landing_rate: float = setting(
         0.0, '', 'minimum landing rate of the last curriculum_window episodes of roll-outs for a '
-        'selection to take place; in a reverse curriculum, only the highest starts count',
+        'selection to take place, unless the level or the reach has just risen; in a reverse '
+        'curriculum, only the highest starts count',
         0.0, 1.0)
     selection_episodes: int = setting(
         512, '', 'number of episodes of a selection, at least one per rocket', 1, 1_000_000)

@@ -56,8 +56,13 @@ class RunState:
 
     @property
     def landing_rate(self) -> float:
-        """Landing rate in the window of the reverse curriculum, later of the levels, or NaN."""
-        return (self.curriculum if self.reverse.over else self.reverse).landing_rate
+        """Landing rate in the window of the reverse curriculum, later of the levels.
+
+        NaN while the window is not full: a few episodes say little.
+        """
+        now = self.curriculum if self.reverse.over else self.reverse
+        full = len(now.recent) == now.config.curriculum_window
+        return now.landing_rate if full else math.nan
 
     def advance(self, landed: Iterable[bool], hardest: Iterable[bool]) -> RunState:
         """Return the state with the curriculum after more episodes, in the order they ended.

@@ -101,14 +101,15 @@ class Selector:
         """Store the run's settings; `fly` runs jobs."""
         self._spec, self._config, self._metrics, self._fly = spec, config, metrics, fly
 
-    def due(self, iteration: int, landing_rate: float) -> bool:
+    def due(self, iteration: int, landing_rate: float, harder: bool) -> bool:
         """Return whether an evaluation of the policy is due, and worthwhile.
 
         :param landing_rate: see `RunState.landing_rate`.
+        :param harder: whether the task has just become harder, which emptied the window.
         """
         config, least = self._config.run, self._config.run.selection_from_landing_rate
         return iteration % config.selection_interval == 0 and (
-            least == 0 or landing_rate >= least)
+            harder or least == 0 or landing_rate >= least)
 
     def select(self, policy: Policy, iteration: int, best: Score | None) -> Selected:
         """Evaluate the policy of an iteration.

@@ -235,7 +235,8 @@ class Trainer:
             episodes=state.episodes + len(episodes))
         if message := self._state.news(state):
             self._reset_world()
-        best, numbers = self._select(self._selector.due(iteration, self._state.landing_rate))
+        best, numbers = self._select(
+            self._selector.due(iteration, self._state.landing_rate, harder=bool(message)))
         if self._config.run.episode_lines:
             numbers['scores'] = episodes.episode_return.tolist()
             for line in self._score_lines.add(numbers['scores']):
