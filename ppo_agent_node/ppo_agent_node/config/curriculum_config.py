@@ -55,13 +55,18 @@ class CurriculumConfig:
     curriculum_reach_growth: float = setting(
         1.2, '', 'factor by which that height grows when the highest starts land', 1.000001, 1e4)
     curriculum_reach_landing_rate: float = setting(
-        0.95, '', 'landing rate of the highest starts at which the height grows; above 1: '
-        'never', 0.0, 2.0)
+        0.95, '', 'landing rate of the highest starts at which the height grows; above 1: never, '
+        'for a curriculum_start_reach of the full drop and a single level', 0.0, 2.0)
     curriculum_reach_hardest: float = setting(
         0.2, '', 'fraction of the starts that counts as the highest', 1e-3, 1.0)
     curriculum_heading: float = setting(
         0.0, 'deg', "maximum rotation of the axes in roll-outs, plus or minus (the world's "
         'spawn_heading); rocket_planar only', 0.0, 180.0)
+
+    @property
+    def reach_is_fixed(self) -> bool:
+        """Whether roll-outs begin at heights up to the first reach throughout the run."""
+        return self.curriculum_start_reach > 0 and self.curriculum_reach_landing_rate > 1
 
     @property
     def selection_settings(self) -> tuple[dict[str, float], ...]:

@@ -238,6 +238,13 @@ def make_config(values: Mapping[str, object]) -> Config:
         raise ValueError(
             f'start_copies: got {config.ppo.start_copies}, expected 1 with '
             f'curriculum_start_reach {levels.curriculum_start_reach:g}')
+    if levels.reach_is_fixed and (
+            levels.curriculum_start_level < levels.curriculum_final_level):
+        raise ValueError(
+            f'curriculum_reach_landing_rate: got {levels.curriculum_reach_landing_rate:g}, '
+            f'expected at most 1, as levels rise only after the reach: '
+            f'curriculum_start_level {levels.curriculum_start_level}, '
+            f'curriculum_final_level {levels.curriculum_final_level}')
     if levels.curriculum_wide_level and config.ppo.num_groups < 2:
         raise ValueError(
             f'num_groups: got {config.ppo.num_groups}, expected 2 or more with '

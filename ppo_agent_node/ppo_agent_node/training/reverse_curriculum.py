@@ -18,6 +18,9 @@ from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds import full_reach
 from rocket_sim_node.worlds import start_heights
 
+_ALMOST = 0.999
+"""Least fraction of the drop that counts as the full one, for a reach that a preset rounds."""
+
 
 @dataclass(frozen=True)
 class ReverseCurriculum:
@@ -35,7 +38,8 @@ class ReverseCurriculum:
     def begin(cls, config: CurriculumConfig, spec: WorldSpec) -> ReverseCurriculum:
         """Return the curriculum at its first reach, 0 without a reverse curriculum.
 
-        :raises ValueError: when the first reach is more than the world's drop.
+        :raises ValueError: when the first reach is more than the world's drop, or less and can
+            never grow.
         """
         first = config.curriculum_start_reach
         full = full_reach(spec) if first else 0.0
@@ -43,6 +47,11 @@ class ReverseCurriculum:
             raise ValueError(
                 f'curriculum_start_reach: got {first:g}, expected at most the full drop of the '
                 f'task, {full:g} m')
+        if config.reach_is_fixed and first < _ALMOST * full:
+            raise ValueError(
+                f'curriculum_reach_landing_rate: got {config.curriculum_reach_landing_rate:g}, '
+                f'expected at most 1 with curriculum_start_reach {first:g} below the full drop '
+                f'of the task, {full:g} m')
         return cls(config, full, first)
 
     @property

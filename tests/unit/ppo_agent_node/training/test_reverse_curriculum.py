@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.config.curriculum_config import CurriculumConfig
+from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import Episodes
@@ -69,6 +70,25 @@ def test_the_reach_grows_to_the_whole_task_and_then_ends() -> None:
 def test_a_first_reach_beyond_the_drop_is_refused() -> None:
     with pytest.raises(ValueError, match=r'curriculum_start_reach: got 5, .*4\.8 m'):
         begun(10.0, curriculum_start_reach=5.0)
+
+
+def test_a_reach_that_never_grows_is_for_the_whole_task() -> None:
+    """Otherwise a run would never fly the task on which it is evaluated."""
+    never = {'curriculum_reach_landing_rate': 2.0}
+    with pytest.raises(ValueError, match=(
+            r'^curriculum_reach_landing_rate: got 2, expected at most 1 with '
+            r'curriculum_start_reach 194 below the full drop of the task, 194\.8 m$')):
+        begun(curriculum_start_reach=194.0, **never)
+    now = begun(curriculum_start_reach=194.79, **never)
+    assert now.advance([True] * 100).reach == 194.79
+    assert begun(curriculum_start_reach=0.0, **never).over
+    one_level = {**never, 'curriculum_start_level': 7, 'curriculum_final_level': 7}
+    assert make_config({**one_level, 'curriculum_start_reach': 194.8})
+    assert make_config({**one_level, 'curriculum_final_level': 8})
+    with pytest.raises(ValueError, match=(
+            r'^curriculum_reach_landing_rate: got 2, expected at most 1, as levels rise only '
+            r'after the reach: curriculum_start_level 7, curriculum_final_level 8$')):
+        make_config({**one_level, 'curriculum_final_level': 8, 'curriculum_start_reach': 194.8})
 
 
 def test_the_hardest_episodes_are_those_that_began_highest() -> None:
