@@ -113,30 +113,30 @@ def test_a_reach_that_no_world_has_is_refused(tmp_path: Path) -> None:
 
 def test_a_run_from_before_the_starts_near_the_ground_is_resumed(tmp_path: Path) -> None:
     """A lander's run does not need to know the newer setting of its world."""
-    def resume(stop_after: int) -> Result:
-        polls = [stop_after]
-
-        def stop() -> bool:
-            polls[0] -= 1
-            return polls[0] < 0
-
+    def learn(folder: str, polls: int, resume: bool = False) -> bool:
+        left = iter(range(polls))
         config = load_preset(
             'from_scratch', 'lunar_lander', iterations=3, n_steps=8, batch_size=16, threads=1,
             curriculum_start_reach=0.0, selection_interval=3, selection_episodes=2,
             target_return=1e9)
         return Trainer(
             SerialFleet(worlds.make('lunar_lander', num_envs=2)), config,
-            RunFolder(tmp_path / 'run', True), stop_requested=stop).run()
+            RunFolder(tmp_path / folder / 'run', resume),
+            stop_requested=lambda: next(left, None) is None).run().finished
 
-    assert not resume(30).finished
-    checkpoint = max((tmp_path / 'run' / 'checkpoints').iterdir())
+    for folder in ('straight', 'older'):
+        (tmp_path / folder).mkdir()
+    assert learn('straight', sys.maxsize)
+    assert not learn('older', 30)
+    checkpoint = max((tmp_path / 'older' / 'run' / 'checkpoints').iterdir())
     tensors, content = tensor_file.read(checkpoint, CHECKPOINT)
     del content['description']['world_settings']['spawn_reach']
     arrays = contents(tensors['world'].numpy().tobytes())
     del arrays['spawn_reach']
     tensors['world'] = torch.from_numpy(np.frombuffer(packed(arrays), np.uint8).copy())
     tensor_file.write(checkpoint, CHECKPOINT, tensors, content)
-    assert resume(sys.maxsize).finished
+    assert learn('older', sys.maxsize, resume=True)
+    assert left_by(tmp_path / 'older' / 'run') == left_by(tmp_path / 'straight' / 'run')
 
 
 @pytest.mark.slow
