@@ -26,7 +26,7 @@ class DemonstrationConfig:
         0, 1_000_000)
     demonstration_noise: float = setting(
         0.2, '', 'standard deviation of the noise added to the actions flown; the recorded '
-        'actions have none',
+        'actions have none; continuous actions only',
         0.0, 2.0)
     demonstration_spawn_angle: float = setting(
         37.0, 'deg', 'range of pitch and roll at the start, plus or minus; -1: by '
@@ -98,11 +98,11 @@ class CloneConfig:
     clone_learning_rate: float = setting(2e-3, '', 'learning rate of Adam; decays to 0', 0.0, 1.0)
     clone_huber_delta: float = setting(
         0.0, '', 'width of the Huber loss: larger errors of an action count linearly; 0: squared '
-        'error throughout',
+        'error throughout; continuous actions only',
         0.0, 2.0)
     clone_margin: float = setting(
         0.0, '', 'distance beyond a bound to which targets on that bound are moved, so that small '
-        'errors are clipped to the bound', 0.0, 2.0)
+        'errors are clipped to the bound; continuous actions only', 0.0, 2.0)
     clone_validation_fraction: float = setting(
         0.1, '', 'fraction of the episodes held out for validation', 0.0, 0.9)
     clone_patience: int = setting(

@@ -23,9 +23,13 @@ from rocket_sim_node.settings import SettingInfo
 from rocket_sim_node.settings import setting
 from rocket_sim_node.worlds import WorldSpec
 from rocket_sim_node.worlds.rocket import conditions
+from rocket_sim_node.worlds.rocket.spawn import SPAWN_SETTINGS
 
 DEVICES = ('auto', 'cpu', 'cuda')
 """names of the devices on which tensors are computed"""
+
+_STARTS_OF_LEVELS = tuple(f'demonstration_{name}' for name in SPAWN_SETTINGS)
+"""Settings without effect in worlds without levels."""
 
 
 @dataclass(frozen=True)
@@ -304,3 +308,9 @@ def check_world(config: Config, spec: WorldSpec) -> None:
         if value != unset and 'spawn_heading' not in spec.settings:
             raise ValueError(
                 f'{name}: got {value:g}, expected none, as world {spec.name!r} has no headings')
+    for info in settings_module.describe(DemonstrationConfig):
+        value = getattr(config.demonstration, info.name)
+        if not levels and info.name in _STARTS_OF_LEVELS and value != info.default:
+            raise ValueError(
+                f'{info.name}: got {value:g}, expected {info.default:g}, the default, as world '
+                f'{spec.name!r} has no levels')

@@ -163,3 +163,18 @@ def test_headings_are_for_worlds_that_have_them() -> None:
     plane = load_preset('default', 'rocket', demonstration_spawn_heading=0.0)
     with pytest.raises(ValueError, match='demonstration_spawn_heading: got 0'):
         check_world(plane, worlds.make('rocket').spec)
+
+
+@pytest.mark.parametrize(('name', 'default'), [
+    ('angle', 37), ('position', 8), ('speed', 3.5), ('spin', 0.05)])
+def test_starts_of_demonstrations_are_for_worlds_with_levels(name: str, default: float) -> None:
+    """Other worlds would ignore them."""
+    setting = f'demonstration_spawn_{name}'
+    lander = worlds.make('lunar_lander').spec
+    with pytest.raises(ValueError, match=(
+            rf"^{setting}: got 1, expected {default}, the default, as world 'lunar_lander' has no "
+            r'levels$')):
+        check_world(load_preset('quick', 'lunar_lander', **{setting: 1.0}), lander)
+    check_world(load_preset(
+        'quick', 'lunar_lander', **{setting: default}, demonstration_spawn_reach=2.0), lander)
+    check_world(load_preset('default', 'rocket', **{setting: 1.0}), worlds.make('rocket').spec)
