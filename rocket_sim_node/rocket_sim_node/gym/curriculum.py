@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -51,7 +53,8 @@ class ReverseCurriculum(VectorWrapper):
         spec = unwrapped.world_spec
         if 'spawn_reach' not in worlds.reset_settings(spec.name):
             raise ValueError(f'env: got world {spec.name}, expected one with setting spawn_reach')
-        full = worlds.full_reach(spec)
+        self._hoverslam = unwrapped
+        full = self._full_reach({})
         if not 0 < reach <= full:
             raise ValueError(f'reach: got {reach}, expected more than 0, to {full:g} m')
         if not growth > 1:
@@ -73,10 +76,17 @@ class ReverseCurriculum(VectorWrapper):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None,
     ) -> tuple[F32, dict[str, Any]]:
-        """Start new episodes below the current reach; see `HoverslamVectorEnv.reset`."""
-        self._options = dict(options or {})
+        """Start new episodes below the current reach; see `HoverslamVectorEnv.reset`.
+
+        A reach beyond the full drop that the options give becomes that drop.
+        """
+        options = dict(options or {})
+        full = self._full_reach(options)
+        reach = min(self.reach, full) if full > 0 else self.reach  # else the reset is refused
+        found = self._begin(seed, reach, options)
+        self._options, self._full, self.reach = options, full, reach
         self._landed.clear()
-        return self._begin(seed)
+        return found
 
     def step(self, actions: NDArray[Any]) -> Step:
         """Advance all environments by one step; the reach may grow after it."""
@@ -93,11 +103,19 @@ class ReverseCurriculum(VectorWrapper):
                 self.over = self.reach == self._full
                 self.reach = min(self._growth * self.reach, self._full)
                 self._landed.clear()
-                observation, _ = self._begin(None)
+                observation, _ = self._begin(None, self.reach, self._options)
         return observation, reward, terminated, truncated, info
 
-    def _begin(self, seed: int | None) -> tuple[F32, dict[str, Any]]:
-        reach = {'spawn_reach': 0.0 if self.over else self.reach}
+    def _begin(
+        self, seed: int | None, reach: float, options: Mapping[str, Any],
+    ) -> tuple[F32, dict[str, Any]]:
         found: tuple[F32, dict[str, Any]] = self.env.reset(
-            seed=seed, options={**self._options, **reach})
+            seed=seed, options={**options, 'spawn_reach': 0.0 if self.over else reach})
         return found
+
+    def _full_reach(self, options: Mapping[str, Any]) -> float:
+        """Return the full drop after a reset with these options, m."""
+        given = {**self._hoverslam.reset_settings, **options}
+        # The world refuses what is no number.
+        numbers = {name: float(value) for name, value in given.items() if isinstance(value, Real)}
+        return worlds.full_reach(self._hoverslam.world_spec.after_reset(numbers))

@@ -109,11 +109,12 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
         self._world: _World | None = None
         self.simulated: SimulatedWorld | None = None
         """The world in this process; None over DDS, and after `close`."""
-        self._reset_settings: dict[str, Any] = {}
+        self.reset_settings: dict[str, Any] = {}
+        """Settings that each reset repeats; over DDS only."""
         if simulators:
             self._world = _over_dds(world, num_envs, simulators, patience)
             try:
-                self._reset_settings = keywords.split_settings(
+                self.reset_settings = keywords.split_settings(
                     self._world.spec, settings, simulators)
             except BaseException:
                 self.close_extras()
@@ -164,7 +165,7 @@ class HoverslamVectorEnv(gymnasium.vector.VectorEnv[F32, NDArray[Any], NDArray[A
             seed = self._seed
             if seed is None:
                 seed = int(self.np_random.integers(2**62))
-        observation = world.reset(seed, **{**self._reset_settings, **options})
+        observation = world.reset(seed, **{**self.reset_settings, **options})
         self.resets += 1
         self._ended[:] = False
         self._skipped_reward[:] = self._skipped[:] = 0

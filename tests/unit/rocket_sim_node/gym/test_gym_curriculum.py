@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 
 from rocket_sim_node.gym import ReverseCurriculum
+from rocket_sim_node.worlds import start_heights
+from rocket_sim_node.worlds.lunar import vehicle
+from rocket_sim_node.worlds.lunar import view
+from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 
 N = 8
 IDLE = np.tile(np.float32([-1, 0, 0]), (N, 1))
@@ -61,7 +65,12 @@ def test_the_lander_begins_near_the_ground() -> None:
     while envs.reach == 1.0:
         observation, *_ = envs.step(np.zeros(N, np.int64))
     assert envs.reach == 1.25
-    assert (observation[:, 1] < 0.25).all()
+    simulated = envs.unwrapped.simulated
+    assert isinstance(simulated, LunarLanderWorld)
+    height = 1.25 * start_heights.reach_share(1, simulated.rows, simulated.episode)
+    # The push moves a lander by less than this before its first observation.
+    moved = vehicle.START_PUSH * 0.02**2 / vehicle.TOTAL_MASS
+    assert view.seen_height(observation) == pytest.approx(height, abs=moved)
 
 
 def test_equal_seeds_give_equal_flights() -> None:
@@ -83,6 +92,36 @@ def test_after_the_full_reach_the_starts_are_the_ordinary_ones() -> None:
     assert envs.reach == 194.8
     envs.reset(seed=2)
     np.testing.assert_allclose(heights(envs), 194.8)
+
+
+def fly_to_the_end(envs: ReverseCurriculum) -> list[float]:
+    """Return the reaches until the curriculum is over."""
+    reaches = [envs.reach]
+    while not envs.over:
+        envs.step(IDLE)
+        if envs.reach != reaches[-1]:
+            reaches.append(envs.reach)
+    return reaches
+
+
+@pytest.mark.parametrize(('height', 'reaches'), [
+    (20.0, [10.0, 14.8]), (240.0, [10.0, 210.0, 234.8])])
+def test_the_full_reach_is_that_of_the_last_reset(height: float, reaches: list[float]) -> None:
+    envs = make(reach=10.0, growth=21.0, landing_rate=0.0, window=1)
+    envs.reset(seed=1, options={'spawn_height': height})
+    assert fly_to_the_end(envs) == pytest.approx(reaches)
+    np.testing.assert_allclose(heights(envs), reaches[-1])
+
+
+def test_a_reset_to_a_smaller_drop_limits_the_reach() -> None:
+    envs = make(reach=30.0)
+    with pytest.raises(ValueError, match="'spawn_height': got 1"):
+        envs.reset(seed=1, options={'spawn_height': 1.0})
+    assert envs.reach == 30.0
+    envs.reset(seed=1, options={'spawn_height': np.float32(20.0)})
+    assert envs.reach == pytest.approx(14.8)
+    with pytest.raises(TypeError, match="spawn_height: got '20', expected a number"):
+        envs.reset(seed=1, options={'spawn_height': '20'})
 
 
 def test_stable_baselines3_gets_the_truncated_episodes() -> None:
