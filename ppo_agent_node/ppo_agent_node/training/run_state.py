@@ -20,6 +20,7 @@ from ppo_agent_node.training.reverse_curriculum import ReverseCurriculum
 from ppo_agent_node.training.selection import Score
 from rocket_sim_node import worlds
 from rocket_sim_node.worlds import WorldSpec
+from rocket_sim_node.worlds.registry import added_settings
 from rocket_sim_node.worlds.rocket import conditions
 
 _FREE_TO_CHANGE = frozenset({
@@ -199,7 +200,7 @@ def _same(path: Path, found: Any, expected: dict[str, Any]) -> None:
     # A setting's default is the behaviour before the setting existed.
     before: dict[str, dict[str, Any]] = {
         'training': {info.name: info.default for info in describe()},
-        'world_settings': {'spawn_reach': 0.0} if expected['world'] == 'lunar_lander' else {}}
+        'world_settings': added_settings(expected['world'])}
     try:
         pairs = [
             (name, found[name], expected[name]) for name in ('world', 'num_envs')

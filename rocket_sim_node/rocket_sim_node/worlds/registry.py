@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field
 from functools import cache
 from types import MappingProxyType
 from typing import Any
@@ -19,6 +20,7 @@ from rocket_sim_node.worlds.lunar.vehicle import LunarSettings
 from rocket_sim_node.worlds.lunar.world import LunarLanderWorld
 from rocket_sim_node.worlds.planar.vehicle import PlanarSettings
 from rocket_sim_node.worlds.planar.world import RocketPlanarWorld
+from rocket_sim_node.worlds.rocket import spawn as rocket_starts
 from rocket_sim_node.worlds.rocket.vehicle import RocketSettings
 from rocket_sim_node.worlds.rocket.world import RocketWorld
 
@@ -31,8 +33,10 @@ class _Entry:
     threaded: bool = False
     derived: tuple[tuple[str, str], ...] = ()
     """Name and unit of the constants in the world's description that are no settings."""
-    drop: float = 0.0
-    """m, from the start to touchdown; 0: from setting `spawn_height` to `touchdown_height`."""
+    full_reach: Callable[[Mapping[str, float]], float] = rocket_starts.full_reach
+    """Drop from the start to touchdown, m, of a world with such settings."""
+    added: Mapping[str, float] = field(default_factory=dict)
+    """Settings that older versions do not have, with the value at which nothing changes."""
 
 
 _MOST_ENVS = 1_000_000
@@ -56,7 +60,8 @@ _WORLDS = {
         RocketPlanarWorld, PlanarSettings, RocketPlanarWorld.reset_settings),
     'lunar_lander': _Entry(
         LunarLanderWorld, LunarSettings, LunarLanderWorld.reset_settings, threaded=True,
-        derived=(('field_half_width', 'm'), ('max_thrust', 'N')), drop=lander.DROP),
+        derived=(('field_half_width', 'm'), ('max_thrust', 'N')),
+        full_reach=lambda settings: lander.DROP, added=LunarLanderWorld.added),
 }
 
 
@@ -121,11 +126,25 @@ def reset_settings(name: str) -> tuple[str, ...]:
 
 
 def full_reach(spec: WorldSpec) -> float:
-    """Return the largest `spawn_reach` of a world that has this setting, m: its full drop."""
+    """Return the largest `spawn_reach` of a world that has this setting, m: its full drop.
+
+    :raises ValueError: for a world that is not registered and lacks settings of a rocket's.
+    """
     known = _WORLDS.get(spec.name)
-    if known and known.drop:
-        return known.drop
-    return spec.settings['spawn_height'] - spec.settings['touchdown_height']
+    try:
+        return (known.full_reach if known else rocket_starts.full_reach)(spec.settings)
+    except KeyError as error:
+        raise ValueError(
+            f'world {spec.name!r}: got no setting {error}, expected spawn_height and '
+            'touchdown_height, or a full_reach in the registry of worlds') from error
+
+
+def added_settings(name: str) -> dict[str, float]:
+    """Return settings that older versions of a world do not have, with their value there.
+
+    A world that is not registered has none.
+    """
+    return dict(_WORLDS[name].added) if name in _WORLDS else {}
 
 
 def check_num_envs(num_envs: object) -> int:

@@ -16,6 +16,7 @@ from ppo_agent_node.reporting.pictures.training_curves import smooth
 from ppo_agent_node.reporting.run_files import Run
 from ppo_agent_node.reporting.run_files import column
 from rocket_sim_node.worlds.base import F64
+from rocket_sim_node.worlds.registry import added_settings
 
 POINTS = 200
 """Number of points of a band."""
@@ -71,7 +72,9 @@ def settings(run: Run) -> dict[str, str]:
     if not run.training:  # an evaluation alone
         values |= {'pilot': flown.get('policy'), 'level': flown.get('level')}
     trained_in = run.config.get('world_settings') or run.world_settings
-    values |= {f'world.{name}': value for name, value in trained_in.items()}
+    if trained_in:  # also by an older version
+        values |= {f'world.{name}': value for name, value in {
+            **added_settings(run.world), **trained_in}.items()}
     return {
         name: value if isinstance(value, str) else json.dumps(value, default=str)
         for name, value in values.items()}

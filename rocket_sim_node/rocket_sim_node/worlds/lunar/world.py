@@ -47,6 +47,8 @@ class LunarLanderWorld(StateCapture):
     """
 
     reset_settings: ClassVar[tuple[str, ...]] = ('spawn_reach',)
+    added: ClassVar[Mapping[str, float]] = {'spawn_reach': 0.0}
+    """Settings that older versions do not have, with the value at which nothing changes."""
     captured: ClassVar[Mapping[str, str]] = {
         'age': 'age', 'main': '_main', 'side': '_side', 'pose': '_poses',
         'velocity': '_hull_motion', 'ground_force': '_contact_force.T',
@@ -275,7 +277,8 @@ class LunarLanderWorld(StateCapture):
         """Restore all landers from a snapshot and return their observation."""
         ours = self._state_arrays()
         arrays = snapshots.unpack(
-            self.spec, state, like=ours, before={'spawn_reach': np.zeros(1)})
+            self.spec, state, like=ours,
+            before={name: np.array([value]) for name, value in self.added.items()})
         snapshots.check_settings(_unchanging(self.spec.settings), arrays.pop('settings'))
         reach = float(arrays.pop('spawn_reach')[0])
         try:

@@ -2,6 +2,7 @@
 """Initial states of the rocket worlds' episodes: curriculum levels and random draws."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -99,16 +100,16 @@ def spawn_range(task: TaskSettings) -> SpawnRange:
             f'touchdown_height, {task.touchdown_height} m, to height_limit, '
             f'{task.height_limit} m'
         )
-    if task.spawn_reach > full_reach(task):
+    if task.spawn_reach > full_reach(vars(task)):
         raise ValueError(
             f"setting 'spawn_reach': got {task.spawn_reach}, expected at most spawn_height less "
-            f'touchdown_height, {full_reach(task):g} m')
+            f'touchdown_height, {full_reach(vars(task)):g} m')
     return merged
 
 
-def full_reach(task: TaskSettings) -> float:
+def full_reach(settings: Mapping[str, float]) -> float:
     """Return the largest `spawn_reach`, m: the full drop of the task."""
-    return task.spawn_height - task.touchdown_height
+    return settings['spawn_height'] - settings['touchdown_height']
 
 
 def draw(
@@ -144,7 +145,7 @@ def draw(
     half_width = np.full(len(row), np.deg2rad(ranges.angle))
     if task.spawn_reach:
         height = task.spawn_reach * start_heights.reach_share(seed, row, episode)
-        part = height / full_reach(task)
+        part = height / full_reach(vars(task))
         position *= part
         position[1] = task.touchdown_height + height
         velocity *= part

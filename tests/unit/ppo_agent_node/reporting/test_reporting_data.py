@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from matplotlib.figure import Figure
 from support.training.reports import flown
 from support.training.reports import write_evaluation
@@ -82,6 +83,23 @@ def test_runs_are_grouped_by_all_settings_but_the_seed(tmp_path: Path) -> None:
         'C: clip_range 0.3, gamma 0.9']
     alone = learning_curves.groups(runs[:2])
     assert [(group.title, len(group.runs)) for group in alone] == [('rocket', 2)]
+
+
+def test_a_run_from_before_a_setting_of_its_world_belongs_to_later_equal_ones(
+        tmp_path: Path) -> None:
+    runs = []
+    for reach in (None, 0.0, 0.5):
+        folder = tmp_path / str(reach)
+        config = yaml.safe_load((write_training(folder) / 'config.yaml').read_text())
+        config['world'] = 'lunar_lander'
+        config['world_settings'] = {'gravity': 10.0} | (
+            {} if reach is None else {'spawn_reach': reach})
+        (folder / 'config.yaml').write_text(yaml.safe_dump(config))
+        runs.append(load(folder))
+    groups = learning_curves.groups(runs)
+    assert [[run.name for run in group.runs] for group in groups] == [['None', '0.0'], ['0.5']]
+    assert [group.title for group in groups] == [
+        'A: world.spawn_reach 0.0', 'B: world.spawn_reach 0.5']
 
 
 def test_evaluations_without_a_run_are_named_by_pilot_and_level(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_the_full_reach_ends_in_the_whole_task() -> None:
     whole, part = drawn(), drawn(spawn_reach=FULL)
     for ours, theirs in zip(part, whole, strict=True):
         assert ours[:, top] == pytest.approx(theirs[:, top], rel=1e-3)
-    assert spawn.full_reach(TaskSettings()) == pytest.approx(FULL)
+    assert spawn.full_reach(vars(TaskSettings())) == pytest.approx(FULL)
 
 
 def test_without_a_reach_the_starts_are_unchanged_bit_for_bit() -> None:
