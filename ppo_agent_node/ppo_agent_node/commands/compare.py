@@ -56,7 +56,7 @@ def main() -> None:
     """Run the command."""
     command_line.run(
         'compare', 'run_dir:=DIR [NAME:=VALUE ...]',
-        'Flies the expert, the clone and the fine-tuned policy of a run from the same starts and '
+        'Flies the expert, the clone and the best policy of a run from the same starts and '
         'records them side by side.', Comparison, make)
 
 

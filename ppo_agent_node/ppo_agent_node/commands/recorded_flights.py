@@ -110,7 +110,7 @@ def pilots(
         remarks.append(
             'This run has no `cloned.safetensors`: the version that made it kept no clone.')
     who.append((
-        f'{len(who) + 1}_fine_tuned', 'fine-tuned', 'The best policy of the run',
+        f'{len(who) + 1}_best', 'best', 'The best policy of the run',
         PolicyPilot(policy, world.spec)))
     return who, remarks
 

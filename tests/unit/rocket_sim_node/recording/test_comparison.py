@@ -73,7 +73,7 @@ def test_all_pilots_fly_the_same_starts_at_the_same_time(run: Path) -> None:
     path = run / 'comparison.rrd'
     rerun_program.verify(path)
     flights = reader.trajectories(path)
-    pilots = ('1_expert', '2_cloned', '3_fine_tuned')
+    pilots = ('1_expert', '2_cloned', '3_best')
     assert [flight.pilot for flight in flights] == 10 * list(pilots)
     end = -PAUSE
     for start in range(10):
@@ -131,7 +131,7 @@ def test_size_and_layout(run: Path) -> None:
     assert kinds.count('TimeSeries') == 5
     assert {'TextDocument', 'TextLog', 'StateTimeline'} <= set(kinds)
     logged = {chunk.entity_path for chunk in RrdReader(path).stream()}
-    for pilot in ('1_expert', '2_cloned', '3_fine_tuned'):
+    for pilot in ('1_expert', '2_cloned', '3_best'):
         assert f'/{pilot}{entities.BODY}' in logged
     assert not any(entity.startswith('/world') for entity in logged)
     assert [item.name for item in run.glob('.*')] == [], 'nothing is left behind'
@@ -186,7 +186,7 @@ def test_an_older_run_is_compared_without_its_clone(tmp_path: Path) -> None:
     assert 'the version that made it kept no clone' in said
     assert 'level 2**: one start, seed 4' in said
     assert [f.pilot for f in reader.trajectories(run / 'comparison.rrd')] == [
-        '1_expert', '2_fine_tuned']
+        '1_expert', '2_best']
     row = next(line for line in said.splitlines() if line.startswith('| expert |'))
     # It ends at rest; what counts is the speed at which the feet met the ground.
     assert 0.001 < float(row.split('|')[4]) < 0.2
