@@ -67,15 +67,17 @@ def training_figure(lines: Lines) -> Figure:
 
     The level and the reach of a reverse curriculum are drawn below if they change.
     """
+    level, reach = column(lines, 'level'), column(lines, 'reach')
     curricula = [
         (values, label, scale) for values, label, scale in (
-            (column(lines, 'level'), 'level\n(1 to 8)', 'linear'),
-            (column(lines, 'reach'), 'highest\nstart (m)', 'log'))
-        if np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf)]
+            (level, 'level\n(1 to 8)', 'linear'), (reach, 'highest\nstart (m)', 'log'))
+        if _varies(values)]
     figure = Figure(figsize=(9, 8.4))
     returns, landing, *below = figure.subplots(
         2 + len(curricula), 1, sharex=True, height_ratios=(3, 2, 1, 1)[:2 + len(curricula)])
-    alone = 'final level, without noise' if below else 'without noise'
+    task = 'whole task, ' if np.isfinite(reach).any() else 'final level, ' if _varies(
+        level) else ''
+    alone = f'{task}without noise'
     iteration = column(lines, 'iteration')
     raw = column(lines, 'mean_return')
     returns.plot(iteration, raw, color=BLUE, alpha=0.4, lw=1, label='roll-out, with noise')
@@ -113,6 +115,11 @@ def training_figure(lines: Lines) -> Figure:
             else f'PPO does not raise the return without noise above {first:.2f}')
     figure.suptitle(title, x=0.01, ha='left')
     return figure
+
+
+def _varies(values: F64) -> bool:
+    """Return whether there are different values, besides NaN."""
+    return bool(np.nanmax(values, initial=-np.inf) > np.nanmin(values, initial=np.inf))
 
 
 def _show_most(axes: Axes, raw: F64, selection: F64) -> None:

@@ -239,6 +239,17 @@ def test_a_reverse_curriculum_has_a_curve_of_its_heights(tmp_path: Path) -> None
     assert (level.get_xlabel(), reach.get_xlabel()) == ('', 'iteration')
 
 
+@pytest.mark.parametrize(('numbers', 'legend'), [
+    ({}, 'final level, without noise'), ({'level': 7}, 'without noise'),
+    ({'reach': 9.4}, 'whole task, without noise'),
+    ({'level': 0, 'reach': 9.4}, 'whole task, without noise')])
+def test_the_legend_says_what_is_flown_without_noise(
+        tmp_path: Path, numbers: dict[str, float], legend: str) -> None:
+    lines = [{**line, **numbers} for line in load(write_training(tmp_path)).stage('finetune')]
+    for axes in training_figure(lines).axes[:2]:
+        assert axes.get_legend_handles_labels()[1][-1] == legend
+
+
 def test_every_axis_has_a_name_and_a_unit() -> None:
     """Or is a mere number, which then says so, or a count."""
     figures, episodes = _flown_table()
