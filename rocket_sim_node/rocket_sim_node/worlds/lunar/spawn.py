@@ -79,7 +79,7 @@ class Starts:
     """Draws the starts of N landers; each is a function of (seed, row, episode)."""
 
     def __init__(
-        self, seed: int, num_envs: int, dt: float, gravity: float, reach: float = 0.0,
+        self, seed: int, num_envs: int, dt: float, gravity: float, reach: float,
     ) -> None:
         """Prepare; starts are drawn on demand.
 
@@ -103,7 +103,7 @@ class Starts:
             flat[:, _VELOCITY].reshape(-1, 3, 3), flat[:, _WIND].T, key)
 
 
-def derive(unit: F64, dt: float, gravity: float, height: F64 | float = vehicle.DROP) -> F64:
+def derive(unit: F64, dt: float, gravity: float, height: F64 | float) -> F64:
     """Return terrain, poses, velocities and wind phases, concatenated `(K, 31)`.
 
     :param unit: `(16, K)` random numbers in [-1, 1): heights of the terrain, the push along x and

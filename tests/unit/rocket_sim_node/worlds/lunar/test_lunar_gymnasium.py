@@ -91,7 +91,7 @@ def test_starts_agree() -> None:
         push = np.array((rng.uniform(-1000, 1000), rng.uniform(-1000, 1000))) / 1000
 
         unit = np.concatenate((np.zeros(12), push, np.zeros(2)))[:, None]
-        flat = spawn.derive(unit, 0.02, 10.0)[0]
+        flat = spawn.derive(unit, 0.02, 10.0, vehicle.DROP)[0]
         start_pose, start_velocity = flat[11:20].reshape(3, 3), flat[20:29].reshape(3, 3)
         pose, velocity = states(env)
         # Box2D's legs are still on their way to their places.

@@ -306,7 +306,7 @@ def test_a_restarted_vehicle_equals_a_new_one_bit_for_bit() -> None:
 def lunar(count: int) -> tuple[Lanes, Starts]:
     """Return lunar landers at their starts."""
     lanes = Lanes(count, LunarDesign(), 0.02, 10.0, Solver(20, 0.005, (1 - 0.2) ** 50))
-    starts = Starts(3, count, 0.02, 10.0)
+    starts = Starts(3, count, 0.02, 10.0, 0.0)
     launch(lanes, starts, np.arange(count), 0)
     return lanes, starts
 
