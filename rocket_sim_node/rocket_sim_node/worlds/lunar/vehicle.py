@@ -88,7 +88,7 @@ class LunarSettings:
     time_limit: float = setting(
         20.0, 's', 'maximum length of an episode; a longer one is truncated', 0.02, 1e5)
     rest_time: float = setting(
-        0.5, 's', 'time at rest after which the lander counts as landed', 0.0, 100.0)
+        0.5, 's', 'time at rest on the ground after which the lander counts as landed', 0.0, 100.0)
     rest_speed: float = setting(0.01, 'm/s', 'maximum speed of any part at rest', 0.0, 10.0)
     rest_spin: float = setting(
         2.0, 'deg/s', 'maximum angular velocity of any part at rest', 0.0, 360.0)

@@ -142,6 +142,7 @@ class LunarLanderWorld(StateCapture):
         crashed = self._touching[:, 0]
         outside = np.abs(observation[:, 0]) >= 1.0
         rest = (self._still > 0) & (self._still >= s.rest_time - 1e-9)
+        rest &= self._touching.any(1)  # without gravity, or hovering, it may be still in the air
         # In this order: a lander at rest has landed, whatever touches.
         reward[crashed | outside] = s.reward_crash
         reward[rest] = s.reward_landed

@@ -516,12 +516,22 @@ def test_a_lander_at_rest_has_landed_also_on_its_hull(
     def rig(command: NDArray[Any]) -> None:
         advance(command)
         world._still[:] = 1.0 if rest else 0.0
-        world._touching[:, 0] = struck
+        world._touching[:] = (struck, True, False)
 
     monkeypatch.setattr(world, '_advance', rig)
     _, paid, _, _, info = world.step(np.zeros(1, np.int64))
     assert paid.tolist() == [reward]
     assert info['episodes'].outcome.tolist() == [outcome]
+
+
+def test_no_rest_in_the_air() -> None:
+    """Without gravity a lander that is not pushed stays where it is."""
+    world = make(64, gravity=0.0, spawn_reach=0.05)
+    for _ in range(100):
+        standing = world._touching.any(1)
+        episodes = world.step(np.zeros(64, np.int64))[4]['episodes']
+        assert standing[episodes.row[episodes.outcome == LANDED]].all()
+    assert ((world._still > 1.0) & ~world._touching.any(1)).any()
 
 
 def test_no_rest_without_standing_still() -> None:
