@@ -3,6 +3,9 @@
 
 Each collective is called by all ranks in the same order, and gives all of them the same result,
 bit for bit. Alone, a run has one rank, and its collectives do nothing.
+
+Ranks that wait for one that fails learn why: on channel `main`, each operation begins with a
+`gather`, in which a failed rank passes its error instead of a value.
 """
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ import re
 from collections.abc import Callable
 from collections.abc import Iterable
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import field
 from datetime import timedelta
@@ -29,6 +33,8 @@ from ppo_agent_node.distributed.errors import RankLost
 T = TypeVar('T')
 Poll = Callable[[], None]
 _POLL_INTERVAL = timedelta(milliseconds=50)
+_LONGEST_TEXT = 500
+"""characters of an error"""
 
 
 def _no_poll() -> None:
@@ -42,6 +48,13 @@ def reason(error: Exception) -> str:
 
 
 @dataclass(frozen=True)
+class _Failure:
+    """Error of a rank, in place of the value that the others expect of it."""
+
+    text: str
+
+
+@dataclass
 class Channel:
     """Collectives of all ranks, for the use of one thread."""
 
@@ -51,6 +64,8 @@ class Channel:
     """Of ranks."""
     group: Any = None
     """The process group of torch.distributed; None: a run of one rank."""
+    broken: bool = False
+    """Whether a collective failed or was abandoned; another would match none of the others."""
 
     def sum_(self, tensor: Tensor, poll: Poll = _no_poll) -> None:
         """Add up a tensor over all ranks, in place; on the CPU, wherever it is.
@@ -78,6 +93,7 @@ class Channel:
         """Set tensors on the CPU to those of rank 0, in place."""
         if self.count == 1:
             return
+        self.gather(None, poll)
         kinds: dict[torch.dtype, list[Tensor]] = {}
         for tensor in tensors:
             kinds.setdefault(tensor.dtype, []).append(tensor)
@@ -93,17 +109,34 @@ class Channel:
         if self.count == 1:
             return value
         data = _pickled(value) if self.index == 0 else torch.empty(0, dtype=torch.uint8)
-        length = torch.tensor([len(data)])
-        self._broadcast(length, poll)
+        length = self.gather(len(data), poll)[0]
         if self.index:
-            data = torch.empty(int(length), dtype=torch.uint8)
+            data = torch.empty(length, dtype=torch.uint8)
         self._broadcast(data, poll)
         return value if self.index == 0 else _unpickled(data)
 
     def gather(self, value: T, poll: Poll = _no_poll) -> list[T]:
-        """Return the values of all ranks, by rank; they are pickled."""
+        """Return the values of all ranks, by rank; they are pickled.
+
+        :raises RankLost: when another rank is gone, or has failed; names its error.
+        """
         if self.count == 1:
             return [value]
+        found = self._gather(value, poll)
+        for rank, each in enumerate(found):
+            if isinstance(each, _Failure):
+                raise RankLost(f'rank {rank} of {self.count} has failed: {each.text}')
+        return found
+
+    def fail(self, error: Exception, poll: Poll = _no_poll) -> None:
+        """Tell the other ranks, in their next `gather`, that this one has failed."""
+        if self.count == 1 or self.broken:
+            return
+        text = ' '.join(f'{type(error).__name__}: {error}'.split())
+        with suppress(RankLost):
+            self._gather(_Failure(text[:_LONGEST_TEXT]), poll)
+
+    def _gather(self, value: Any, poll: Poll) -> list[Any]:
         mine = _pickled(value)
         lengths = [torch.zeros(1, dtype=torch.int64) for _ in range(self.count)]
         self._finish(functools.partial(
@@ -128,6 +161,7 @@ class Channel:
             try:
                 poll()
             except BaseException:
+                self.broken = True
                 # Freed with an unfinished collective, the group would wait for the other ranks.
                 ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.group))
                 raise
@@ -147,6 +181,7 @@ class Channel:
 
     def _lost(self, error: Exception, poll: Poll) -> RankLost:
         """Return the error for one of torch, unless `poll` raises another: all may be stopping."""
+        self.broken = True
         poll()
         return RankLost(
             f'rank {self.index} of {self.count} has lost another rank, which has ended or cannot '
@@ -169,7 +204,7 @@ class Ranks:
     index: int = 0
     count: int = 1
     main: Channel = field(default_factory=Channel)
-    """For the thread that flies."""
+    """For the thread that flies; each operation begins with `gather`."""
     policy: Channel = field(default_factory=Channel)
     """For the thread that updates the policy."""
     critic: Channel = field(default_factory=Channel)

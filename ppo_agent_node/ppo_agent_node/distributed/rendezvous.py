@@ -28,6 +28,7 @@ from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Channel
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.ranks import reason
+from rocket_sim_node.worlds import EnvironmentClosed
 
 JOIN_PATIENCE = 120.0
 """s for all ranks to be there"""
@@ -35,6 +36,8 @@ _COLLECTIVE_PATIENCE = timedelta(minutes=30)
 """Longest wait for another rank: for the slowest part of a roll-out or of cloning."""
 _CONNECTION_PATIENCE = timedelta(minutes=1)
 """Longest wait for the store: torch looks up the name of its address, also where there is none."""
+_FAREWELL_PATIENCE = 60.0
+"""Longest wait until the others have learned of an error here, s."""
 _INTERFACE = 'GLOO_SOCKET_IFNAME'
 _RETRY = 0.1
 """s"""
@@ -103,7 +106,8 @@ def joined(
 ) -> Iterator[Ranks]:
     """Connect to the other ranks of the run that the environment describes; disconnect at the end.
 
-    Without WORLD_SIZE, or with 1, the run has one rank.
+    Without WORLD_SIZE, or with 1, the run has one rank. If the body raises an error, it is told to
+    the other ranks first, for which they get a minute: they raise it as RankLost.
 
     :param poll: called while waiting; may raise.
     :param say: called with a text when it has to wait, and when all are there.
@@ -111,7 +115,7 @@ def joined(
     :raises ValueError: for a variable that is missing or wrong; names it.
     :raises TimeoutError: when not all ranks are there in time.
     :raises OSError: when rank 0 cannot listen at the address.
-    :raises RankLost: when another rank has ended meanwhile.
+    :raises RankLost: when another rank has ended or failed meanwhile.
     """
     place = _place(environment)
     if place is None:
@@ -127,14 +131,35 @@ def joined(
             f'{place.host}:{place.port}')
         groups = _connect(place, _meet(place, poll, deadline), poll, deadline)
         say(f'rank {place.index} of {place.count}: all ranks are here')
-        yield Ranks(place.index, place.count, *(
+        ranks = Ranks(place.index, place.count, *(
             Channel(place.index, place.count, group) for group in groups))
+        try:
+            yield ranks
+        except (EnvironmentClosed, RankLost):
+            raise
+        except Exception as error:
+            say(f'rank {place.index} of {place.count}: has failed, and tells the others')
+            _tell(ranks.main, error, poll)
+            raise
     finally:
         if before is None:
             os.environ.pop(_INTERFACE, None)
         if distributed.is_initialized():
             with suppress(RuntimeError):  # another rank has ended before
                 distributed.destroy_process_group()
+
+
+def _tell(main: Channel, error: Exception, poll: Callable[[], None]) -> None:
+    """Tell the other ranks of an error, if they come to listen in time."""
+    deadline = time.monotonic() + _FAREWELL_PATIENCE
+
+    def poll_in_time() -> None:
+        poll()
+        if time.monotonic() > deadline:
+            raise TimeoutError('the other ranks do not listen')
+
+    with suppress(Exception):  # the error itself says more
+        main.fail(error, poll_in_time)
 
 
 def _is_loopback(host: str) -> bool:

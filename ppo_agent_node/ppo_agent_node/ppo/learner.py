@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import astuple
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Protocol
 from typing import TypeVar
@@ -151,7 +153,9 @@ class Learner:
             train_policy=iteration > c.critic_warmup_iterations,
             train_critic=c.start_copies == 1, poll=poll,
             entropy_coefficient=self.entropy_coefficient(iteration))
-        diagnostics = Diagnostics(*self._ranks.main.mean(astuple(diagnostics), poll))
+        of_all = self._ranks.main.gather(astuple(diagnostics), poll)
+        diagnostics = Diagnostics(*(
+            reduce(add, each) / len(each) for each in zip(*of_all, strict=True)))
         self._adapt_rate(diagnostics.approx_kl)
         self._carry(there=False)
         self.policy.constrain(iteration / c.iterations)

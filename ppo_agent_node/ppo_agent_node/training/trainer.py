@@ -117,7 +117,8 @@ class Trainer:
 
         :raises ValueError: when the folder's run had other settings or its files are damaged.
         :raises OSError: when the folder cannot be written; the last checkpoint is complete.
-        :raises RankLost: when another rank is gone; if fine-tuning had begun, rank 0 has saved it.
+        :raises RankLost: when another rank is gone or has failed; if fine-tuning had begun, rank 0
+            has saved it.
         """
         finished = False
         self._check_ranks()
@@ -132,6 +133,7 @@ class Trainer:
             else:
                 self._take_up(*saved)
             self._finetune()
+            self._ranks.main.gather(None, self._fleet.poll)  # once rank 0 has saved everything
             finished = True
         except EnvironmentClosed:
             begun = any(self._folder.checkpoints.iterdir())

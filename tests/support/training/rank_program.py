@@ -2,6 +2,7 @@
 """Small training runs of several ranks: starts the ranks, and is their program."""
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
 import socket
@@ -82,9 +83,9 @@ def _run_rank(output: Path, environment: dict[str, str], arguments: dict[str, An
 
 def main(
     path: Path, values: dict[str, Any], resume: bool = False, low: dict[str, Any] = WORLD,
-    stop_at: int = 0, die_at: int = 0, sleep_at: int = 0,
+    stop_at: int = 0, die_at: int = 0, sleep_at: int = 0, full_at: int = 0,
 ) -> None:
-    """Train; stop, kill the process or sleep when a given iteration is reported."""
+    """Train; stop, be killed, sleep or find the disk full when an iteration is reported."""
     reached = [0]
 
     def report(status: Status) -> None:
@@ -93,6 +94,8 @@ def main(
             os.kill(os.getpid(), 9)
         if sleep_at and reached[0] >= sleep_at:
             time.sleep(PATIENCE)
+        if full_at and reached[0] >= full_at:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), 'train.jsonl')
 
     world = worlds.make('rocket', num_envs=8, **low)
     with (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
+from collections.abc import Callable
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.distributed import rendezvous
 from ppo_agent_node.distributed.ranks import ALONE
+from ppo_agent_node.distributed.ranks import Channel
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.rendezvous import joined
 from ppo_agent_node.runs.folder import RunFolder
@@ -56,6 +58,37 @@ def test_two_ranks_train_the_same_after_one_was_killed(
     for text in train(path, 2, SMALL, resume=True):
         assert text.endswith('finished\n'), text
     assert left_by(path) == left_by(straight)
+
+
+@pytest.mark.parametrize('iteration', [2, 4])
+@pytest.mark.parametrize('failed', [0, 1])
+def test_an_error_of_a_rank_is_named_by_the_other(
+        tmp_path: Path, failed: int, iteration: int) -> None:
+    """After the last iteration, too, when rank 1 has nothing left to do."""
+    path, other = tmp_path / 'run', 1 - failed
+    values = {**SMALL, 'demonstration_episodes': 0, 'checkpoint_interval': 10,
+              'selection_interval': 10}
+    begun = time.monotonic()
+    said = train(path, 2, values, on_rank={failed: {'full_at': iteration}})
+    assert said[failed].rstrip().endswith("No space left on device: 'train.jsonl'"), said
+    assert (f'RankLost: rank {failed} of 2 has failed: OSError: [Errno 28] No space left on '
+            "device: 'train.jsonl'\n") in said[other], said
+    assert time.monotonic() < begun + rendezvous._FAREWELL_PATIENCE / 2
+    # Rank 0 saves what all have learnt when another rank fails.
+    saved = RunFolder(path, resume=True).newest(pytest.fail)
+    assert saved is not None
+    assert saved[1].content['iteration'] == (iteration if failed else 0)
+
+
+def test_a_failed_rank_waits_for_the_others_only_for_a_time(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    class Deaf(Channel):
+        def fail(self, error: Exception, poll: Callable[[], None] = lambda: None) -> None:
+            while True:
+                poll()
+
+    monkeypatch.setattr(rendezvous, '_FAREWELL_PATIENCE', 0.05)
+    rendezvous._tell(Deaf(), ValueError('wrong'), lambda: None)
 
 
 def test_all_ranks_report_a_folder_that_rank_0_cannot_use(straight: Path) -> None:
