@@ -16,19 +16,22 @@ T = TypeVar('T')
 
 def fly_together(
     fleet: Fleet, ranks: Ranks, flights: Sequence[Callable[[], Job[T]]],
-    poll: Callable[[], None], report: Callable[[str], None],
+    poll: Callable[[], None], report: Callable[[str], None], dropped: Callable[[int], None],
 ) -> Iterator[T]:
     """Run this rank's jobs in its fleet, and yield the results of all ranks in order.
 
     Job number j runs on rank j modulo the number of ranks. All ranks must ask for the same jobs.
-    The parameters are those of `Fleet.fly`.
+    The other parameters are those of `Fleet.fly`.
 
+    :param dropped: called with the number of messages that the fleets of the others have dropped.
     :raises RankLost: when another rank is gone.
     """
     if ranks.count == 1:
         yield from fleet.fly(flights, poll, report)
         return
     mine = list(fleet.fly(flights[ranks.index::ranks.count], poll, report))
-    parts = ranks.main.gather(mine, poll)
+    parts, counts = zip(
+        *ranks.main.gather((mine, fleet.messages_dropped), poll), strict=True)
+    dropped(sum(counts) - counts[ranks.index])
     for number in range(len(flights)):
         yield parts[number % ranks.count][number // ranks.count]

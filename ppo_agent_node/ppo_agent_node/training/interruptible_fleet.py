@@ -33,6 +33,7 @@ class InterruptibleFleet:
         """
         self._fleet, self._ranks = fleet, ranks
         self._stop_requested, self._report = stop_requested, report
+        self._dropped_elsewhere = 0
         self._give_back = free_memory.PeriodicTrim()
 
     def fly(self, flights: Sequence[Callable[[], Job[T]]]) -> Iterator[T]:
@@ -42,7 +43,15 @@ class InterruptibleFleet:
         """
         with tensor_threads(1):
             yield from fly_together(
-                self._fleet, self._ranks, flights, self.poll, self._report)
+                self._fleet, self._ranks, flights, self.poll, self._report, self._note_dropped)
+
+    @property
+    def messages_dropped(self) -> int:
+        """Messages dropped by the fleets of all ranks; of the others, up to a flight's end."""
+        return self._fleet.messages_dropped + self._dropped_elsewhere
+
+    def _note_dropped(self, count: int) -> None:
+        self._dropped_elsewhere = count
 
     def poll(self) -> None:
         """Check for a stop request.

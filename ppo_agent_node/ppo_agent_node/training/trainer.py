@@ -95,7 +95,10 @@ class Trainer:
             config.ppo.iterations, config.run.training_episodes, config.run.target_return)
         self._score_lines = episode_scores.ScoreLines(config.run.training_episodes)
         self._learner = Learner(spec, config, ranks)
-        self._metrics = MetricsLogger(folder, report, lambda: fleet.messages_dropped, loggers)
+        self._fleet = InterruptibleFleet(
+            fleet, ranks, stop_requested, lambda text: self._metrics.message(text))
+        self._metrics = MetricsLogger(
+            folder, report, lambda: self._fleet.messages_dropped, loggers)
         imitation = ('demonstrate', 'clone') if config.demonstration.demonstration_episodes else ()
         self._metrics.keep(stages=(*imitation, 'finetune'))
         self._state = RunState(
@@ -107,7 +110,6 @@ class Trainer:
         ) if config.ppo.whole_episodes else Rollout(
             config.ppo.n_steps, spec.num_envs, spec.observation_size, self._learner.policy,
             groups)
-        self._fleet = InterruptibleFleet(fleet, ranks, stop_requested, self._metrics.message)
         self._worlds = GroupWorlds(spec, config, self._fleet.fly, ranks.count)
         self._selector = Selector(spec, config, self._metrics, self._fleet.fly)
         self._checkpoints = CheckpointWriter(spec, config, folder, self._metrics)
