@@ -99,6 +99,14 @@ def _place(environment: Mapping[str, str]) -> _Place | None:
         environment.get('TORCHELASTIC_RESTART_COUNT', '0'))
 
 
+def assignments(environment: Mapping[str, str] = os.environ) -> list[str]:
+    """Return the variables by which this rank finds the others, as NAME=VALUE; none if alone."""
+    if _place(environment) is None:
+        return []
+    names = ('RANK', 'WORLD_SIZE', 'MASTER_ADDR', 'MASTER_PORT')
+    return [f'{name}={environment[name]}' for name in names]
+
+
 @contextmanager
 def joined(
     environment: Mapping[str, str] = os.environ, poll: Callable[[], None] = lambda: None,

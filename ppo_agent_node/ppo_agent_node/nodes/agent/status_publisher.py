@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 from std_msgs.msg import Header
 
+from ppo_agent_node.distributed.rendezvous import assignments
 from ppo_agent_node.nodes.agent.rosout import show_warnings
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.terminal import Terminal
@@ -66,7 +67,9 @@ class StatusPublisher:
             self._folder.withdraw()
             self._terminal.say('stopped before the run began; start it again the same way')
             return
-        words = ['ros2', 'run', 'ppo_agent_node', 'ppo_agent', '--ros-args']
+        rank = assignments()
+        words = ['env', *rank] if rank else []
+        words += ['ros2', 'run', 'ppo_agent_node', 'ppo_agent', '--ros-args']
         if self._namespace != '/':
             words += ['-r', f'__ns:={self._namespace}']
         if simulators:
@@ -74,8 +77,9 @@ class StatusPublisher:
         if loggers:
             words += ['-p', f'loggers:={loggers}']
         words += ['-p', f'run_dir:={self._folder.path.resolve()}', '-p', 'resume:=true']
+        others = ', and all other ranks likewise' if rank else ''
         self._terminal.say(
-            f'stopped; resume, with the same simulators, by: {shell_command(words)}')
+            f'stopped; resume, with the same simulators{others}, by: {shell_command(words)}')
 
     def _tell(self, status: Status) -> None:
         self._terminal.show(status)

@@ -95,6 +95,7 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
             return _lead(
                 node, parameters, options, fleet, folder, terminal, loggers, ranks)
     except EnvironmentClosed:  # while waiting for the other ranks
+        node.get_logger().info('stopped before the training began')
         return 0
 
 
@@ -108,15 +109,19 @@ def _follow(
     node: Node, parameters: Parameters, options: TrainingParameters, fleet: SimulatorFleet,
     folder: RunFolder, ranks: Ranks,
 ) -> int:
-    """Train as a rank other than the first, which writes the files and reports."""
+    """Train as a rank other than the first, which writes the files and publishes the status."""
     def stop_requested() -> bool:
         fleet.keep()
         return stopping.requested()
 
+    def report(status: Status) -> None:
+        if status.message and not status.message.startswith('saved '):  # in a temporary folder
+            node.get_logger().info(status.message)
+
     saved = _saved_settings(folder) if options.resume else {}
     config = _config(parameters, options.preset, fleet.connect().name, saved)
     require_lockstep(fleet)
-    Trainer(fleet, config, folder, stop_requested=stop_requested, ranks=ranks).run()
+    Trainer(fleet, config, folder, report, stop_requested=stop_requested, ranks=ranks).run()
     return 0
 
 
