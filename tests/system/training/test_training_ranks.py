@@ -24,11 +24,13 @@ SHORT = {**SMALL, 'iterations': 2, 'num_groups': 2}
 
 
 def agents(processes: Processes, run: Path, **parameters: object) -> list[Process]:
-    """Start both ranks of a run; rank 1 names another folder, which it does not make."""
+    """Start both ranks of a run; rank 1 names a folder and loggers that it does not use."""
     port = free_port()
     return [processes.fork_node(
         'ppo_agent_node', 'ppo_agent', (f'__ns:=/rank_{rank}',), variables(rank, 2, port),
-        run_dir=run.with_name(f'run_{rank}') if rank else run, **{**SHORT, **parameters})
+        **{**SHORT, **parameters, **(
+            {'run_dir': run.with_name('run_1'), 'loggers': 'missing.py:Logger'} if rank else
+            {'run_dir': run})})
         for rank in range(2)]
 
 

@@ -78,22 +78,23 @@ def train(node: Node, executor: Executor, parameters: Parameters) -> int:
     _check_given(node, parameters)
     check_pattern(options.simulators)
     check_second(options.second_simulator, options.simulators)
-    loggers = find_loggers(options.loggers)
     path = _run_path(options)
     try:
-        with (
-            joined(poll=_check_stop, say=node.get_logger().info) as ranks,
-            open_folder(path, options.resume, ranks, _check_stop) as folder,
-            Terminal() if ranks.first else nullcontext() as terminal,
-            make_fleet(
-                node, executor, connection, options.simulators.replace('{rank}', str(ranks.index)),
-                agent_of_run(path if ranks.first else path / f'rank_{ranks.index}'),
-                options.second_simulator) as fleet,
-        ):
-            if terminal is None:
-                return _follow(node, parameters, options, fleet, folder, ranks)
-            return _lead(
-                node, parameters, options, fleet, folder, terminal, loggers, ranks)
+        with joined(poll=_check_stop, say=node.get_logger().info) as ranks:
+            loggers = find_loggers(options.loggers) if ranks.first else ()
+            with (
+                open_folder(path, options.resume, ranks, _check_stop) as folder,
+                Terminal() if ranks.first else nullcontext() as terminal,
+                make_fleet(
+                    node, executor, connection,
+                    options.simulators.replace('{rank}', str(ranks.index)),
+                    agent_of_run(path if ranks.first else path / f'rank_{ranks.index}'),
+                    options.second_simulator) as fleet,
+            ):
+                if terminal is None:
+                    return _follow(node, parameters, options, fleet, folder, ranks)
+                return _lead(
+                    node, parameters, options, fleet, folder, terminal, loggers, ranks)
     except EnvironmentClosed:  # while waiting for the other ranks
         node.get_logger().info('stopped before the training began')
         return 0
