@@ -24,10 +24,14 @@ class CheckpointWriter:
 
     def __init__(
         self, spec: WorldSpec, config: Config, folder: RunFolder, metrics: MetricsLogger,
+        ranks: int,
     ) -> None:
-        """Store the run's settings and folder."""
+        """Store the run's settings and folder.
+
+        :param ranks: number of processes that train the run together.
+        """
         self._spec, self._config, self._folder = spec, config, folder
-        self._metrics = metrics
+        self._metrics, self._ranks = metrics, ranks
 
     def save_clone(self, policy: Policy, state: RunState) -> None:
         """Write the cloned policy.
@@ -46,7 +50,7 @@ class CheckpointWriter:
         :param best: the policy's score, if it is the best.
         :raises OSError: naming the path.
         """
-        content = run_state.content(state, self._spec, self._config)
+        content = run_state.content(state, self._spec, self._config, self._ranks)
         written = []
         if best:
             # Before the checkpoint, which refers to them: if the run ends in between, the

@@ -129,8 +129,11 @@ def _launched(spec: WorldSpec) -> dict[str, str]:
         'observation': worlds.settings_from(spec.name, spec.settings)['observation']}
 
 
-def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
-    """Return a checkpoint's description of a run, serialisable as JSON."""
+def content(state: RunState, spec: WorldSpec, config: Config, ranks: int = 1) -> dict[str, Any]:
+    """Return a checkpoint's description of a run, serialisable as JSON.
+
+    :param ranks: number of processes that train it together.
+    """
     return {
         'iteration': state.iteration, 'steps': state.steps, 'episodes': state.episodes,
         'lines': state.lines,
@@ -138,8 +141,17 @@ def content(state: RunState, spec: WorldSpec, config: Config) -> dict[str, Any]:
         'reach': state.reverse.reach, 'recent_hardest': [int(x) for x in state.reverse.recent],
         'reset_iteration': state.reset_iteration,
         'best': asdict(state.best) if state.best else None,
+        'ranks': ranks,
         'description': description(spec, config),
     }
+
+
+def change_of_ranks(checkpoint: TensorFile, ranks: int) -> str:
+    """Return the end of a message if another number of ranks wrote a checkpoint, otherwise ''."""
+    before = checkpoint.content.get('ranks', ranks)  # not in earlier checkpoints
+    if before == ranks:
+        return ''
+    return f'; learners: {ranks} instead of {before!r:.20}, so the weights differ'
 
 
 def from_content(path: Path, checkpoint: TensorFile, spec: WorldSpec, config: Config) -> RunState:

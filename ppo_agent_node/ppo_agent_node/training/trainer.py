@@ -112,7 +112,8 @@ class Trainer:
             groups)
         self._worlds = GroupWorlds(spec, config, self._fleet.fly, ranks.count)
         self._selector = Selector(spec, config, self._metrics, self._fleet.fly)
-        self._checkpoints = CheckpointWriter(spec, config, folder, self._metrics)
+        self._checkpoints = CheckpointWriter(
+            spec, config, folder, self._metrics, ranks.count)
 
     def run(self) -> Result:
         """Train until done or asked to stop; resumes the folder's run, if it has one.
@@ -171,7 +172,8 @@ class Trainer:
         self._selector.tell(self._state.best)
         self._metrics.keep(saved=f'{path.parent.name}/{path.name}')
         self._begin_stage_finetune()
-        self._metrics.message(f'resumed from {path.name}')
+        change = run_state.change_of_ranks(checkpoint, self._ranks.count)
+        self._metrics.message(f'resumed from {path.name}{change}')
 
     def _imitate(self) -> None:
         """Clone the expert into the policy."""

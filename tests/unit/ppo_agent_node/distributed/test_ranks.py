@@ -114,6 +114,7 @@ def test_a_checkpoint_of_two_ranks_is_resumed_by_one_and_back(tmp_path: Path) ->
     assert saved is not None
     begun = saved[1].content['iteration']
     assert begun < 4
+    assert saved[1].content['ranks'] == 2
     one, = train(path, 1, SMALL, resume=True, stop_at=begun + 1)
     assert one.endswith('stopped\n'), one
     for text in train(path, 2, SMALL, resume=True):

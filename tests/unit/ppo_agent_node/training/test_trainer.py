@@ -196,6 +196,26 @@ def test_a_damaged_newest_checkpoint_costs_iterations_not_the_run(
     assert left_by(straight) == left_by(path)
 
 
+@pytest.mark.parametrize(('ranks', 'change'), [
+    (1, ''), (None, ''),
+    (2, '; learners: 1 instead of 2, so the weights differ'),
+    ('\x1b[2J', r"; learners: 1 instead of '\x1b[2J', so the weights differ"),
+])
+def test_another_number_of_learners_is_reported(
+        straight: Path, tmp_path: Path, ranks: object, change: str) -> None:
+    """Checkpoints of earlier versions do not contain it."""
+    path = copy_name(tmp_path)
+    shutil.copytree(straight, path)
+    newest = path / 'checkpoints' / 'iteration_000006.safetensors'
+    saved = tensor_file.read(newest, 'checkpoint')
+    assert saved.content.pop('ranks') == 1
+    tensor_file.write(newest, 'checkpoint', saved.tensors, {
+        **saved.content, **({} if ranks is None else {'ranks': ranks})})
+    statuses: list[Status] = []
+    assert train(path, resume=True, statuses=statuses).finished
+    assert f'resumed from {newest.name}{change}' in [status.message for status in statuses]
+
+
 class Unreliable:
     """A world behind a simulator that dies now and then and comes back empty."""
 
