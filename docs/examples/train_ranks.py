@@ -18,6 +18,7 @@ from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
 from rocket_sim_node.command_line import read_value
 from rocket_sim_node.telemetry.training_status import Status
+from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 
@@ -26,13 +27,21 @@ def main(run: str, *settings: str) -> None:
     stop = threading.Event()  # torchrun ends the other ranks by SIGTERM when one fails
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+
+    def poll() -> None:
+        if stop.is_set():
+            raise EnvironmentClosed('asked to stop')
+
     given = dict(setting.split('=', 1) for setting in settings)
     preset, world = given.pop('preset', 'default'), given.pop('world', 'rocket')
     defaults = load_preset(preset, world).flat()
     values = {name: read_value(text, defaults.get(name)) for name, text in given.items()}
     config = load_preset(preset, world, **{'threads': 1, **values})
     fleet = SerialFleet(worlds.make(world, num_envs=256))
-    with joined(say=print) as ranks, open_folder(Path(run), True, ranks) as folder:
+    with (
+        joined(poll=poll, say=print) as ranks,
+        open_folder(Path(run), True, ranks, poll) as folder,
+    ):
         def report(status: Status) -> None:
             if ranks.first and status.message:
                 print(status.message)
@@ -46,5 +55,7 @@ def main(run: str, *settings: str) -> None:
 if __name__ == '__main__':
     try:
         main(*sys.argv[1:])
+    except EnvironmentClosed:  # while waiting for the other ranks
+        print('stopped before the training began')
     except (OSError, RankLost, TypeError, ValueError) as error:
         sys.exit(f'{sys.argv[0]}: {error}')

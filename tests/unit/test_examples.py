@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import torch
 from support.training.rank_program import free_port
+from support.training.rank_program import variables
 
 from rocket_sim_node.gym import IDS
 
@@ -84,6 +85,21 @@ def test_ppo_of_torchrl_runs(world: str, capsys: pytest.CaptureFixture[str]) -> 
         name=IDS[world], curriculum=world == 'rocket', num_envs=8, steps=512, num_steps=32,
         minibatches=4)
     assert '512 steps, return' in capsys.readouterr().out
+
+
+def test_a_rank_that_waits_for_the_others_can_be_stopped(tmp_path: Path) -> None:
+    with subprocess.Popen(
+            [sys.executable, '-u', EXAMPLES / 'train_ranks.py', tmp_path / 'run'],
+            env={**os.environ, **variables(0, 2, free_port()),
+                 'PYTHONPATH': os.pathsep.join(sys.path)},
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as rank:
+        assert rank.stdout is not None
+        assert 'waiting for the others' in rank.stdout.readline()
+        rank.terminate()
+        said, _ = rank.communicate(timeout=20)
+    assert rank.returncode == 0, said
+    assert said == 'stopped before the training began\n'
+    assert not (tmp_path / 'run').exists()
 
 
 @pytest.mark.slow
