@@ -41,6 +41,8 @@ _FAREWELL_PATIENCE = 60.0
 _INTERFACE = 'GLOO_SOCKET_IFNAME'
 _RETRY = 0.1
 """s"""
+_MOST_NAMED = 20
+"""missing ranks in a message"""
 _LARGEST_COUNT = 65_536
 _CHANNELS = 3
 _serial = itertools.count()
@@ -225,8 +227,19 @@ def _meet(place: _Place, poll: Callable[[], None], deadline: float) -> distribut
         if time.monotonic() > deadline:
             raise TimeoutError(
                 f'rank {place.index}: {here} of {place.count} ranks are at '
-                f'{place.host}:{place.port}, expected all')
+                f'{place.host}:{place.port}{_missing(store, place.count)}, expected all')
         time.sleep(_RETRY)
+
+
+def _missing(store: distributed.Store | None, count: int) -> str:
+    """Return the end of a message with the first ranks that are not in the store."""
+    if store is None:
+        return ''
+    try:
+        missing = (rank for rank in range(count) if not store.check([f'rank/{rank}']))
+        return f', missing: {" ".join(map(str, itertools.islice(missing, _MOST_NAMED)))}'
+    except distributed.DistError:  # rank 0 has ended
+        return ''
 
 
 def _announce(store: distributed.Store, place: _Place) -> None:

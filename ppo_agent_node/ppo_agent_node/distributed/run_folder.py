@@ -40,7 +40,7 @@ def open_folder(
                 raise
             try:
                 ranks.main.of_first(files, poll)
-            except RankLost:
+            except BaseException:
                 folder.withdraw()
                 raise
             yield folder

@@ -23,15 +23,18 @@ from support.training.training_runs import weights
 from ppo_agent_node.config.training_config import Config
 from ppo_agent_node.config.training_config import make_config
 from ppo_agent_node.distributed import rendezvous
+from ppo_agent_node.distributed.errors import RankLost
 from ppo_agent_node.distributed.ranks import ALONE
 from ppo_agent_node.distributed.ranks import Channel
 from ppo_agent_node.distributed.ranks import Ranks
 from ppo_agent_node.distributed.rendezvous import joined
+from ppo_agent_node.distributed.run_folder import open_folder
 from ppo_agent_node.runs.folder import RunFolder
 from ppo_agent_node.training.run_state import check_alike
 from ppo_agent_node.training.run_state import description
 from ppo_agent_node.training.trainer import Trainer
 from rocket_sim_node import worlds
+from rocket_sim_node.worlds import EnvironmentClosed
 from rocket_sim_node.worlds.jobs import SerialFleet
 
 SMALL: dict[str, Any] = {
@@ -191,12 +194,40 @@ def test_a_process_without_variables_is_alone(given: dict[str, str]) -> None:
         assert ranks == ALONE
 
 
-@pytest.mark.parametrize('rank', [0, 1])
-def test_absent_ranks_are_reported(rank: int) -> None:
-    with (pytest.raises(TimeoutError, match=f'rank {rank}: [01] of 2 ranks are at 127.0.0.1:.*, '
-                        'expected all'),
-          joined(environment(RANK=rank), patience=0.3)):
+@pytest.mark.parametrize(('rank', 'count', 'missing'), [
+    (0, 2, ', missing: 1'),
+    (0, 100, f', missing: {" ".join(map(str, range(1, 21)))}'),
+    (1, 2, ''),  # rank 0, which would know
+])
+def test_absent_ranks_are_reported(rank: int, count: int, missing: str) -> None:
+    with (pytest.raises(TimeoutError, match=rf'rank {rank}: [01] of {count} ranks are at '
+                        rf'127\.0\.0\.1:\d+{missing}, expected all$'),
+          joined(environment(RANK=rank, WORLD_SIZE=count), patience=0.3)):
         pass
+
+
+class Failing(Channel):
+    """A channel whose user is asked to stop, or finds the others gone."""
+
+    error: BaseException
+
+    def gather(self, value: Any, poll: Callable[[], None] = lambda: None) -> list[Any]:
+        raise self.error
+
+
+@pytest.mark.parametrize('error', [EnvironmentClosed('asked to stop'), RankLost('rank 1')])
+@pytest.mark.parametrize('begun', [False, True])
+def test_a_folder_that_the_others_never_receive_is_left_as_it_was(
+        tmp_path: Path, error: Exception, begun: bool) -> None:
+    path, main = tmp_path / 'run', Failing(0, 2)
+    main.error = error
+    if begun:
+        RunFolder(path).write_config({'version': '1'})
+    before = sorted(path.rglob('*'))
+    with pytest.raises(type(error)), open_folder(path, True, Ranks(0, 2, main)):
+        pass
+    assert path.exists() == begun
+    assert set(before) <= set(path.rglob('*'))
 
 
 @pytest.mark.parametrize(('given', 'error'), [
