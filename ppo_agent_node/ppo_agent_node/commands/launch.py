@@ -187,7 +187,12 @@ def _train(start: Start) -> None:
     vehicle = launch.get('simulator_parameters')
     if 'run_dir' in launch and run_lock.in_use(Path(launch['run_dir'])):
         raise ValueError(f'run_dir: another process is training in {launch["run_dir"]}')
-    if not resumed and (Path(launch.get('run_dir', '')) / 'config.yaml').exists():
+    begun = (Path(launch.get('run_dir', '')) / 'config.yaml').exists()
+    if resumed and not begun:
+        raise ValueError(
+            f'run_dir: {launch["run_dir"]} holds no run to resume (it has no config.yaml); name '
+            'the folder of a run, or leave out resume:=true to begin one there')
+    if not resumed and begun:
         raise ValueError(
             f'run_dir: {launch["run_dir"]} already holds a run; resume it with resume:=true, or '
             'name another folder')
@@ -218,13 +223,13 @@ def _train(start: Start) -> None:
     if _flies_two_groups(start):
         launch['second_simulator'] = SECOND
     start.script_variables.update({'run': str(run), 'resumed': str(resumed).lower()})
-    # How to resume the run; until it has written its settings they have to be repeated.
+    # How to resume the run; until it has written its settings it has to be started again.
     words = [os.environ.get('HOVERSLAM_SECURE', ''), start.script, f'run_dir:={run}']
-    words = [word for word in (*words, 'resume:=true') if word]
+    words = [word for word in words if word]
     shown = [f'{name}:={value}' for name, value in given.given.items() if name in _OF_EACH_START]
     every = [f'{name}:={value}' for name, value in given.given.items()
              if name not in _OF_THE_START]
-    start.script_variables['resume'] = shell_command([*words, *shown])
+    start.script_variables['resume'] = shell_command([*words, 'resume:=true', *shown])
     start.script_variables['begin_again'] = shell_command([*words, *every])
 
 

@@ -60,7 +60,7 @@ class RunFolder:
         self.cloned = self.path / 'cloned.safetensors'
         self.plots = self.path / 'plots'
         self._made = not self.path.exists()
-        if not resume and (self.config.exists() or self.log.exists()):
+        if not resume and self.begun:
             raise RunFolderError(
                 f'{self.path}: already holds a run; resume it or name another folder')
         try:
@@ -94,6 +94,11 @@ class RunFolder:
             yield
 
     @property
+    def begun(self) -> bool:
+        """Whether there is a run here; its log is created, empty, just before its settings."""
+        return self.config.exists() or (self.log.exists() and self.log.stat().st_size > 0)
+
+    @property
     def finished(self) -> bool:
         """Whether a run is complete here, so that at most its evaluation can be resumed."""
         return (
@@ -110,9 +115,10 @@ class RunFolder:
 
     def withdraw(self) -> None:
         """Remove the files of a run that never began."""
-        if self.config.exists() or self.log.exists():
+        if self.begun:
             return
         self.mark_finished()
+        self.log.unlink(missing_ok=True)
         (self.path / run_lock.NAME).unlink(missing_ok=True)
         with suppress(OSError):  # not empty
             self.checkpoints.rmdir()

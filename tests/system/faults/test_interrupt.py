@@ -109,9 +109,8 @@ def test_the_advice_after_an_early_interrupt_has_all_settings(
     assert process.wait(60.0) == 143, process.output()
     assert not [pid for pid in nodes(process.output()) if runs(pid)]
     before, advice = process.output().splitlines()[-2:]
-    assert before == 'stopped; continue with:'
-    assert shlex.split(advice) == [
-        TRAIN, f'run_dir:={run}', 'resume:=true', 'world:=rocket_planar', 'seed:=7']
+    assert before == 'stopped before the run began; start it again with:'
+    assert shlex.split(advice) == [TRAIN, f'run_dir:={run}', 'world:=rocket_planar', 'seed:=7']
 
 
 def test_on_a_terminal_nothing_but_the_display_is_shown(

@@ -140,11 +140,13 @@ def test_two_agents_at_one_simulator(
 def test_two_agents_in_one_run_folder(processes: Processes, tmp_path: Path) -> None:
     simulator(processes)
     run = tmp_path / 'run'
-    first = agent(processes, run, iterations=2000)
+    first = agent(processes, run, iterations=2000, resume=True)
     first.wait_for('PPO 1/', 90.0)
+    assert f'{run} holds no run to resume: a new one begins' in first.output()
     first.signal(signal.SIGSTOP)  # it trains here all the same
     second = agent(processes, run, iterations=2000, resume=True)
     assert second.wait(30.0) == 2, processes.logs()
+    assert 'holds no run' not in second.output()
     assert 'another process is training here' in second.output()
     assert first.running
     assert agent(processes, run).wait(30.0) == 2, processes.logs()

@@ -55,7 +55,8 @@ class TrainingParameters:
 
     run_dir: str = setting('', '', 'folder of the run; empty: runs/run-001 or the next free '
         'number')
-    resume: bool = setting(False, '', 'whether to resume the run in run_dir')
+    resume: bool = setting(
+        False, '', 'whether to resume the run in run_dir; if it holds none, a new one begins')
     simulators: str = simulators_setting()
     second_simulator: str = setting(
         '', '', "namespace, below the agent's own, of a second simulator, which flies at the same "
@@ -144,6 +145,8 @@ def _lead(
     if not folder.finished:  # a finished run stays finished if it cannot be opened
         folder.mark_unfinished()
     publisher = StatusPublisher(node, terminal, folder, options.second_simulator)
+    if options.resume and not folder.begun:
+        terminal.say(f'{folder.path} holds no run to resume: a new one begins')
     try:
         config = _config(parameters, options.preset, fleet.connect().name, saved)
         require_lockstep(fleet)

@@ -45,6 +45,15 @@ class Project:
         assert self.run(command, *texts) == ''
         return dict(text.split(':=', 1) for text in self.variable('arguments[@]'))
 
+    def add_script(self, command: str, programs: Path, launch: str) -> None:
+        """Add the script of a command, whose `ros2` in folder `programs` is a script as well."""
+        programs.mkdir()
+        (programs / 'ros2').write_text(launch)
+        (programs / 'ros2').chmod(0o755)
+        for name in (command, 'attend.sh', 'command.sh'):
+            shutil.copy(SCRIPTS / name, self.scripts)
+        (self.scripts / 'env.sh').write_text(f'PATH={programs}:$PATH\n')
+
     def variable(self, name: str) -> list[str]:
         """Return what bash makes of a variable, word by word."""
         done = subprocess.run(
@@ -141,8 +150,7 @@ def test_a_training_keeps_its_vehicle_and_resumes_with_it(project: Project) -> N
     first, again = project.variable('begin_again')[0], project.variable('resume')[0]
     script = str(project.scripts / 'train')
     assert shlex.split(again) == [script, f'run_dir:={run}', 'resume:=true']
-    assert shlex.split(first) == [
-        *shlex.split(again), f'simulator_parameters:={mine}', *texts[1:]]
+    assert shlex.split(first) == [script, texts[0], f'simulator_parameters:={mine}', *texts[1:]]
     (run / 'config.yaml').write_text('world: rocket\nnum_envs: 8\n')
     resumed = project.begin('train', f'run_dir:={run}', 'resume:=true')
     assert (resumed['simulator_parameters'], resumed['num_envs']) == (str(kept), '8')
@@ -240,6 +248,18 @@ def test_a_second_training_of_the_same_run_is_refused(project: Project) -> None:
                 project.begin('train', f'run_dir:={run}', *more)
             (run / 'config.yaml').write_text('world: rocket\nnum_envs: 8\n')
     assert project.begin('train', f'run_dir:={run}', 'resume:=true')['run_dir'] == str(run)
+
+
+def test_a_folder_without_a_run_is_not_resumed(project: Project) -> None:
+    run = project.root / 'run'
+    expected = re.escape(
+        f'run_dir: {run} holds no run to resume (it has no config.yaml); name the folder of a '
+        'run, or leave out resume:=true to begin one there')
+    for _ in range(2):
+        with pytest.raises(ValueError, match=f'^{expected}$'):
+            project.begin('train', f'run_dir:={run}', 'resume:=true', 'fuel:=1200')
+        assert not run.exists() or not list(run.iterdir())
+        run.mkdir(exist_ok=True)
 
 
 @pytest.mark.parametrize('value', ['abc', '-1', '233', '1.5', ' 1'])
@@ -402,12 +422,7 @@ def test_an_unfinished_recording_is_reported_and_can_be_repaired(
     stream.save(left, write_footer=False)
     stream.log('speed', rr.Scalars(3.0))
     stream.disconnect()
-    programs.mkdir()
-    (programs / 'ros2').write_text(_LAUNCH)
-    (programs / 'ros2').chmod(0o755)
-    for name in (command, 'attend.sh', 'command.sh'):
-        shutil.copy(SCRIPTS / name, project.scripts)
-    (project.scripts / 'env.sh').write_text(f'PATH={programs}:$PATH\n')
+    project.add_script(command, programs, _LAUNCH)
     whole = tmp_path / 'flights of today' / 'recording.rrd'
     whole.parent.mkdir()
     where = f'run_dir:={whole.parent}' if command == 'train' else f'output:={whole}'
@@ -428,3 +443,23 @@ def test_an_unfinished_recording_is_reported_and_can_be_repaired(
         assert ended.stdout.splitlines()[-1] == f'run: {whole.parent}'
         (whole.parent / 'config.yaml').unlink()
         assert run('record:=false').returncode == 0
+
+
+@pytest.mark.parametrize('begun', [False, True])
+def test_a_training_that_fails_early_is_started_again_and_a_later_one_resumed(
+        project: Project, tmp_path: Path, begun: bool) -> None:
+    run = tmp_path / 'run'
+    project.add_script('train', tmp_path / 'programs', f"""#!/usr/bin/env bash
+mkdir -p {run}
+touch {run}/.unfinished {f'{run}/config.yaml' if begun else ''}
+exit 3
+""")
+    script = project.scripts / 'train'
+    ended = subprocess.run(
+        [script, f'run_dir:={run}', 'seed:=3'], capture_output=True, text=True, check=False,
+        timeout=30, stdin=subprocess.DEVNULL)
+    assert ended.returncode == 3, ended.stderr
+    assert ended.stdout.splitlines() == (
+        ['stopped; continue with:', f'  {script} run_dir:={run} resume:=true'] if begun else
+        ['stopped before the run began; start it again with:',
+         f'  {script} run_dir:={run} seed:=3'])

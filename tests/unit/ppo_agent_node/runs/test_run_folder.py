@@ -103,6 +103,8 @@ def test_config(folder: RunFolder) -> None:
 
 def test_an_existing_run_is_not_overwritten(folder: RunFolder) -> None:
     RunFolder(folder.path)  # nothing was written yet
+    folder.cut_log(0)
+    assert not RunFolder(folder.path).begun, 'the log is created just before the settings'
     folder.append({})
     with pytest.raises(RunFolderError, match=r'runs/one: already holds a run'):
         RunFolder(folder.path)
