@@ -27,6 +27,7 @@ from ppo_agent_node.commands.parameter_file import read_parameters
 from ppo_agent_node.commands.parameter_file import require_parameters
 from ppo_agent_node.commands.parameter_file import write_parameters
 from ppo_agent_node.config import presets
+from ppo_agent_node.config.connection_config import SECOND
 from ppo_agent_node.runs import run_lock
 from ppo_agent_node.runs.config_file import read_config
 from ppo_agent_node.runs.new_paths import PARTIAL
@@ -47,8 +48,6 @@ from rocket_sim_node.recording.sinks.rerun_program import LOCAL
 from rocket_sim_node.scratch_folder import remove_leftovers
 
 PLAN = 'plan.sh'
-SECOND = 'simulator_2'
-"""namespace of the second simulator of a training"""
 _HAS_CORES = len(os.sched_getaffinity(0)) > 1
 _NODES = {
     'simulator_parameters': 'simulator',

@@ -7,6 +7,9 @@ from typing import Any
 
 from rocket_sim_node.settings import setting
 
+SECOND = 'simulator_2'
+"""Namespace, below that of the agent, of the second simulator that `train` starts."""
+
 
 def simulators_setting() -> Any:
     """Declare the setting that names the simulators of a training."""

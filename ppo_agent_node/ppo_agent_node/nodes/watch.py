@@ -9,6 +9,7 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rocket_msgs.msg import TrainingStatus
 
+from ppo_agent_node.config.connection_config import SECOND
 from ppo_agent_node.nodes.agent.rosout import show_warnings
 from ppo_agent_node.nodes.agent.status_message import status_from_message
 from ppo_agent_node.terminal import Terminal
@@ -38,7 +39,7 @@ def watch(node: Node, executor: Executor) -> None:
         node.create_subscription(TrainingStatus, 'training', on_status, qos.EVENTS)
         topic = node.resolve_topic_name('training')
         terminal.wait_for(f'a report on {topic}', Status())
-        show_warnings(node, terminal)
+        show_warnings(node, terminal, SECOND)
         while not done and not stopping.requested():
             executor.spin_once(timeout_sec=_SPIN_PERIOD)
             terminal.tick()

@@ -150,6 +150,12 @@ def _lead(
     try:
         config = _config(parameters, options.preset, fleet.connect().name, saved)
         require_lockstep(fleet)
+        spec = fleet.spec
+        usual = presets.preset_num_envs(options.preset, spec.name)
+        if not saved and spec.num_envs != usual:
+            terminal.say(
+                f'num_envs is {spec.num_envs}; preset {options.preset} of {spec.name} was made '
+                f'with {usual}')
         result = Trainer(
             fleet, config, folder, publisher.report, stop_requested=stop_requested,
             say=terminal.say, loggers=loggers, ranks=ranks).run()
