@@ -44,13 +44,13 @@ def write_report(folder: Path) -> Path:
     return _write(load(folder))
 
 
-def remove_report(folder: Path, section: str) -> None:
-    """Remove the page and the pictures of one of its sections from a folder, if it has them.
+def remove_report(folder: Path, sections: Sequence[str]) -> None:
+    """Remove the page and the pictures of some of its sections from a folder, if it has them.
 
     :raises OSError: when something cannot be removed.
     """
     for name, entry in catalogue.CATALOGUE.items():
-        if entry.section == section:
+        if entry.section in sections:
             (folder / PLOTS / f'{name}.png').unlink(missing_ok=True)
     (folder / REPORT).unlink(missing_ok=True)
 

@@ -145,7 +145,8 @@ def _single(
     summary = fly_and_write(
         SerialFleet(client), chosen.pilot, options.episodes or _EPISODES, options.seed,
         options.level, output, terminal.show, poll=terminal.tick, settings=settings,
-        optimum_sample=options.optimum_sample, plots=options.plots, **chosen.facts)
+        optimum_sample=options.optimum_sample, plots=options.plots, sections=('Evaluation',),
+        **chosen.facts)
     terminal.say(metrics.table(summary))
     if output:
         what = 'evaluation.json and plots are' if options.plots else 'evaluation.json is'

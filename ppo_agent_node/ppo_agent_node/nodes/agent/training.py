@@ -250,7 +250,7 @@ def _evaluate(
         fleet, PolicyPilot(folder.policy, fleet.spec), config.run.evaluation_episodes,
         config.run.evaluation_seed, level, folder.path, publisher.report_evaluation, folder.name,
         tick, settings=config.curriculum.task_settings(level), plots=config.run.plots,
-        training_seed=config.run.seed)
+        sections=('Evaluation', 'Training'), training_seed=config.run.seed)
     terminal.say(metrics.table(summary))
     low, high = summary['landing_rate_interval']
     publisher.report_evaluation(Status(

@@ -11,7 +11,8 @@ from typing import Any
 from ppo_agent_node.evaluation import conditions_files
 from ppo_agent_node.evaluation import conditions_table
 from ppo_agent_node.evaluation.conditions_table import Cell
-from ppo_agent_node.nodes.flights.report import renew_report
+from ppo_agent_node.nodes.flights.report import remove_report
+from ppo_agent_node.nodes.flights.report import write_report
 from ppo_agent_node.pilots.choice import Chosen
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
@@ -58,8 +59,11 @@ def fly_and_write_table(
 
     def write() -> None:
         if folder is not None:
+            # From an earlier table: its pictures would not match.
+            remove_report(folder, ('Conditions',))
             conditions_files.write(folder, table)
-            renew_report(folder, plots, 'Conditions')
+            if plots:
+                write_report(folder)
 
     stopping.abandonable(write)
     return table

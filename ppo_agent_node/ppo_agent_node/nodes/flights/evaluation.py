@@ -16,7 +16,8 @@ from ppo_agent_node.evaluation.optimum_sample import SAMPLE
 from ppo_agent_node.evaluation.optimum_sample import solve_sample
 from ppo_agent_node.evaluation.runner import evaluation_flight
 from ppo_agent_node.flying.pilot import Pilot
-from ppo_agent_node.nodes.flights.report import renew_report
+from ppo_agent_node.nodes.flights.report import remove_report
+from ppo_agent_node.nodes.flights.report import write_report
 from rocket_sim_node.telemetry.training_status import Status
 from rocket_sim_node.wire.node import stopping
 from rocket_sim_node.worlds.jobs import Fleet
@@ -29,7 +30,7 @@ def fly_and_write(
     fleet: Fleet, pilot: Pilot, episodes: int, seed: int, level: int, folder: Path | None,
     report: Callable[[Status], None], run: str = '', poll: Callable[[], None] = lambda: None,
     optimum_sample: int = SAMPLE, settings: Mapping[str, float] | None = None, plots: bool = True,
-    **extra: Any,
+    sections: tuple[str, ...] = ('Evaluation',), **extra: Any,
 ) -> dict[str, Any]:
     """Evaluate a pilot and return the figures; restarts if the simulator does.
 
@@ -40,6 +41,7 @@ def fly_and_write(
     :param optimum_sample: number of starts to solve for their optimum; 0: none.
     :param settings: further reset settings, such as conditions.
     :param plots: write `plots/` and `report.html` as well.
+    :param sections: of `report.html`, whose earlier pictures are removed first.
     :param extra: facts to store with the figures.
     """
     start = time.monotonic()
@@ -75,12 +77,14 @@ def fly_and_write(
             result, **optimum.figures(result),
             messages_dropped=fleet.messages_dropped - dropped, **extra)
         if folder is not None:
-            # From an earlier evaluation: its episodes would not match.
+            # From an earlier evaluation: its pictures and episodes would not match.
+            remove_report(folder, sections)
             (folder / 'episodes.csv').unlink(missing_ok=True)
             metrics.write_json(folder / 'evaluation.json', summary)
             episode_table.write(
                 folder / 'episodes.csv', episode_table.from_result(result, optimum))
-            renew_report(folder, plots, 'Evaluation')
+            if plots:
+                write_report(folder)
         return summary
 
     return stopping.abandonable(write)

@@ -1,24 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures and the page beside the figures of an evaluation."""
+"""The pictures and the page beside the figures of an evaluation.
+
+Plotting libraries are slow to import, and must not delay the start.
+"""
 from __future__ import annotations
 
 from pathlib import Path
 
 
-def renew_report(folder: Path, plots: bool, section: str) -> None:
-    """Draw a folder's pictures and write its page, or remove those that would be false.
+def remove_report(folder: Path, sections: tuple[str, ...]) -> None:
+    """Remove a folder's page, and the pictures of which new figures will be written.
 
-    :param plots: whether they are wanted.
-    :param section: the part of the page whose figures are new: Evaluation or Conditions.
-    :raises ValueError: when a file of the folder is damaged; the message names it.
-    :raises OSError: when something cannot be read, written or removed.
+    :param sections: of the page, with new figures: Evaluation, Conditions or Training.
+    :raises OSError: when something cannot be removed.
     """
-    if not plots and not (folder / 'plots').is_dir():
-        return
-    # Imported here: plotting libraries are slow to import, and must not delay the start.
+    if (folder / 'plots').is_dir() or (folder / 'report.html').exists():
+        from ppo_agent_node.commands import report
+
+        report.remove_report(folder, sections)
+
+
+def write_report(folder: Path) -> None:
+    """Draw a folder's pictures and write its page.
+
+    :raises ValueError: when a file of the folder is damaged; the message names it.
+    :raises OSError: when something cannot be read or written.
+    """
     from ppo_agent_node.commands import report
 
-    if plots:
-        report.write_report(folder)
-    else:
-        report.remove_report(folder, section)
+    report.write_report(folder)

@@ -213,6 +213,10 @@ def test_the_command_flies_and_writes_the_table(
         lambda *given, **named: flying(*given, rows=few, **named))
     world, statuses = worlds.make('rocket', 4, observation='extended', **LOW), []
     chosen = choice.choose_all(('default', 'random'), world.spec, 1)
+    (tmp_path / 'report.html').touch()
+    fly_and_write_table(
+        SerialFleet(world), chosen, 4, 1, (1,), tmp_path, statuses.append, plots=False)
+    assert not (tmp_path / 'report.html').exists(), 'it was of an earlier table'
     table = fly_and_write_table(
         SerialFleet(world), chosen, 4, 1, (1,), tmp_path, statuses.append)
     assert table['pilots'] == ['default', 'random']

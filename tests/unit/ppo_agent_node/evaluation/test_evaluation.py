@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from ppo_agent_node.evaluation import episode_table
+from ppo_agent_node.evaluation import metrics
 from ppo_agent_node.evaluation.metrics import summarise
 from ppo_agent_node.evaluation.metrics import table
 from ppo_agent_node.evaluation.metrics import write_json
@@ -270,6 +272,32 @@ def test_the_files_of_a_node_and_level_0_which_is_that_of_the_world(tmp_path: Pa
     # Pictures of the earlier episodes would be false.
     assert [path.name for path in (tmp_path / 'plots').iterdir()] == ['training.png']
     assert not (tmp_path / 'report.html').exists()
+    # Those of the training would be false as well after more of it, also a page without pictures.
+    for names in (('plots/training.png', 'report.html'), ('report.html',)):
+        for name in names:
+            (tmp_path / name).touch()
+        fly_and_write(
+            SerialFleet(env), pilot, 8, 2, 0, tmp_path, statuses.append, plots=False,
+            sections=('Evaluation', 'Training'))
+        assert not any((tmp_path / name).exists() for name in names)
+        shutil.rmtree(tmp_path / 'plots', ignore_errors=True)
+
+
+def test_pictures_of_earlier_figures_are_gone_before_new_figures_are_written(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = worlds.make('rocket', 4, spawn_height=20.0)
+    (tmp_path / 'plots').mkdir()
+    (tmp_path / 'plots' / 'outcomes.png').touch()
+
+    def full(path: Path, content: object) -> None:
+        raise OSError('the disk is full')
+
+    monkeypatch.setattr(metrics, 'write_json', full)
+    with pytest.raises(OSError, match='the disk is full'):
+        fly_and_write(
+            SerialFleet(env), RandomPilot(env.spec, 1), 4, 1, 0, tmp_path, [].append,
+            optimum_sample=0)
+    assert not list((tmp_path / 'plots').iterdir())
 
 
 def test_writing_replaces_the_file_whole_or_not_at_all(tmp_path: Path) -> None:
