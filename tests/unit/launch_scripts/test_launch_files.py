@@ -108,6 +108,25 @@ def test_later_files_of_the_agent_override_earlier_ones(tmp_path: Path) -> None:
     assert parameters_of(tmp_path, 'train', 'ppo_agent', **files)['iterations'] == 4
 
 
+@pytest.mark.parametrize(('given', 'conditions', 'observation'), [
+    ({}, 'mix', None), ({'conditions': 'harsh'}, 'harsh', None),
+    ({'observation': 'extended'}, 'mix', 'extended'),
+    ({'observation': 'standard'}, 'mix', 'standard'),
+    ({'conditions': 'harsh', 'observation': 'extended', 'resume': 'true'}, 'mix', None)])
+def test_given_conditions_and_observation_reach_the_agent_of_a_new_run(
+    tmp_path: Path, given: dict[str, str], conditions: str, observation: str | None,
+) -> None:
+    """A resumed run has its own, whatever the simulators start with."""
+    file = parameter_file(tmp_path / 'agent.yaml', conditions='mix')
+    agent, simulator = (
+        parameters_of(tmp_path, 'train', node, agent_parameters=file, preset='robust', **given)
+        for node in ('ppo_agent', 'simulator'))
+    assert (agent['preset'], agent['conditions']) == ('robust', conditions)
+    assert agent.get('observation') == observation
+    assert simulator['observation'] == given.get('observation', 'standard')
+    assert simulator.get('conditions') == given.get('conditions')
+
+
 @pytest.mark.parametrize(('given', 'recorded'), [
     ({}, False), ({'record': 'true'}, True), ({'output': '/out.rrd'}, True),
     ({'connect': 'rerun+http://localhost:9876/proxy'}, True), ({'serve_web': 'true'}, True),
