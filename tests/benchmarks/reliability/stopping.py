@@ -85,7 +85,7 @@ def main() -> None:
     table: dict[str, list[float]] = {}
     rounds = '1 round' if options.rounds == 1 else f'{options.rounds} rounds'
     print(f'seconds from Ctrl-C to the end of the last process, {rounds}')
-    print(f'{"stage":<16}{"median":>8}{"most":>8}  saved, and said how to resume')
+    print(f'{"stage":<16}{"median":>8}{"most":>8}  saved, and said how to go on')
     for stage in options.stages:
         line, later = STAGES[stage]
         seconds, said = [], 0
@@ -100,7 +100,7 @@ def main() -> None:
                         wait_for_update(process)
                     seconds.append(interrupt(process))
                     said += bool(re.search(
-                        r'stopped; continue with:\n .* resume:=true', process.output()))
+                        r'(continue|start it again) with:\n .* run_dir:=', process.output()))
                 finally:
                     processes.end()
         table[stage] = seconds
