@@ -26,7 +26,8 @@ def parse(cls: type[S], arguments: Sequence[str]) -> S:
     """Return settings from `NAME:=VALUE …` arguments; the rest have their defaults.
 
     :param cls: a settings dataclass; see `rocket_sim_node.settings`.
-    :raises ValueError: for an unknown name, a value out of range or an argument without `:=`.
+    :raises ValueError: for an unknown name, one that is given twice, a value out of range or an
+        argument without `:=`.
     :raises TypeError: for a value of the wrong type.
     """
     kinds = {info.name: info.default for info in settings.describe(cls)}
@@ -38,6 +39,8 @@ def parse(cls: type[S], arguments: Sequence[str]) -> S:
         close = difflib.get_close_matches(name, kinds, 1)
         if name not in kinds and close:
             raise ValueError(f'unknown argument {name!r}, did you mean {close[0]!r}?')
+        if name in values:
+            raise ValueError(f'{name}: given twice')
         values[name] = read_value(text, kinds.get(name))
     return settings.build(cls, values)
 

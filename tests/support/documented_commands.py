@@ -239,6 +239,14 @@ class Command:
         return f'{self.text} ({self.page})'
 
 
+def extended(text: str, words: str) -> str:
+    """Return a command with more arguments, which replace those of the same names."""
+    text = f'{text} {words}'
+    if not text.startswith('./launch_scripts/'):
+        return text
+    return re.sub(r' (\w+):=\S*(?=.* \1:=)', '', text)
+
+
 def _shell_lines(page: str) -> Iterator[str]:
     """Yield all commands on a page."""
     for language, code in _FENCED.findall(page):

@@ -20,6 +20,7 @@ from support.documented_commands import KINDS
 from support.documented_commands import ROOT
 from support.documented_commands import Command
 from support.documented_commands import commands
+from support.documented_commands import extended
 from support.documented_commands import kind_of
 from support.documented_commands import python_blocks
 
@@ -53,6 +54,15 @@ def test_a_command_is_run_or_tested_or_has_a_reason(command: Command) -> None:
 def test_every_kind_matches_a_documented_command() -> None:
     used = [kind_of(command).pattern for command in COMMANDS]
     assert [kind.pattern for kind in KINDS if kind.pattern not in used] == []
+
+
+@pytest.mark.parametrize(
+    'command', [each for name in arguments.COMMANDS for each in of(name)], ids=str)
+def test_a_command_is_run_with_each_argument_once(command: Command) -> None:
+    kind = kind_of(command)
+    if kind.is_run:
+        words = [each.split(':=')[0] for each in extended(command.text, kind.append).split()]
+        assert len(words) == len(set(words))
 
 
 def test_a_new_command_is_noticed() -> None:

@@ -91,7 +91,11 @@ def parse(command: str, file: Path, texts: Iterable[str]) -> Arguments:
     :raises OSError: when a file cannot be read.
     """
     declared = read_launch_file(file)
-    given = {name: _plain(name, value, declared) for name, value in _pairs(texts)}
+    given: dict[str, str] = {}
+    for name, value in _pairs(texts):
+        if name in given:
+            raise ValueError(f'{name}: given twice')
+        given[name] = _plain(name, value, declared)
     saved = _saved(given) if command == 'train' and given.get('resume') == 'true' else {}
     world = given.get('world') or saved.get('world') or declared['world'].default or ''
     found = Arguments(command, file, declared, world, given, saved=saved)

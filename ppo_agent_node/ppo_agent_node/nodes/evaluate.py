@@ -96,11 +96,18 @@ def _check(options: EvaluationParameters) -> None:
     if options.policy and options.pilot != choice.POLICY:
         raise ParameterError(
             f'policy: got {options.policy!r}, expected none with pilot {options.pilot!r}')
+    if options.conditions == ALL and options.optimum_sample not in (SAMPLE, 0):
+        raise ParameterError(
+            f'optimum_sample: got {options.optimum_sample}, expected none with conditions '
+            f'{ALL!r}, whose table has no optimum')
     if not options.pilots:
         return
     if options.conditions != ALL:
         raise ParameterError(
             f'pilots: got {options.pilots!r}, expected none without conditions {ALL!r}')
+    if options.pilot != choice.POLICY:
+        raise ParameterError(
+            f'pilot: got {options.pilot!r}, expected none beside pilots, {options.pilots!r}')
     if options.policy and choice.POLICY not in _names(options):
         raise ParameterError(
             f"policy: got {options.policy!r}, expected none, as 'policy' is not among pilots, "

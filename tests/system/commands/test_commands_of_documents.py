@@ -21,6 +21,7 @@ from support.documented_commands import ROOT
 from support.documented_commands import TRAIN
 from support.documented_commands import Command
 from support.documented_commands import commands
+from support.documented_commands import extended
 from support.documented_commands import kind_of
 from support.documented_commands import python_blocks
 from support.processes import Process
@@ -56,7 +57,7 @@ def project(
     group = Processes(tmp_path_factory.mktemp('logs'))
     try:
         for text in (
-                f'./launch_scripts/train {TRAIN} record:=true run_dir:=runs/small',
+                extended('./launch_scripts/train', f'{TRAIN} record:=true run_dir:=runs/small'),
                 f'./launch_scripts/land {FLY} output:=run.rrd',
                 f'./launch_scripts/evaluate {EVALUATE} policy:={POLICY} output:=figures'):
             assert start(group, folder, text).wait(200.0) == 0, group.logs()
@@ -82,7 +83,7 @@ def test_a_documented_command_runs(
     text = command.text
     for name, value in STANDS_FOR.items():
         text = text.replace(name, value)
-    text = f'{text} {kind.append}'.replace('$PORT', str(port)).replace('$LANDER', LANDER)
+    text = extended(text, kind.append).replace('$PORT', str(port)).replace('$LANDER', LANDER)
     if ' transfer ' in text and not (ROOT / '.bench').exists():
         pytest.skip('the peers are missing; ./launch_scripts/bench transfer installs them')
     for beside in kind.beside:

@@ -124,6 +124,8 @@ def test_paths_and_names_mean_the_same_to_every_node(
     ('train', ['record:=yes'], "record: got 'yes', expected true or false"),
     ('land', ['mode:=fast'], "mode: got 'fast', expected one of lockstep, realtime"),
     ('evaluate', ['pilot:=me'], "pilot: got 'me', expected one of policy, expert"),
+    ('train', ['seed:=1', 'seed:=2'], 'seed: given twice'),
+    ('land', ['episodes:=8', 'namespace:=', 'namespace:='], 'namespace: given twice'),
     ('train', ['resume:=true'], 'resume:=true needs run_dir:=FOLDER'),
     ('train', ['agent_settings:=mine.yaml', 'seed:=7'],
      "agent_settings: got a file and 'seed' beside it, expected one of the two")])

@@ -237,6 +237,7 @@ def test_pilots_are_named() -> None:
 
 @pytest.mark.parametrize(('given', 'names'), [
     ({}, ['policy']), ({'pilot': 'expert'}, ['expert']),
+    ({'conditions': 'all', 'optimum_sample': 0}, ['policy', 'expert']),
     ({'conditions': 'all'}, ['policy', 'expert']),
     ({'conditions': 'all', 'pilot': 'expert'}, ['expert']),
     ({'conditions': 'all', 'pilots': 'robust, default,'}, ['robust', 'default'])])
@@ -248,6 +249,10 @@ def test_the_arguments_decide_which_pilots_fly(given: dict[str, str], names: lis
 
 @pytest.mark.parametrize(('given', 'words'), [
     ({'pilots': 'expert'}, "pilots: got 'expert', expected none without conditions 'all'"),
+    ({'pilot': 'random', 'pilots': 'expert', 'conditions': 'all'},
+     "pilot: got 'random', expected none beside pilots, 'expert'"),
+    ({'optimum_sample': 100, 'conditions': 'all'},
+     "optimum_sample: got 100, expected none with conditions 'all'"),
     ({'policy': 'a', 'pilot': 'expert'}, "policy: got 'a', expected none with pilot 'expert'"),
     ({'policy': 'a', 'pilots': 'expert', 'conditions': 'all'}, 'is not among pilots')])
 def test_arguments_that_contradict_are_refused(given: dict[str, str], words: str) -> None:

@@ -775,6 +775,7 @@ def test_wrong_samples_are_named() -> None:
 @pytest.mark.parametrize(('arguments', 'complaint'), [
     (['at'], 'expected NAME:=VALUE'), (['when:=burn'], "unknown setting 'when'"),
     (['width:=10'], 'width: got 10'), (['tab:=x'], "tab: got 'x'"),
+    (['tab:=plots', 'tab:=plots'], 'tab: given twice'),
 ])
 def test_wrong_arguments_of_screenshot_are_named(arguments: list[str], complaint: str) -> None:
     with pytest.raises((ValueError, TypeError), match=complaint):
