@@ -2,6 +2,7 @@
 """Node `evaluate`: deterministic episodes of a pilot, reported as a table, JSON and plots."""
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +34,8 @@ from rocket_sim_node.worlds.rocket import conditions
 
 ALL = 'all'
 _EPISODES = 2000
+_DONE = 'HOVERSLAM_DONE'
+"""Names the file by which launch_scripts/evaluate learns that all is flown and written."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,8 @@ def evaluation(node: Node, executor: Executor) -> None:
             _table(client, chosen, options, output, terminal)
         else:
             _single(client, chosen[0], options, settings, output, terminal)
+    if done := os.environ.get(_DONE):
+        Path(done).touch()
 
 
 def _check(options: EvaluationParameters) -> None:

@@ -463,3 +463,16 @@ exit 3
         ['stopped; continue with:', f'  {script} run_dir:={run} resume:=true'] if begun else
         ['stopped before the run began; start it again with:',
          f'  {script} run_dir:={run} seed:=3'])
+
+
+@pytest.mark.parametrize(('launch', 'status'), [
+    ('exit 0', 1), ('exit 3', 3), ('touch "$HOVERSLAM_DONE"', 0),
+    ('kill -INT $PPID; sleep 0.5', 130), ('kill -TERM $PPID; sleep 0.5', 143)])
+def test_an_evaluation_that_is_not_done_is_a_failure(
+        project: Project, tmp_path: Path, launch: str, status: int) -> None:
+    """The launch of a full ROS 2 ends with 0 in any case."""
+    project.add_script('evaluate', tmp_path / 'programs', f'#!/usr/bin/env bash\n{launch}\n')
+    ended = subprocess.run(
+        [project.scripts / 'evaluate'], capture_output=True, text=True, check=False, timeout=30,
+        stdin=subprocess.DEVNULL)
+    assert (ended.returncode, ended.stderr) == (status, '')
