@@ -43,13 +43,7 @@ _hoverslam_command() {
   # They import nothing from the folder in which they are called. In an interactive shell, Python finds modules beside
   # your programs as usual.
   export PYTHONSAFEPATH=1
-  # If a standard stream is closed, the next opened file gets its descriptor and would receive its output.
-  [ -e /dev/fd/0 ] || exec < /dev/null
-  [ -e /dev/fd/2 ] || exec 2> /dev/null
-  if ! [ -e /dev/fd/1 ]; then
-    echo "${0##*/}: standard output: it is closed, expected a terminal, file or pipe" >&2
-    exit 2
-  fi
+  . "$_hoverslam_here/streams.sh"
 }
 
 _hoverslam_enter() {

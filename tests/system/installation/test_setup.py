@@ -115,7 +115,9 @@ def test_only_outdated_steps_run_again(project: Project) -> None:
     assert project.calls() == _ALL
     status, output = project.run()
     assert (status, output, project.calls()) == (0, 'Everything is set up.\n', [])
-    assert project.run('launch_scripts/setup --quiet') == (0, '')
+    for streams in ('', '2>&-', '>&-', '<&- >&- 2>&-'):
+        assert project.run(f'launch_scripts/setup --quiet {streams}') == (0, '')
+    assert project.run('launch_scripts/setup 2>&-') == (0, '')
 
     (project.root / 'rocket_sim_node/rocket_sim_node/new.py').write_text('x = 1\n')
     project.run()

@@ -34,7 +34,8 @@ def secure(tmp_path: Path) -> Secure:
     scripts, tools = tmp_path / 'scripts', tmp_path / 'tools'
     scripts.mkdir()
     tools.mkdir()
-    shutil.copy(SCRIPTS / 'secure', scripts)
+    for name in ('secure', 'streams.sh'):
+        shutil.copy(SCRIPTS / name, scripts)
     shutil.copytree(SCRIPTS / 'security', scripts / 'security')
     (scripts / 'env.sh').write_text(f'PATH={tools}:$PATH\n')
     for name, text in STAND_INS.items():

@@ -9,8 +9,8 @@ import pytest
 
 SCRIPTS = Path(__file__).parents[3] / 'launch_scripts'
 COMMANDS = [
-    'compare', 'evaluate', 'export', 'failures', 'fly', 'land', 'pictures', 'report', 'screenshot',
-    'train']
+    'bench', 'compare', 'evaluate', 'export', 'failures', 'fly', 'land', 'pictures', 'report',
+    'screenshot', 'secure', 'setup', 'test', 'train']
 
 
 def run(command: str, streams: str) -> subprocess.CompletedProcess[str]:
@@ -26,8 +26,14 @@ def test_a_closed_standard_output_is_refused_in_one_line(command: str) -> None:
         2, f'{command}: standard output: it is closed, expected a terminal, file or pipe\n')
 
 
+def test_every_command_is_tried() -> None:
+    found = [path.name for path in SCRIPTS.iterdir() if path.is_file() and not path.suffix]
+    assert sorted(found) == COMMANDS
+
+
+@pytest.mark.parametrize('command', ['compare', 'setup'])
 @pytest.mark.parametrize('streams', ['<&-', '2>&-', '<&- 2>&-'])
-def test_a_command_runs_with_other_streams_closed(streams: str) -> None:
-    done = run('compare', streams)
+def test_a_command_runs_with_other_streams_closed(command: str, streams: str) -> None:
+    done = run(command, streams)
     assert done.returncode == 0
     assert done.stdout.startswith('Usage: ') and not done.stderr
