@@ -107,12 +107,15 @@ def fail(name: str, error: Exception) -> NoReturn:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: with clean-up and without output."""
-    came = False
+    """Let Ctrl-C, SIGTERM and SIGHUP end a command alike: with clean-up and without output.
+
+    The status is 130 after Ctrl-C and 143 after the others.
+    """
+    came = 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal came
-        came = True
+        came = came or (130 if number == signal.SIGINT else 143)
         signal.default_int_handler(number, frame)
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -121,12 +124,12 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(came or 130)
     except Exception:
         # A library in C++ that was interrupted may raise an error of its own instead.
         if not came:
             raise
-        sys.exit(130)
+        sys.exit(came)
 
 
 def run(
