@@ -3,6 +3,7 @@
 # Output of set-up: steps with elapsed time on stderr, and failures in a line or two. Sourced.
 
 ticker=
+working=  # the process group of a step
 
 # fail LINE...: prints what is wrong and what to do next, one line each, and exits with status 1.
 fail() {
@@ -53,6 +54,28 @@ end_tick() {
   if [[ -t 2 ]]; then printf '\r\033[K' >&2; fi
 }
 
+# end_step: interrupts the command of a step, and kills what is left of it after five seconds.
+end_step() {
+  local tries
+  [[ -n $working ]] || return 0
+  # If it has no group yet, it has not begun.
+  kill -INT -- "-$working" 2> /dev/null || kill "$working" 2> /dev/null || true
+  for ((tries = 0; tries < 50; tries++)); do
+    kill -0 -- "-$working" 2> /dev/null || return 0
+    sleep 0.1
+  done
+  kill -KILL -- "-$working" 2> /dev/null || true
+}
+
+# interrupted STATUS: ends set-up after a signal.
+interrupted() {
+  trap '' INT TERM HUP
+  end_step
+  end_tick
+  echo 'setup: interrupted; run it again to continue.' >&2
+  exit "$1"
+}
+
 # step TEXT COMMAND...: runs the command with its output in the log; returns its status.
 step() {
   local text=$1 started=$SECONDS status=0
@@ -61,7 +84,12 @@ step() {
   [[ -t 2 ]] || printf '  %s ...\n' "$text" >&2
   tick "$text" 9>&- &
   ticker=$!
-  "$@" >> "$log" 2>&1 || status=$?
+  # In the foreground, it would delay the traps of signals to its end. In the background, bash makes it ignore SIGINT;
+  # the trap undoes that.
+  (trap - INT; exec setsid "$@") < /dev/null >> "$log" 2>&1 &
+  working=$!
+  wait "$working" || status=$?
+  working=
   end_tick
   if ((status == 0)); then printf '  %s: done in %d s\n' "$text" "$((SECONDS - started))" >&2; fi
   return "$status"

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,8 +19,8 @@ _ROOT = Path(__file__).parents[3]
 _TOOLS = (
     'awk', 'basename', 'bash', 'cat', 'cc', 'chmod', 'c++', 'cp', 'cut', 'date', 'df', 'dirname',
     'env', 'find', 'flock', 'g++', 'gcc', 'getconf', 'grep', 'head', 'id', 'mkdir', 'mv', 'ps',
-    'rm', 'sed', 'sh', 'sha256sum', 'sleep', 'sort', 'stty', 'tail', 'touch', 'tr', 'uname',
-    'xargs')
+    'rm', 'sed', 'setsid', 'sh', 'sha256sum', 'sleep', 'sort', 'stty', 'tail', 'touch', 'tr',
+    'uname', 'xargs')
 _PYTHON = r"""#!/usr/bin/env bash
 echo "$*" >> "$CALLS"
 case "$*" in
@@ -288,17 +289,24 @@ def test_a_killed_set_up_is_done_again(project: Project) -> None:
     assert project.calls() == _ALL
 
 
-def test_an_interrupted_set_up_is_reported_and_can_continue(project: Project) -> None:
-    process = project.start(PIP_SECONDS='30')
+@pytest.mark.parametrize('later', [0.0, 0.2])
+@pytest.mark.parametrize(('send', 'number', 'ended'), [
+    (os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143),
+    (os.killpg, signal.SIGHUP, 143)])
+def test_an_interrupted_set_up_is_reported_and_can_continue(
+        project: Project, later: float, send: Callable[[int, int], None], number: int,
+        ended: int) -> None:
+    process = project.start('exec launch_scripts/setup', PIP_SECONDS='30')
     assert process.stdout is not None
     for line in process.stdout:
         if 'Preparing pip' in line:
             break
-    time.sleep(0.2)
-    os.killpg(process.pid, signal.SIGINT)
+    time.sleep(later)
+    send(process.pid, number)
     output = process.stdout.read()
     assert 'interrupted; run it again to continue' in output
-    assert process.wait(10) == 130
+    assert process.wait(10) == ended
+    # No pip that holds the lock is left.
     project.calls()
     assert project.run()[0] == 0
     assert project.calls() == _ALL
@@ -310,6 +318,15 @@ def test_two_set_ups_at_once_do_the_work_once(project: Project) -> None:
     assert [process.returncode for process in both] == [0, 0], outputs
     assert project.calls() == _ALL
     assert 'Waiting for another set-up' in ''.join(outputs)
+
+
+@pytest.mark.parametrize(('arguments', 'said'), [
+    ('--help x', "got '--help x', expected one argument at most"),
+    ('--quiet x', "got '--quiet x', expected one argument at most"),
+    ('--fast', "unknown argument '--fast'")])
+def test_wrong_arguments_are_refused(project: Project, arguments: str, said: str) -> None:
+    assert project.run(f'launch_scripts/setup {arguments}') == (
+        2, f'setup: {said} (see --help)\n')
 
 
 @pytest.mark.parametrize(('env', 'message', 'advice'), [
