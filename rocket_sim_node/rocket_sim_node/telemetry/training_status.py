@@ -66,7 +66,9 @@ class Status:
     stages: tuple[str, ...] = _told(
         (), 'string[]', 'of this run, in order: demonstrate, clone, finetune, evaluate')
     stage: str = _text('one of them, or done')
-    iteration: int = _count('within the stage, from 1; in evaluate: episodes flown')
+    iteration: int = _count(
+        'within the stage, from 1; in finetune: 0 before the first update; in evaluate: episodes '
+        'flown')
     iterations: int = _count('maximum number planned for the stage')
     progress: int = _count('progress towards the end of the stage', 'uint64')
     goal: int = _count('progress at the end of the stage, 0 if unknown', 'uint64')
