@@ -97,7 +97,8 @@ def _range(info: SettingInfo) -> str:
         return f'; one of {", ".join(choice or "none" for choice in info.choices)}'
     if isinstance(info.default, bool | str):
         return ''
-    return f'; {info.low:g} to {info.high:g}{unit}'
+    form = '.0f' if isinstance(info.default, int) else 'g'
+    return f'; {info.low:{form}} to {info.high:{form}}{unit}'
 
 
 def _shown(value: Any) -> str:

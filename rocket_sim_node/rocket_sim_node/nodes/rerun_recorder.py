@@ -74,7 +74,7 @@ class RecorderNode:
         self._agent_there = time.monotonic()
         self.count = 0
         for kind, topic, callback, profile in (
-            (msg.World, 'world', self._on_world, qos.WORLD),
+            (msg.World, 'world', self._on_world, qos.READ_WORLD),
             (msg.RocketState, 'state', self._on_state, qos.EVENTS),
             (msg.TrainingStatus, 'training', self._on_training, qos.EVENTS),
         ):

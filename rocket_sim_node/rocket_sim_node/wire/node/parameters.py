@@ -93,7 +93,7 @@ def _descriptor(info: SettingInfo) -> ParameterDescriptor:
     description = info.description + (f' ({info.unit})' if info.unit else '')
     descriptor = ParameterDescriptor(
         description=description, read_only=True,
-        additional_constraints=', '.join(info.choices))
+        additional_constraints=', '.join(choice or "''" for choice in info.choices))
     if isinstance(info.default, bool | str):
         return descriptor
     if isinstance(info.default, float):

@@ -348,6 +348,7 @@ def test_help_explains_the_names_that_it_is_given(project: Project) -> None:
     assert [line.split()[0] for line in printed.splitlines() if line[:3].strip()] == [
         'max_thrust', 'clip_range', 'num_envs']
     assert 'thrust at full throttle; 0 to 1e+09 N [470880]' in printed
+    assert '0 to 2147483647 [1]' in project.run('train', '--help', 'seed')
     with pytest.raises(ValueError, match="did you mean 'max_thrust'"):
         project.run('train', '--help', 'max_trust')
 
