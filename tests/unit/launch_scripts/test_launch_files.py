@@ -130,7 +130,8 @@ def test_given_conditions_and_observation_reach_the_agent_of_a_new_run(
 @pytest.mark.parametrize(('given', 'recorded'), [
     ({}, False), ({'record': 'true'}, True), ({'output': '/out.rrd'}, True),
     ({'connect': 'rerun+http://localhost:9876/proxy'}, True), ({'serve_web': 'true'}, True),
-    ({'output': '/out.rrd', 'record': 'false'}, True), ({'record': 'false'}, False)])
+    ({'output': '/out.rrd', 'record': 'false'}, False), ({'record': 'false'}, False),
+    ({'serve_web': 'true', 'record': 'false'}, False)])
 def test_arguments_that_need_a_recorder_start_one(
     tmp_path: Path, given: dict[str, str], recorded: bool,
 ) -> None:
