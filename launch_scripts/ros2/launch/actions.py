@@ -32,6 +32,8 @@ class ProcessPlan:
     shutdown_on_exit: bool = False
     sigterm_timeout: float = _SIGTERM_SECONDS
     """seconds from SIGINT to SIGTERM"""
+    respawn_delay: float | None = None
+    """seconds from its end to its next start; None: it is started once"""
 
 
 def carry_out(path: Path, context: Context) -> list[ProcessPlan]:
@@ -106,7 +108,8 @@ def _node(entity: Entity, context: Context, plans: list[ProcessPlan]) -> None:
         command=tuple(command),
         output=output,
         shutdown_on_exit=on_exit == 'shutdown',
-        sigterm_timeout=entity.seconds('sigterm_timeout', _SIGTERM_SECONDS)))
+        sigterm_timeout=entity.seconds('sigterm_timeout', _SIGTERM_SECONDS),
+        respawn_delay=entity.seconds('respawn_delay', 0.0) if entity.flag('respawn') else None))
 
 
 _ACTIONS: dict[str, Callable[[Entity, Context, list[ProcessPlan]], None]] = {

@@ -14,7 +14,9 @@ from ros2.launch.context import LaunchError
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     'arg': ('default', 'description', 'name'),
     'group': (),
-    'node': ('exec', 'if', 'name', 'on_exit', 'output', 'param', 'pkg', 'sigterm_timeout'),
+    'node': (
+        'exec', 'if', 'name', 'on_exit', 'output', 'param', 'pkg', 'respawn', 'respawn_delay',
+        'sigterm_timeout'),
     'push_ros_namespace': ('namespace',),
 }
 
@@ -72,6 +74,13 @@ class Entity:
         value = self.data.get(key, default)
         if not isinstance(value, int | float) or isinstance(value, bool) or value < 0:
             raise self.error(f"'{key}' must be a number, not negative, got {value!r}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return whether an attribute is there and true."""
+        value = self.data.get(key, False)
+        if not isinstance(value, bool):
+            raise self.error(f"'{key}' must be true or false, got {value!r}")
         return value
 
     def items(self, key: str) -> list[dict[str, Any]]:

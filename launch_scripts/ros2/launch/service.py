@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import signal
 
 from ros2.launch.actions import ProcessPlan
@@ -58,10 +59,15 @@ class Service:
             self._log.message('WARNING', 'launch', f'received {number.name}, shutting down')
 
     async def _keep(self, process: Process) -> None:
-        """Run one process until it or the launch ends."""
-        if self._ending.is_set():
-            return
-        status = await self._once(process)
+        """Run one process until it or the launch ends; start it again if it is to respawn."""
+        status = 0
+        while not self._ending.is_set():
+            status = await self._once(process)
+            delay = process.plan.respawn_delay
+            if delay is None or process.plan.shutdown_on_exit:
+                break
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._ending.wait(), delay)
         if self._ending.is_set():
             return
         if status != 0:

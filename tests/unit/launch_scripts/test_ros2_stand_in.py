@@ -180,13 +180,14 @@ launch:
       output: screen
       on_exit: shutdown
       sigterm_timeout: 30.0
-- node: {pkg: dummies, exec: talker, name: $(var name)}
+- node: {pkg: dummies, exec: talker, name: $(var name), respawn: true, respawn_delay: 1.5}
 """, context)
     path = str(index / 'lib/dummies/talker')
     assert first == ProcessPlan(
         'talker-1', (path, '--ros-args', '-r', '__node:=t34', '-r', '__ns:=/fleet/one'),
         'screen', True, 30.0)
-    assert second == ProcessPlan('talker-2', (path, '--ros-args', '-r', '__node:=a b'))
+    assert second == ProcessPlan(
+        'talker-2', (path, '--ros-args', '-r', '__node:=a b'), respawn_delay=1.5)
     assert 'inner' not in context.arguments
 
 
@@ -211,8 +212,8 @@ def node(attributes: str) -> str:
     ('{executable: {cmd: ls}}', "entity 'executable' is not supported here"),
     ('{push-ros-namespace: {namespace: x}}', "entity 'push-ros-namespace' is not supported here"),
     ('{group: {scoped: false, children: []}}', 'a group with attributes is not supported here'),
-    (node('respawn: true'), r"node 'talker': attribute 'respawn' is not supported here, only exec,"
-     r' if, name, .*, sigterm_timeout; a full ROS 2 supports more'),
+    (node('respawn_max_retries: 3'), r"node 'talker': attribute 'respawn_max_retries' is not "
+     r'supported here, only exec, if, name, .*, sigterm_timeout; a full ROS 2 supports more'),
     (node('unless: x'), "attribute 'unless' is not supported here"),
     (node('remap: [{from: a, to: b}]'), "attribute 'remap' is not supported here"),
     ('{arg: {name: a, default: b, choice: [{value: b}]}}',
@@ -249,6 +250,8 @@ def test_launch_features_of_a_full_ros_2_are_refused_by_name(
     (node('param: [{from: /nope}]'), "parameter file '/nope'"),
     (node('if: maybe'), "condition 'maybe' is neither true nor false"),
     (node('sigterm_timeout: -1'), "'sigterm_timeout' must be a number"),
+    (node('respawn: 3'), "'respawn' must be true or false, got 3"),
+    (node('respawn: true, respawn_delay: soon'), "'respawn_delay' must be a number"),
 ])
 def test_errors_name_the_file_and_the_entity(
         entry: str, message: str, context: Context, index: Path) -> None:
@@ -415,6 +418,28 @@ def test_a_failure_is_returned_and_its_log_shown(launch: Launch, tmp_path: Path)
     assert 'exit code 3' in output
     assert '[bad-1] why' in output.split('last lines of bad-1')[1]
     assert '[bad-1] why' in (tmp_path / 'logs/latest/launch.log').read_text()
+
+
+def test_a_process_that_respawns_is_started_again_and_its_end_is_no_failure(
+        launch: Launch, tmp_path: Path) -> None:
+    count = tmp_path / 'count'
+    run = launch(
+        again=f'output: screen, respawn: true, respawn_delay: 0.1 || echo x >> {count}; '
+              f'[ $(wc -l < {count}) -gt 2 ] && exec sleep 60; kill -9 $$',
+        agent=f'on_exit: shutdown || until [ "$(cat {count} | wc -l)" = 3 ]; do sleep 0.1; done')
+    output, _ = run.communicate(timeout=20)
+    assert run.returncode == 0, output
+    assert output.count('[again-1]: process started with pid') == 3
+    assert output.count('exit code -9') == 2
+
+
+def test_a_process_that_waits_to_respawn_does_not_delay_the_end(launch: Launch) -> None:
+    run = launch(
+        again='respawn: true, respawn_delay: 60 || exit 1',
+        agent='on_exit: shutdown || sleep 0.5')
+    output, _ = run.communicate(timeout=20)
+    assert run.returncode == 0, output
+    assert output.count('[again-1]: process started with pid') == 1
 
 
 def test_a_program_that_cannot_be_started_is_named(launch: Launch) -> None:
